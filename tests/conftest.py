@@ -4,6 +4,7 @@ import os
 import shlex
 import subprocess
 import sysconfig
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +14,8 @@ import pytest
 import imucal
 from children import HANGS_S
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+# Folder beside the clone with real recordings (`data`) and small files of known faults (`cases`).
+SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
 def group_of(item):
@@ -37,19 +39,26 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.xdist_group(group))
 
 
+def shared_file(folder, name):
+    """Path of a shared file or folder; skips without `folder`, fails if the file alone is missing."""
+    if not (SHARED / folder).is_dir():
+        pytest.skip(f"the shared files are not here: no folder {SHARED / folder}")
+    path = SHARED / folder / name
+    if not path.exists():
+        pytest.fail(f"{SHARED / folder} has no {name}")
+    return path
+
+
 @pytest.fixture(scope="session")
 def data_file():
-    """Path of a real recording; skips without the folder, fails if the file alone is missing."""
+    """Path of a real recording."""
+    return partial(shared_file, "data")
 
-    def find(name):
-        if not DATA.is_dir():
-            pytest.skip(f"the real recordings are not here: no folder {DATA}")
-        path = DATA / name
-        if not path.is_file():
-            pytest.fail(f"{DATA} has no {name}")
-        return path
 
-    return find
+@pytest.fixture(scope="session")
+def case_file():
+    """Path of a file on which a fault of the program was found."""
+    return partial(shared_file, "cases")
 
 
 @pytest.fixture(scope="session")

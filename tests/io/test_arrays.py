@@ -31,12 +31,20 @@ def test_arrays_with_canonical_names_are_found(tmp_path, known, name):
     assert recording.name == name
 
 
-def test_matlab_version_4_is_read_when_it_is_named(tmp_path, known):
-    # Version 4 knows no 64-bit integers.
+@pytest.mark.parametrize(("order", "kind"), [("<", 0), (">", 1000)])
+def test_matlab_version_4_is_recognised_by_its_name(tmp_path, known, order, kind):
+    # Five 32-bit integers, the name, and the numbers by column: MAT-File Format, "Level 4 MAT-File Format".
     arrays = {**canonical(known), "time_s": known.time_ns / 1e9}
     del arrays["time_ns"]
-    scipy.io.savemat(tmp_path / "v4.mat", arrays, format="4")
-    assert_is(imucal.read(tmp_path / "v4.mat", format="matlab"), known, is_counted=False)
+    written = b""
+    for name, array in arrays.items():
+        rows, columns = len(array), array.size // len(array)
+        written += struct.pack(f"{order}5i", kind, rows, columns, 0, len(name) + 1) + name.encode() + b"\0"
+        written += array.T.astype(f"{order}f8").tobytes()
+    (tmp_path / "v4.mat").write_bytes(written)
+    assert_is(imucal.read(tmp_path / "v4.mat"), known, is_counted=False)
+    (tmp_path / "v4").write_bytes(written)
+    assert_is(imucal.read(tmp_path / "v4", format="matlab"), known, is_counted=False)
 
 
 def test_columns_groups_and_structured_arrays(tmp_path, known):

@@ -987,14 +987,41 @@ def test_a_stamp_that_is_not_a_whole_number_is_refused_with_its_line(tmp_path):
         imucal.read(path)
 
 
-def test_stamp_in_two_columns_of_a_data_frame(tmp_path):
-    columns = {STAMP[0]: NS // 10**9, STAMP[1]: NS % 10**9}
+def imu_messages(nanoseconds, rows=ROWS):
+    """The columns of `rows` messages of ROS, whose samples are those above, again and again."""
+    columns = {STAMP[0]: nanoseconds // 10**9, STAMP[1]: nanoseconds % 10**9}
     for what, values in ((OF_RATE, RATE), (OF_FORCE, FORCE)):
-        columns |= {f"{what}.{axis}": values[:, i] for i, axis in enumerate("xyz")}
-    np.testing.assert_array_equal(imucal.read(pa.table(columns)).time_s, (NS - NS[0]) / 1e9)
-    # A Parquet file is read in parts.
+        columns |= {f"{what}.{axis}": np.resize(values[:, i], rows) for i, axis in enumerate("xyz")}
+    return columns
+
+
+def test_stamp_in_two_columns_of_a_data_frame_and_of_a_parquet_file(tmp_path):
+    frame = pa.table(imu_messages(NS))
+    pq.write_table(frame, tmp_path / "a.parquet")
+    for given in (frame, tmp_path / "a.parquet"):
+        recording = imucal.read(given)
+        np.testing.assert_array_equal(recording.time_s, (NS - NS[0]) / 1e9)
+        np.testing.assert_array_equal(recording.specific_force, FORCE)
+        np.testing.assert_array_equal(recording.angular_rate, RATE)
+        assert f"time_ns={STAMP[0]} and {STAMP[1]}" in recording.findings[0].message
+        assert not recording.auxiliary
+
+
+def test_stamps_of_a_parquet_file_are_joined_in_every_part(tmp_path):
+    # A Parquet file is read in parts of 65,536 rows.
+    rows = 70_000
+    stamps = START_NS + 2_500_000 * np.arange(rows)
+    columns = imu_messages(stamps, rows)
     pq.write_table(pa.table(columns), tmp_path / "a.parquet")
-    with pytest.raises(imucal.FormatError, match="--rate-hz"):
+    pieces = list(imucal.io.read_pieces(tmp_path / "a.parquet"))
+    assert len(pieces) > 1
+    times = [imucal.read(tmp_path / "a.parquet").time_s, np.concatenate([piece.time_s for piece in pieces])]
+    for time_s in times:
+        np.testing.assert_array_equal(time_s, (stamps - stamps[0]) / 1e9)
+    columns[STAMP[1]] = columns[STAMP[1]].astype(float)
+    columns[STAMP[1]][rows - 1] += 0.5
+    pq.write_table(pa.table(columns), tmp_path / "a.parquet")
+    with pytest.raises(imucal.FormatError, match=f"row {rows}: the seconds and nanoseconds"):
         imucal.read(tmp_path / "a.parquet")
 
 

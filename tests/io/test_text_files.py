@@ -308,6 +308,18 @@ def test_the_accelerometer_with_gravity_is_chosen_from_an_archive(tmp_path):
     assert np.array_equal(alone.specific_force, recording.specific_force)
 
 
+def test_the_time_of_a_file_of_one_sensor_is_proposed(tmp_path):
+    header = "t," + ",".join(HEADER.split(",")[1:4])
+    rows = [line.rsplit(",", 3)[0] for line in LINES]
+    with pytest.raises(imucal.FormatError, match="--columns 'time_s=t'") as caught:
+        read(tmp_path, [header, *rows])
+    assert "both files" not in str(caught.value)
+    recording = read(tmp_path, [header, *rows], columns="time_s=t")
+    np.testing.assert_array_equal(recording.time_s, NUMBERS[:, 0])
+    np.testing.assert_array_equal(recording.specific_force, NUMBERS[:, 1:4])
+    assert recording.angular_rate is None
+
+
 # Other containers and lines
 
 

@@ -300,7 +300,7 @@ FORMATS: Final[dict[str, Format]] = {
         "MATLAB .mat, all versions",
         1,
         "matlab",
-        "content; --format matlab for version 4",
+        "content; for version 4 also .mat",
         f"{NAMED_ARRAYS}; a struct is a group of arrays; tables and objects cannot be read",
         NAMED_UNITS,
         NAMED_TIME,

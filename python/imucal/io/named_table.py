@@ -9,7 +9,7 @@ from imucal.io.headed import as_read, canonical_names, certain_time, with_correc
 from imucal.io.header import header_of
 from imucal.io.names import SKIP, triad_part
 from imucal.io.stamps import joined_stamps
-from imucal.io.table import Stored, Table
+from imucal.io.table import Table
 
 __all__ = ["by_header"]
 
@@ -22,9 +22,6 @@ def by_header(table: Table, *, has_rate: bool) -> Table:
     if any(map(triad_part, table.names)):
         return table
     header, cells = header_of(table.names), TableCells(table)
-    if any(isinstance(column, Stored) for column in table.columns):
-        # Columns of a file are read in parts, and a time stamp in two columns is not.
-        header = replace(header, stamp=None)
     certain = certain_time(header, cells, has_rate)
     if certain is None:
         return table

@@ -16,7 +16,7 @@ from imucal.io.names import is_canonical
 from imucal.io.scale import Reading, accel_reading, gyro_reading, time_reading
 from imucal.io.unit_words import split_unit
 
-__all__ = ["columns_suggested", "suggestion"]
+__all__ = ["columns_suggested", "suggestion", "time_suggested"]
 
 # A sampling rate in a line before the header: "Update Rate: 100.0Hz", "Sample rate,100 Hz", "#sps,100".
 RATE: Final = r"(?i)\b(?:rate|sps)\b\W{0,4}(\d+(?:\.\d+)?)"
@@ -109,6 +109,20 @@ def columns_suggested(
     numbers  the first numbers of a column
     """
     return suggestion(header_of(names), cells, lambda _: True, numbers)
+
+
+def time_suggested(
+    names: Sequence[str], cells: Mapping[str, Sequence[str]], numbers: Callable[[str], Any]
+) -> str:
+    """A sentence that proposes the time column of these columns; empty if no name is that of a time.
+
+    Arguments as for `columns_suggested`.
+    """
+    pair, sentences = _time(header_of(names), cells, numbers)
+    if pair is None:
+        return ""
+    shown = f"{'; '.join(sentences)}. " if sentences else ""
+    return f"{shown}If this is the time: --columns '{pair}' (columns=...). "
 
 
 def _of_several_sensors(cells: Mapping[str, Sequence[str]]) -> str:

@@ -35,7 +35,7 @@ from imucal.io.names import (
     triad_part,
 )
 from imucal.io.remarks import one_sensor
-from imucal.io.suggestion import columns_suggested
+from imucal.io.suggestion import columns_suggested, time_suggested
 from imucal.io.table import Table, parts
 from imucal.recording.recording import Recording, Sensor
 from imucal.units import COLUMN_UNITS, TEMPERATURE_UNITS, TICKS_PER_S, to_degc
@@ -302,10 +302,12 @@ def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.
         first = wanted.clock.rows
         return np.arange(first, first + wanted.rows, dtype=np.float64) / rate_hz
     if not names:
+        # A table of one sensor is a recording, so the proposal does not have the columns of the other sensor.
+        found = _found(table, columns_suggested if _alone(table) is None else time_suggested)
         raise FormatError(
-            f"{table.file}: the column time_s (or time_ms, time_us, time_ns) is missing; {_found(table)}If "
-            "there is none, give the sample rate (rate_hz, --rate-hz); if each row is the mean of a rest, "
-            "give --means (imucal.read_means)"
+            f"{table.file}: the column time_s (or time_ms, time_us, time_ns) is missing; {found}If there is "
+            "none, give the sample rate (rate_hz, --rate-hz); if each row is the mean of a rest, give "
+            "--means (imucal.read_means)"
         )
     name = names[0]
     used.add(name)
@@ -338,11 +340,11 @@ def _ticks_per_s(column: Any) -> float | None:
     return TICKS_PER_S[column.type.unit] if pa.types.is_timestamp(column.type) else None
 
 
-def _found(table: Table) -> str:
+def _found(table: Table, suggested: Callable[..., str] = columns_suggested) -> str:
     """A list of the column names, with a proposal for --columns if they are not canonical."""
     cells = TableCells(table)
     texts = {name: cells.texts(name) for name in table.names}
-    return f"found: {', '.join(table.names)}. {columns_suggested(table.names, texts, cells.numbers)}"
+    return f"found: {', '.join(table.names)}. {suggested(table.names, texts, cells.numbers)}"
 
 
 def _is_whole(column: Any) -> bool:

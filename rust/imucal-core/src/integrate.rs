@@ -3,12 +3,12 @@
 //! The angular rate is assumed to be linear in time between two samples. The rotation over the step is then
 //!
 //! ```text
-//! R(t + dt) = R(t) exp(phi),   phi = dt/2 (w0 + w1) + dt^2/12 (w0 x w1) + O(dt^5)
+//! R(t + dt) = R(t) exp(phi),   phi = (dt / 2) (w0 + w1) + (dt^2 / 12) (w0 x w1) + O(dt^5)
 //! ```
 //!
-//! This is the Magnus series for a rate in the body frame. For a rate in the world frame, the cross product would have
-//! the opposite sign. If the rate is smooth but not linear between samples, the assumption of a linear rate causes an
-//! error of O(dt^3) per step.
+//! w0 and w1 are the rates of the two samples. The formula is the Magnus series for a rate in the body frame. For a
+//! rate in the world frame, the cross product would have the opposite sign. If the rate is smooth but not linear
+//! between samples, the assumption of a linear rate causes an error of O(dt^3) per step.
 
 use crate::{
     so3,
@@ -95,8 +95,8 @@ impl<F: RealField + Copy> Default for Integrator<F> {
 mod tests {
     use super::*;
 
-    /// Coning motion: the z axis of the body moves along a cone, `R(t) = Rz(a t) Rx(tilt) Rz(-a t)`, where a is
-    /// `turn_radps`.
+    /// Coning motion: the z axis of the body moves along a cone, `R(t) = Rz(a t) Rx(tilt) Rz(-a t)`. Rz and Rx are
+    /// rotations about the z and the x axis, and a is `turn_radps`.
     struct Coning {
         tilt: f64,
         turn_radps: f64,
@@ -108,7 +108,8 @@ mod tests {
             turn * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), self.tilt) * turn.inverse()
         }
 
-        /// Angular rate in the body frame: `a (R^T z - z)`.
+        /// Angular rate in the body frame: `a (R^T z - z)`, with a = `turn_radps`, the rotation R at the time t and the
+        /// unit vector z.
         fn rate(&self, t: f64) -> Vector3<f64> {
             (self.rotation(t).inverse() * Vector3::z() - Vector3::z()) * self.turn_radps
         }

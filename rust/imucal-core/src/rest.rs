@@ -4,12 +4,12 @@
 //! statistic over the six channels ([`rest_statistic`]) is below a threshold:
 //!
 //! ```text
-//! statistic = 1/6 sum_c variance_c / noise_variance_c  <  threshold
+//! statistic = (1 / 6) sum_c (variance_c / noise_variance_c)  <  threshold
 //! ```
 //!
-//! Windows advance by one block. A rest consists of all blocks in overlapping still windows. The first and the last
-//! block of a rest may contain the end of one move or the start of the next, even if the statistic is below the
-//! threshold. These two blocks are trimmed and do not contribute to the means.
+//! The index c denotes the channel. Windows advance by one block. A rest consists of all blocks in overlapping still
+//! windows. The first and the last block of a rest may contain the end of one move or the start of the next, even if
+//! the statistic is below the threshold. These two blocks are trimmed and do not contribute to the means.
 //!
 //! Samples may be raw or corrected, in any unit. The noise variances must be in the square of this unit. The detector
 //! counts samples and does not know their times, so call [`RestDetector::finish`] at a gap in the data. Sample indices

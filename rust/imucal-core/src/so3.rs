@@ -13,11 +13,11 @@
 //!
 //! ```text
 //! exp(phi + d) = exp(phi) exp(J_r(phi) d) + O(d^2)
-//! J_r(phi) = I - (1 - cos t)/t^2 [phi]x + (t - sin t)/t^3 [phi]x^2,   t = |phi|
+//! J_r(phi) = I - ((1 - cos t) / t^2) [phi]x + ((t - sin t) / t^3) [phi]x^2,   t = |phi|
 //! ```
 //!
-//! The errors of all functions are of the order of rounding errors, in f32 and in f64. They are also at zero, at tiny
-//! angles and near pi.
+//! `[phi]x` is the matrix of the cross product with phi ([`hat`]). The errors of all functions are of the order of
+//! rounding errors, in f32 and in f64. This also holds for the angle zero, for tiny angles and for angles near pi.
 
 use crate::vector::{dot, scaled};
 use nalgebra::{Matrix3, Quaternion, RealField, UnitQuaternion, Vector3, convert};
@@ -119,8 +119,8 @@ const COS: [f64; 6] = [-1.0 / 3_628_800.0, 1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 2
 /// Taylor coefficients in h^2 of sin(h)/h, highest power first. The first omitted term is below 2^-52 for h^2 < 1/16.
 const SINC: [f64; 6] = [-1.0 / 39_916_800.0, 1.0 / 362_880.0, -1.0 / 5_040.0, 1.0 / 120.0, -1.0 / 6.0, 1.0];
 
-/// Taylor coefficients in t^2 of (t - sin t)/t^3, highest power first. The first omitted term is below 2^-52 of the sum
-/// for t^2 < 1.
+/// Taylor coefficients in t^2 of (t - sin t)/t^3, highest power first. The first omitted term is below 2^-52 times the
+/// sum for t^2 < 1.
 const T_MINUS_SIN: [f64; 8] = [
     -1.0 / 355_687_428_096_000.0,
     1.0 / 1_307_674_368_000.0,

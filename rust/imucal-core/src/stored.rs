@@ -11,7 +11,7 @@
 //! | 6 | 2 | length of all bytes of the form |
 //! | 8 | 1 | number of effects |
 //! | 9 | 1 | number of effects of the calibration that this form omits |
-//! | 10 | 3 | axes: corrected component i is body axis \|a_i\| (1, 2, 3), with the sign of a_i |
+//! | 10 | 3 | signed bytes a_1, a_2, a_3: corrected component i is body axis \|a_i\| (1, 2 or 3) with the sign of a_i |
 //! | 13 | 3 | 0 |
 //! | 16 | 12 | lowest, highest and reference temperature, degC |
 //! | 28 | 48 | gyroscope: inverse sensitivity by rows, then bias in raw units |
@@ -169,7 +169,7 @@ impl<F: RealField + Copy> StoredCalibration<F> {
     }
 }
 
-/// Decodes the three signed axes. Each body axis must occur exactly once.
+/// Decodes the three signed axes from their signed bytes. Each body axis must occur exactly once.
 fn axes(codes: [u8; 3]) -> Result<[Axis; 3], StoredError> {
     let axis = |code: u8| {
         let number = (code as i8).unsigned_abs();
@@ -247,12 +247,13 @@ pub enum StoredError {
     },
     /// The check sum is wrong, so the bytes are not the bytes that were written.
     Crc,
-    /// The number of an effect is not in this version of the catalogue.
+    /// No effect in this version of the catalogue has this number.
     Effect {
         /// Number of the effect.
         number: u8,
     },
-    /// A number is not finite, a matrix has no inverse, or the number of values of an effect is wrong.
+    /// The check sum is correct, but the content is not a calibration. For example, a number is not finite, a matrix
+    /// has no inverse, or an effect has a wrong number of values.
     Content,
 }
 

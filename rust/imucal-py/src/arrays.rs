@@ -38,7 +38,8 @@ impl RecordingColumns<'_> {
         if missing.is_empty() { Ok(views) } else { Err(Error::Data(missing)).to_python(py) }
     }
 
-    /// The function [`Self::views`] for a caller that needs only one sensor.
+    /// Like [`Self::views`], but for a function that needs only one sensor. Recordings with only one sensor are
+    /// accepted.
     pub(crate) fn views_of_any<'a>(py: Python<'_>, recordings: &'a [Self]) -> PyResult<Vec<Recording<'a>>> {
         recordings
             .iter()
@@ -125,7 +126,7 @@ pub(crate) struct UserFieldArrays<'py> {
     name: String,
     sensor: String,
     typical: Vec<f64>,
-    /// Columns of the field, (N, 3, p) for each recording.
+    /// Columns of the field: for each recording, an array (N, 3, p) for N samples and p parameters.
     columns: Vec<PyReadonlyArray3<'py, f64>>,
 }
 

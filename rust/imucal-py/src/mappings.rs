@@ -1,5 +1,5 @@
-//! Conversion of parts of a result to mappings. JSON documents contain these mappings unchanged. A value that does not
-//! exist (NaN) becomes None.
+//! Conversion of parts of a result to mappings. JSON documents contain these mappings unchanged. A value that is not
+//! finite becomes None. NaN stands for a value that does not exist.
 
 use imucal::Termination;
 use imucal::calibrate;
@@ -184,7 +184,7 @@ impl<'a> Move<'a> {
     }
 }
 
-/// The threshold of rest detection for one recording, and the range from which it was chosen.
+/// The threshold of rest detection for one recording, and the range from which the threshold was chosen.
 #[derive(IntoPyObject)]
 pub(crate) struct Threshold {
     factor: Option<f64>,

@@ -13,7 +13,8 @@ use crate::arrays::RecordingColumns;
 use crate::error::{ToPython, finding};
 use crate::interrupt::interruptible;
 
-/// A noise parameter with its 95 % confidence band. `value` and `std` are None if the parameter is not significant.
+/// A noise parameter with its 95 % confidence interval, from `low` to `high`. `value` and `std` are None if the
+/// parameter is not significant.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct NoiseEstimate {
     value: Option<f64>,
@@ -42,7 +43,7 @@ pub(crate) struct AxisNoise {
 }
 
 /// Change of the mean of one axis of a unit at rest: index of the axis, size and standard deviation of the change, and
-/// increase of twice the log-likelihood.
+/// increase of twice the log-likelihood compared with a model of random noise only.
 type Departure = (usize, f64, f64, f64);
 /// A step of the mean: its time (s), the index of the first sample after the step, and the changes of all affected
 /// axes.

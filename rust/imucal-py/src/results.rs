@@ -65,7 +65,7 @@ impl EffectEstimate {
     }
 }
 
-/// Triads and effects of a calibration, with which functions correct recordings.
+/// Triads and effects of a calibration. Python functions correct recordings with them.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Estimate {
     accel_sensitivity: Rows,
@@ -96,7 +96,7 @@ pub(crate) struct Outcome {
     gyro_bias: Option<Vector>,
     names: Vec<String>,
     covariance: Rows,
-    /// Evaluation of each rest, with its goodness of fit relative to noise.
+    /// Evaluation of each rest, with the goodness of fit of its residuals relative to noise.
     rests: Vec<Fields>,
     moves: Vec<Fields>,
     /// Index ranges, first and end, of the rests of each recording.
@@ -268,7 +268,8 @@ impl Outcome {
     }
 }
 
-/// Gravity at the rests of one recording, both as measured and as propagated from the first rest.
+/// Gravity at the rests of one recording: as measured by the accelerometer, and as propagated from the first rest by
+/// the uncalibrated and by the calibrated gyroscope.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Carried {
     time_s: Vector,

@@ -61,9 +61,9 @@ pub const MAX_ITERATIONS: u64 = 1000;
 /// Options of a calibration.
 #[derive(Clone, Debug)]
 pub struct Options<'a> {
-    /// Local gravity, m/s^2. The scale of every accelerometer axis is inversely proportional to it.
+    /// Local gravity, m/s^2. The estimated scale of every accelerometer axis is inversely proportional to this value.
     pub gravity_mps2: f64,
-    /// Standard deviations of local gravity and of the clock.
+    /// Standard deviations of local gravity and of the rate error of the clock.
     pub references: References,
     /// Body frame of the result.
     pub frame: Frame,
@@ -83,8 +83,9 @@ pub struct Options<'a> {
     /// Whether all parameters are estimated in a joint fit. If false, the result is that of the two-stage fit, which
     /// does not support effects.
     pub joint: bool,
-    /// Known bias instability and random walk of the biases. If `None`, the accelerometer biases are constant, and the
-    /// bias instability of the gyroscope is estimated from the scatter of the rates between rests.
+    /// Known bias instability and random walk of the biases. If `None`, the accelerometer biases are assumed to be
+    /// constant, and the bias instability of the gyroscope is estimated from the scatter of its mean rates at the
+    /// rests.
     pub wander: Option<UnitWander>,
     /// Effects of the catalogue that are estimated together with the base parameters.
     pub effects: Vec<EffectChoice>,
@@ -231,7 +232,7 @@ pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     Checked::try_new(recordings, options)?.calibrate(&options.model(), None)
 }
 
-/// The function [`Checked::prepare`] for recordings that are used only once.
+/// Checks the recordings and calls [`Checked::prepare`], for recordings that are used only once.
 #[cfg(test)]
 pub(crate) fn prepare<T>(
     recordings: &[Recording<'_>],

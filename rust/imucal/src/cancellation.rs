@@ -71,12 +71,12 @@ impl Cancellation {
         Self { is_requested: Arc::default(), poll: Some(Arc::new(poll)) }
     }
 
-    /// Requests the end of the calculations.
+    /// Requests the end of all calculations that run with this cancellation or a clone of it.
     pub fn cancel(&self) {
         self.is_requested.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the end of the calculations was requested.
+    /// Whether the end of these calculations was requested.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
         self.is_requested.load(Ordering::Relaxed)

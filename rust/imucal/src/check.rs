@@ -146,8 +146,8 @@ impl Place {
     }
 }
 
-/// Number of affected samples, and the first interval of consecutive affected samples. Samples must be added in
-/// ascending order.
+/// Number of affected samples, number of runs (intervals of consecutive affected samples), and the first run. Samples
+/// must be added in ascending order.
 #[derive(Clone, Copy, Default)]
 struct Tally {
     samples: usize,
@@ -174,7 +174,7 @@ impl Tally {
         self.first.map(|(start, end)| Place::new(recording, start, end))
     }
 
-    /// Location of the first interval: "at 3.20 s" or "from 3.20 s to 3.40 s".
+    /// Location of the first run: "at 3.20 s" or "from 3.20 s to 3.40 s".
     fn first_place(&self, recording: &Recording) -> String {
         self.place(recording).map_or_else(String::new, |place| place.to_string())
     }

@@ -33,10 +33,11 @@ use verdict::{impossible_rates, uncorrected_samples, worse};
 /// Figures of merit of a calibration on recordings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Figures {
-    /// Mean square of all residuals. Each residual is divided by its standard deviation from noise. The mean square is
-    /// 1 if noise explains the residuals.
+    /// Sum of the squares of all residuals, each divided by its standard deviation from noise. This sum is divided by
+    /// the number of residuals minus the number of parameters that were fitted to them. The result is near 1 if noise
+    /// explains the residuals.
     pub chi2_per_dof: f64,
-    /// RMS of |f| - g over the rests, m/s^2.
+    /// RMS over the rests of the norm of the corrected specific force minus local gravity, m/s^2.
     pub gravity_norm_rms_mps2: f64,
     /// RMS over the moves of the angle between the propagated and the measured direction of gravity, deg; NaN without
     /// moves.
@@ -62,8 +63,8 @@ pub struct RestReport {
     pub end_s: f64,
     /// Number of epochs of the rest. Each epoch has its own mean. The number is 1 if one mean describes the rest.
     pub epochs: usize,
-    /// Unsteadiness: the variance over half a second divided by the noise floor. It is near 1 on a table, and larger
-    /// for a hand-held unit.
+    /// Unsteadiness: the variance of the samples within half a second, divided by the noise floor. It is near 1 on a
+    /// table, and larger for a hand-held unit.
     pub unsteadiness: f64,
     /// Mean accelerometer reading in raw units. If effects were removed beforehand, it is in m/s^2.
     pub mean_specific_force: Vector3<f64>,
@@ -73,9 +74,9 @@ pub struct RestReport {
     pub force_rounding: Vector3<f64>,
     /// Standard deviation of the rounding error of `mean_angular_rate`, in the same unit.
     pub rate_rounding: Vector3<f64>,
-    /// |f| - g after correction, m/s^2.
+    /// Norm of the specific force after correction minus local gravity, m/s^2.
     pub norm_error_mps2: f64,
-    /// Standard deviation of |f| from noise, m/s^2.
+    /// Standard deviation of this norm from noise, m/s^2.
     pub norm_sigma_mps2: f64,
     /// Goodness of fit of the rest's residuals relative to noise; `None` if no joint fit used the rest.
     pub misfit: Option<Misfit>,
@@ -102,9 +103,9 @@ pub struct MoveReport {
     pub direction_error_deg: f64,
     /// Standard deviation of each of the two components of the direction error due to noise, deg.
     pub direction_sigma_deg: f64,
-    /// Unit vector of gravity's direction (up) in the body frame at the first sample.
+    /// Unit vector of the measured vertical (up) in the body frame at the first sample.
     pub gravity_before: Vector3<f64>,
-    /// Unit vector of gravity's direction (up) in the body frame at the last sample.
+    /// Unit vector of the measured vertical (up) in the body frame at the last sample.
     pub gravity_after: Vector3<f64>,
     /// Goodness of fit of the move's residuals relative to noise; `None` if no joint fit used the move.
     pub misfit: Option<Misfit>,
@@ -131,7 +132,7 @@ pub struct CarriedGravity {
 pub struct Evaluation {
     /// The figures of merit.
     pub figures: Figures,
-    /// The figures of merit of the uncalibrated sensors with their nominal sensitivity ([`as_it_comes`]).
+    /// The figures of merit of the uncalibrated sensors with their nominal sensitivity, from [`as_it_comes`].
     pub before: Figures,
     /// All rests.
     pub rests: Vec<RestReport>,
@@ -149,8 +150,8 @@ pub struct Evaluation {
 }
 
 /// Calibration of the uncalibrated sensors with their nominal sensitivity, for comparison. Readings in SI units are
-/// used without correction. For readings in counts, the sensitivity and the bias are the means of `calibration` over
-/// the three axes.
+/// used without correction. For readings in counts, all axes have the same scale, the cube root of the determinant of
+/// the sensitivity in `calibration`. The bias of all axes is the mean bias in `calibration`.
 pub fn as_it_comes(calibration: &Calibration<f64>, recordings: &[Recording<'_>]) -> Calibration<f64> {
     let nominal = |triad: &Triad<f64>, unit: fn(&Recording<'_>) -> RawUnit| {
         let is_si = recordings.first().is_none_or(|recording| unit(recording) == RawUnit::Si);
@@ -214,7 +215,7 @@ pub fn evaluate_corrected(
     with_nominal((calibration, uncertainty), recordings, Some(corrected), gravity_mps2, min_rest_s)
 }
 
-/// Evaluates the sensors with nominal sensitivity and the calibration.
+/// Evaluates both the sensors with nominal sensitivity and the sensors with the calibration.
 fn with_nominal(
     (calibration, uncertainty): (&Calibration<f64>, Option<&Uncertainty>),
     recordings: &[Recording<'_>],
@@ -433,8 +434,8 @@ fn carried_gravity(
     }
 }
 
-/// Returns those findings of the checks that are errors. Saturation in a control recording is reported but is no error,
-/// because saturated rests and moves are excluded from the figures.
+/// Returns an error with the findings of severity `Error`, if there are any. Saturation in a control recording is
+/// reported but is no error, because saturated rests and moves are excluded from the figures.
 fn refuse_unusable(findings: &mut Vec<Finding>) -> Result<(), Error> {
     let fatal = |finding: &Finding| finding.severity == Severity::Error && !finding.is_saturation();
     if findings.iter().any(fatal) {

@@ -1,7 +1,8 @@
 //! Body frames, and the exact conversion between them (`docs/model.md` (2)).
 //!
-//! Both frames are orthogonal and fixed to the accelerometer. They differ by a rotation Q, so `T_to = T_from Q^T` holds
-//! for both triads. The norm |f| and all residuals are the same in both frames.
+//! Both frames are orthogonal and fixed to the accelerometer. They differ by a rotation Q. The sensitivities T of both
+//! triads therefore change from `T_from` to `T_to = T_from Q^T`. The norm |f| of the specific force and all residuals
+//! are the same in both frames.
 
 use faer::Mat;
 use nalgebra::{Matrix3, SymmetricEigen};
@@ -114,7 +115,8 @@ pub(crate) fn parameter_jacobian(from: &Sensitivities, to: &Sensitivities, frame
     Ok(jacobian)
 }
 
-/// The matrix R with `R R^T = T T^T`. It is symmetric or lower triangular, depending on the body frame.
+/// The sensitivity R in the body frame `frame`, with `R R^T = T T^T` for the sensitivity T in any body frame. R is
+/// symmetric or lower triangular, depending on the frame.
 fn root(t: &Matrix3<f64>, frame: Frame) -> Result<Matrix3<f64>, Error> {
     let product = t * t.transpose();
     match frame {
@@ -124,7 +126,7 @@ fn root(t: &Matrix3<f64>, frame: Frame) -> Result<Matrix3<f64>, Error> {
     .ok_or_else(|| Error::Input("the accelerometer's sensitivity is singular: its axes lie in one plane".into()))
 }
 
-/// The rotation Q in `T_from = T_to Q`.
+/// The rotation Q in `T_from = T_to Q`, where `from` and `to` are the accelerometer's sensitivities in the two frames.
 pub(crate) fn rotation(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
     Ok(inverse(to)? * from)
 }

@@ -67,7 +67,8 @@ pub struct HeldParameter {
     quantity: Quantity,
 }
 
-/// Errors due to the uncertainty of the held parameters (one standard deviation), averaged over all directions.
+/// Errors due to the uncertainty of the held parameters: standard deviations, as root mean squares over the directions
+/// to the faces, edges and corners of a cube.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PriorCost {
     /// Error of the direction of gravity from the accelerometer, deg.
@@ -76,15 +77,15 @@ pub struct PriorCost {
     pub rotation_deg: f64,
 }
 
-/// Function h of the parameters to which the prior applies.
+/// Function h of the parameters. The prior applies to the value of h.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Quantity {
     /// A parameter divided by a constant.
     Entry { parameter: usize, nominal: f64 },
     /// An off-diagonal entry of a sensitivity divided by the diagonal entry of its row.
     Misalignment { parameter: usize, diagonal: usize },
-    /// One of nine uncorrelated combinations of the parameters of a calibrated accelerometer. The combination is the
-    /// scalar product of `by` and the parameters minus `at`.
+    /// One of nine uncorrelated combinations of the parameters of a calibrated accelerometer. It is `by . (p - at)`,
+    /// where p are the nine parameters and `at` the calibrated values. `number` is its index, 0 to 8.
     Combination { number: usize, by: [f64; 9], at: [f64; 9] },
 }
 
@@ -103,7 +104,7 @@ impl HeldParameter {
         Self { name: String::new(), value, sigma, source: PriorSource::Given, usual: None, quantity }
     }
 
-    /// Index of the parameter among the 21 base parameters.
+    /// Index of the parameter among the 21 base parameters. For a combination, it is the number of the combination.
     pub(crate) fn parameter(&self) -> usize {
         match self.quantity {
             Quantity::Entry { parameter, .. } | Quantity::Misalignment { parameter, .. } => parameter,
@@ -124,13 +125,14 @@ impl HeldParameter {
         }
     }
 
-    /// Whether the held quantity is a combination of the parameters of a known accelerometer. Otherwise, it concerns a
-    /// single parameter.
+    /// Whether the held quantity is a combination of the parameters of a known accelerometer. Otherwise, it is a bias,
+    /// a scale or a misalignment.
     pub(crate) fn is_combination(&self) -> bool {
         matches!(self.quantity, Quantity::Combination { .. })
     }
 
-    /// Residual of the prior, in standard deviations. Indices are counted from the first parameter.
+    /// Residual of the prior, in standard deviations, and its derivatives. `parameters` begins with the first base
+    /// parameter, and the indices of the derivatives are counted from it.
     pub(crate) fn row(&self, parameters: &[f64]) -> HeldRow {
         let residual = (self.estimate(parameters) - self.value) / self.sigma;
         let derivatives = match self.quantity {
@@ -168,7 +170,7 @@ impl<'a> StageRows<'a> {
         self.held.iter().map(|held| held.parameter() - self.stage.start).collect()
     }
 
-    /// The parameters of a known accelerometer; `None` if none is held.
+    /// The parameters of a known accelerometer; `None` if the stage has no prior of a known accelerometer.
     pub(crate) fn known(&self) -> Option<[f64; 9]> {
         self.held.iter().find_map(|held| match held.quantity {
             Quantity::Combination { at, .. } => Some(at),
@@ -176,7 +178,8 @@ impl<'a> StageRows<'a> {
         })
     }
 
-    /// Mean of each prior, with the index of the parameter counted from the first parameter of the stage.
+    /// For each held scale: its index, counted from the first parameter of the stage, and the mean of its prior as an
+    /// entry of the sensitivity, in raw units per SI unit.
     pub(crate) fn scales(&self) -> impl Iterator<Item = (usize, f64)> {
         let start = self.stage.start;
         self.held.iter().filter_map(move |held| match held.quantity {
@@ -199,8 +202,8 @@ impl<'a> StageRows<'a> {
     }
 }
 
-/// For each of the 21 parameters: the precision of its prior, and the parameter minus the mean of its prior. Both are
-/// zero for a parameter without a prior.
+/// For each of the 21 parameters: the precision (inverse variance) of its prior, and the parameter minus the mean of
+/// its prior. Both are zero for a parameter without a prior.
 pub(crate) fn precisions(held: &[HeldParameter], parameters: &[f64]) -> [(f64, f64); BASE] {
     let mut all = [(0.0, 0.0); BASE];
     for held in held {

@@ -1,10 +1,10 @@
 //! Calibration of MEMS accelerometers and gyroscopes with gravity as the only reference.
 //!
-//! A cheap stand or a person turns the unit to many poses and holds it still in each pose. At rest, the accelerometer
-//! must measure gravity. This condition determines its nine parameters by an ellipsoid fit. Between two rests, the
-//! integrated gyroscope must propagate the direction of gravity from the first rest to the second. This condition
-//! determines the twelve parameters of the gyroscope. A control recording that is not used in any fit verifies both
-//! triads.
+//! A cheap stand or a person turns the unit to many poses and holds it still in each pose. At rest, the norm of the
+//! corrected specific force must equal gravity. This condition determines the nine parameters of the accelerometer.
+//! Between two rests, the integrated gyroscope must propagate the direction of gravity from the first rest to the
+//! second. This condition determines the twelve parameters of the gyroscope. A control recording that is not used in
+//! any fit verifies both triads.
 //!
 //! ```text
 //! measured = sensitivity * true + bias

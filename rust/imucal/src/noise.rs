@@ -8,12 +8,13 @@
 //! quantisation         Q^2 (2 pi f)^2 / rate          sqrt(3) Q / tau              quantisation, v s
 //! ```
 //!
-//! N, B, K and Q are the coefficients of the kinds of noise. f is the frequency, Hz, and tau is the averaging time, s.
+//! N, B, K and Q are the coefficients of the kinds of noise. f is the frequency, Hz, rate is the sampling rate, Hz, and
+//! tau is the averaging time, s.
 //!
 //! v is the unit of the sensor. The definitions agree with [`crate::simulate`] and with IEEE Std 952. For a gyroscope,
 //! N is the angle random walk. Quantisation means here that the output of the sensor is an increment of angle or
-//! velocity. Rounding a rate to counts is a different process. Its error is white noise with a variance determined by
-//! the size of a count, and N does not include it.
+//! velocity. Rounding a rate to counts is a different process. Its error is white noise, and its variance per sample is
+//! the square of a count divided by 12. N does not include it.
 //!
 //! The values are maximum-likelihood estimates from the power spectrum of a cosine transform, `docs/model.md` (31) and
 //! (32). Their variance reaches the Cramer-Rao bound. The Allan deviations are only for display, and their confidence
@@ -49,7 +50,8 @@ use stretch::Stretch;
 /// Minimum number of samples of a noise identification. Fewer samples would determine only the white noise, with poor
 /// accuracy.
 const FEWEST_SAMPLES: usize = 1000;
-/// Minimum share of the recording that the longest rest must cover. If it covers less, a finding reports its length.
+/// Minimum share of the examined interval that the longest rest must cover. If it covers less, a finding reports its
+/// length. The examined interval is the longest one without lost or repeated samples.
 const WHOLE_SHARE: f64 = 0.9;
 
 /// The noise of both triads of a unit.

@@ -14,7 +14,7 @@ use crate::numerics::workers::{in_order, processors};
 
 /// The lines of a block are distributed among threads if the block has at least this size, bytes.
 const WORTH_THREADS: usize = 1 << 20;
-/// Number of values for which a column reserves memory. The size exceeds 32 MB, so the allocator of Linux maps the
+/// Number of values for which a column reserves memory. Their size exceeds 32 MB, so the allocator of Linux maps the
 /// memory directly from the system. Only used pages then count as memory. The column can grow without being copied,
 /// which avoids fragmentation.
 const RESERVED: usize = (1 << 22) + (1 << 10);
@@ -129,7 +129,7 @@ fn split(lines: &[u8], count: usize) -> Vec<&[u8]> {
 #[derive(Debug)]
 struct Growing {
     numbers: Column,
-    /// Rows with `-0` in a column of integers. If the column is later converted to reals, -0 differs from 0.
+    /// Rows with `-0` in a column of integers. If the column is later converted to reals, these values become -0.0.
     negative_zeros: Vec<usize>,
 }
 

@@ -16,9 +16,9 @@ pub(crate) const GYRO_SENSITIVITY: Range<usize> = 12..21;
 /// Number of parameters of a stand with encoders: mount rotation (3), base tilt (2), and angles between the axes (2).
 pub(crate) const STAND_PARAMETERS: usize = 7;
 
-/// Names of the eighteen parameters that are determined only by rests and moves together. They are the nine parameters
-/// of the accelerometer in the order of the symmetric fit, and nine entries of the gyroscope sensitivity row by row.
-/// The gyroscope bias is not among them, because it is the reading at rest.
+/// Names in words of all base parameters except the gyroscope bias: the nine parameters of the accelerometer in the
+/// symmetric frame, and the nine entries of the gyroscope sensitivity row by row. The gyroscope bias is not included,
+/// because the mean rates at the rests determine it directly.
 pub(crate) const WORDS: [&str; 18] = [
     "bias x",
     "bias y",
@@ -41,12 +41,12 @@ pub(crate) const WORDS: [&str; 18] = [
 ];
 pub(crate) const ACCELEROMETER: usize = 9;
 
-/// Names of the nine parameters of a sensor in words.
+/// Names in words of the nine parameters of the accelerometer, or of the nine entries of the gyroscope sensitivity.
 pub(crate) fn words(gyroscope: bool) -> &'static [&'static str] {
     if gyroscope { &WORDS[ACCELEROMETER..] } else { &WORDS[..ACCELEROMETER] }
 }
 
-/// Names of the parameters of a sensor that affect the readings of the selected axes.
+/// Those names of [`words`] whose parameters affect the readings of the selected axes.
 pub(crate) fn of_axes(gyroscope: bool, axes: [bool; 3]) -> Vec<&'static str> {
     let acts = |j: usize| match j {
         _ if gyroscope => axes[j / 3],

@@ -2,9 +2,11 @@
 //! (`docs/model.md` (6), (7)).
 //!
 //! One pass over the samples of a move computes the rotation and the sums for the derivatives with respect to all
-//! parameters. The rate is `w = T^-1 (m - b)`. The rotation vector of a step is `phi = h wbar + h^2/12 (w0 x w1)`, and
-//! `R <- R exp(phi)`. A change of the parameters changes the attitude at the end of the move to `R exp(delta)`, where
-//! `delta` is a rotation vector in the body frame:
+//! parameters. The rate is `w = T^-1 (m - b)` for the measured rate m, the sensitivity T and the bias b. The rotation
+//! vector of a step of length h is `phi = h wbar + h^2/12 (w0 x w1)`, and `R <- R exp(phi)`. wbar is the mean rate over
+//! the step, and w0 and w1 are the rates at its ends. A change of the parameters changes the attitude at the end of the
+//! move to `R exp(delta)`, where `delta` is a rotation vector in the body frame at the end. e_i is the unit vector
+//! along axis i:
 //!
 //! ```text
 //! d_delta_d_T_ij = -R^T G_j T^-1 e_i,   G_j = integral of R w_j dt
@@ -12,10 +14,10 @@
 //! ```
 //!
 //! The integrals are trapezoidal sums over the samples. Because of `R' = R [w]x`, a third of the entries of the G_j can
-//! be computed from the rotation of the whole move. With the columns R_x, R_y, R_z of R, the integral of `R_y w_z - R_z
-//! w_y` is the change of R_x. If the move does not start and end at rest, the relative error of this relation is a
-//! twelfth of the squared rotation per step. Short steps are summed in groups of sixteen, which does not change the
-//! result (see `preintegration/sums.rs`).
+//! be computed from the rotation of the whole move. With the columns R_x, R_y, R_z of R, the integral of
+//! `R_y w_z - R_z w_y` is the change of R_x. If the move does not start and end at rest, the relative error of this
+//! relation is a twelfth of the squared rotation per step. Short steps are summed in groups of sixteen, which does not
+//! change the result (see `preintegration/sums.rs`).
 
 mod attitudes;
 mod interpolation;
@@ -44,7 +46,8 @@ pub(crate) use interpolation::{Interpolation, are_equal_steps};
 pub(crate) use rate_segment::STEPS_TAKEN;
 pub use rate_segment::{RateSegment, SampleTimes};
 
-/// Rotation over one move, and the sums for its derivatives.
+/// Rotation over one move, and the sums for its derivatives. R is the rotation from the frame at a sample to the frame
+/// at the first sample.
 #[derive(Clone, Copy, Debug)]
 pub struct Preintegrated {
     /// Rotation from the frame at the last sample to the frame at the first sample: `v_start = rotation * v_end`.
@@ -108,7 +111,8 @@ pub(crate) fn total_rotation_rad(
     (first..last).map(|k| step(k).abs()).sum()
 }
 
-/// Sums over a move from which the derivatives of the move's rotation are computed.
+/// Sums over a move from which the derivatives of the move's rotation are computed. R is the rotation from the frame at
+/// a sample to the frame at the first sample.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sums {
     /// G_x, G_y, G_z: integrals of R times each component of the rate, rad.

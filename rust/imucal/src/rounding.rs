@@ -2,7 +2,8 @@
 //!
 //! A converter rounds every reading to a multiple of its quantisation step q (LSB). If the noise of a sample is far
 //! above q, rounding adds white noise of variance q^2 / 12. If the noise is below q, the mean over a rest has a
-//! rounding error. This error depends only on the true mean m and does not decrease with averaging:
+//! rounding error. For noise of standard deviation sigma, this error d depends only on the true mean m and does not
+//! decrease with averaging:
 //!
 //! ```text
 //! d(m) = q sum_h (-1)^h / (pi h) exp(-2 pi^2 h^2 s^2) sin(2 pi h m / q),      s = sigma / q
@@ -10,9 +11,10 @@
 //! cov(d_k, d_l) = rms_k rms_l cos(2 pi D) exp(-2 D^2),                        D = (mean_k - mean_l) / q
 //! ```
 //!
-//! (Widrow and Kollar, Quantization Noise, Cambridge University Press 2008, chapters 4 and 5.) Rests with equal
-//! readings therefore have equal errors. The standard deviation of rounded samples differs from sigma, so sigma is
-//! estimated from the relative frequencies of the levels at rest.
+//! The sums are over h = 1, 2, ... d_k is the error of rest k, rms_k the square root of its mean square, and mean_k the
+//! mean reading of this rest (Widrow and Kollar, Quantization Noise, Cambridge University Press 2008, chapters 4 and
+//! 5). Rests with equal readings have equal errors. The standard deviation of rounded samples differs from sigma, so
+//! sigma is estimated from the relative frequencies of the levels at rest.
 
 pub(crate) mod step;
 
@@ -36,10 +38,10 @@ const NOISES: usize = 31;
 const MEANS: usize = 24;
 /// Maximum distance of a trial value of the true mean from the mean of the samples, in steps.
 const REACH: f64 = 0.75;
-/// Decrease of the log-likelihood from its maximum below which the likelihood is negligible.
+/// The likelihood is negligible if its logarithm is more than this amount below the maximum.
 const NEGLIGIBLE: f64 = 12.0;
-/// Standard deviation of the prior of the logarithm of the ratio of two axes' noise. With a smaller value, the levels
-/// of one axis have more influence on the estimated noise of another axis.
+/// Standard deviation of the prior of ln(a / b), where a and b are the standard deviations of the noise of two axes.
+/// With a smaller value, the levels of one axis have more influence on the estimated noise of another axis.
 const SIMILAR: f64 = 0.3;
 /// Maximum relative difference between two quantisation steps that count as equal.
 const EQUAL_STEPS: f64 = 1e-3;
@@ -81,13 +83,14 @@ impl Rounding {
         })
     }
 
-    /// Rounding of the axes of a triad with these steps. An axis whose noise is not below its step is `None` in `axes`.
+    /// Rounding of the three axes of a sensor. `axes` contains the quantisation step and the levels at the rests of
+    /// each axis, or `None` if the noise of the axis is not below its step.
     ///
-    /// The noise of each axis is estimated from the levels that occur at rest. It is the average over all trial
-    /// standard deviations, weighted by their likelihood. The true means are unknown and are eliminated. The levels of
-    /// the other axes contribute to the likelihood, because the axes of a triad usually have similar noise. If each
-    /// axis has only one level, all small standard deviations are equally likely, and the error variance is the mean
-    /// over them.
+    /// The noise of each axis is estimated from the levels that occur at rest. Its square is the average of the squares
+    /// of all trial standard deviations, weighted by their likelihood. The true means are unknown and are eliminated.
+    /// The levels of the other axes contribute to the likelihood, because the axes of a triad usually have similar
+    /// noise. If each axis has only one level, all small standard deviations are equally likely, and the error variance
+    /// is the mean over them.
     pub(crate) fn of_levels(axes: [Option<(f64, Vec<Levels>)>; 3]) -> [Self; 3] {
         let noises: [f64; NOISES] = std::array::from_fn(tried_noise);
         let likelihoods = axes.each_ref().map(|axis| {
@@ -135,7 +138,7 @@ impl Rounding {
     }
 
     /// Variance of one sample while the true value passes through many steps. Noise and rounding errors are then
-    /// independent.
+    /// independent. `colour` is the factor c for coloured noise (model.md (10)).
     pub(crate) fn sweeping_variance(&self, colour: f64) -> f64 {
         self.noise * self.noise * colour + self.step * self.step / 12.0
     }
@@ -160,8 +163,8 @@ fn tried_noise(k: usize) -> f64 {
 /// Mean square of the rounding error over all true means, in squared steps. `noise` is the standard deviation of the
 /// noise in steps.
 fn error_variance(noise: f64) -> f64 {
-    // The terms decrease at least as 1 / h^2. At the smallest noise, the sum of 60 terms differs from the limit 1 / 12
-    // by 3 %.
+    // For noise of 0.02 steps or more, the terms beyond the 60th are negligible. Without noise, the sum of 60 terms is
+    // 1 % below the limit 1 / 12.
     let term = |h: f64| (-4.0 * (PI * h * noise).powi(2)).exp() / (2.0 * (PI * h).powi(2));
     (1..=60).map(|h| term(f64::from(h))).sum()
 }

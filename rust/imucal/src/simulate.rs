@@ -112,7 +112,8 @@ pub struct Added<'a> {
 /// are those at the true instant of the sample, which equals the time stamp unless the clock has a fault.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Simulation {
-    /// Time stamps, s: sample number / rate, from 0 to the end of the motion, which is excluded.
+    /// Time stamps, s: the sample number divided by the sampling rate. They start at 0 and are earlier than the end of
+    /// the motion.
     pub time_s: Vec<f64>,
     /// Measured specific force, m/s^2.
     pub specific_force: Vec<[f64; 3]>,
@@ -174,7 +175,7 @@ impl Simulation {
         }
     }
 
-    /// Applies repeated and lost samples.
+    /// Repeats samples and removes lost samples, as the faults specify.
     fn spoil(&mut self, faults: &Faults, seed: u64) {
         let samples = self.time_s.len();
         let count = |chosen: &[bool]| chosen.iter().filter(|chosen| **chosen).count();

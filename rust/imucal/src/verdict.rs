@@ -37,8 +37,8 @@ impl RecordingSet {
 pub enum Verdict {
     /// Noise explains the residuals completely or almost completely.
     Good,
-    /// The result is usable, but the unit or its motion has an effect that the model lacks. There is at least one
-    /// reason.
+    /// The result is usable with a reservation. For example, the residuals exceed their noise, or too few residuals
+    /// remain to test the result. There is at least one reason.
     Incomplete(Vec<Reason>),
     /// The result is not reliable. There is at least one reason. Reasons for an incomplete verdict come after the
     /// reasons for a poor verdict.

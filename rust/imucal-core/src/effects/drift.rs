@@ -6,8 +6,8 @@
 //! gyro_scale_drift    k_i t w_i
 //! ```
 //!
-//! k_i is the parameter of axis i, and w_i the angular rate about it. t is the time since the reference instant of the
-//! calibration, s. For a warm-up, the reference instant is power-on.
+//! k_i is the parameter of axis i, and w_i the angular rate about this axis. t is the time since the reference instant
+//! of the calibration, s. For a warm-up, the reference instant is power-on.
 
 use super::{AXES, Alias, DEGREE, Effect, Need, Parameter, Sensor, State, Terms, effect, parameters, same};
 use crate::{STANDARD_GRAVITY_MPS2, vector::scaled};
@@ -28,7 +28,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self::ACCEL_BIAS_WARMUP,
     ];
 
-    /// `gyro_bias_drift`: `k_i t`.
+    /// `gyro_bias_drift`: bias change `k_i t` of axis i at the time t, with the parameter k_i.
     pub const GYRO_BIAS_DRIFT: &'static Self = &effect! {
         number: 16,
         name: "gyro_bias_drift",
@@ -48,12 +48,13 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| terms.axes(same(time(state))),
     };
 
-    /// `gyro_bias_warmup`: `k_i exp(-t / tau)`.
+    /// `gyro_bias_warmup`: bias change `k_i exp(-t / tau)` of axis i at the time t after power-on, with the parameter
+    /// k_i and the time constant tau.
     pub const GYRO_BIAS_WARMUP: &'static Self = &effect! {
         number: 17,
         name: "gyro_bias_warmup",
         sensor: Sensor::Gyroscope,
-        // Typical value: 0.05 deg/s.
+        // Typical value: 0.05 deg/s at power-on.
         parameters: &parameters(AXES, "rad/s", 0.05 * DEGREE),
         plain: 3,
         shape: TAU,
@@ -68,12 +69,12 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, tau, terms| bias_warmup(state, tau, terms),
     };
 
-    /// `gyro_scale_drift`: `k_i t w_i`.
+    /// `gyro_scale_drift`: error `k_i t w_i` of axis i at the time t, with the parameter k_i and the angular rate w.
     pub const GYRO_SCALE_DRIFT: &'static Self = &effect! {
         number: 18,
         name: "gyro_scale_drift",
         sensor: Sensor::Gyroscope,
-        // Typical value: 500 ppm per 100 s.
+        // Typical value: a scale change of 500 ppm per 100 s.
         parameters: &parameters(AXES, "1/s", 500e-6 / 100.0),
         plain: 3,
         shape: None,
@@ -85,7 +86,7 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| terms.axes(scaled(&state.angular_rate, time(state))),
     };
 
-    /// `accel_bias_drift`: `k_i t`.
+    /// `accel_bias_drift`: bias change `k_i t` of axis i at the time t, with the parameter k_i.
     pub const ACCEL_BIAS_DRIFT: &'static Self = &effect! {
         number: 19,
         name: "accel_bias_drift",
@@ -105,12 +106,13 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| terms.axes(same(time(state))),
     };
 
-    /// `accel_bias_warmup`: `k_i exp(-t / tau)`.
+    /// `accel_bias_warmup`: bias change `k_i exp(-t / tau)` of axis i at the time t after power-on, with the parameter
+    /// k_i and the time constant tau.
     pub const ACCEL_BIAS_WARMUP: &'static Self = &effect! {
         number: 20,
         name: "accel_bias_warmup",
         sensor: Sensor::Accelerometer,
-        // Typical value: 1 mg.
+        // Typical value: 1 mg at power-on.
         parameters: &parameters(AXES, "m/s^2", 1e-3 * STANDARD_GRAVITY_MPS2),
         plain: 3,
         shape: TAU,

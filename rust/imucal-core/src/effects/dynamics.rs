@@ -29,7 +29,8 @@ impl<F: RealField + Copy> Effect<F> {
         Self::ACCEL_SIZE_EFFECT,
     ];
 
-    /// `gyro_angular_acceleration`: `D dw/dt`.
+    /// `gyro_angular_acceleration`: error `D dw/dt` of the rate, with the angular rate w and the matrix D of the
+    /// parameters.
     pub const GYRO_ANGULAR_ACCELERATION: &'static Self = &effect! {
         number: 21,
         name: "gyro_angular_acceleration",
@@ -48,7 +49,7 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| terms.entries(angular_acceleration(state)),
     };
 
-    /// `gyro_time_offset`: `-tau dw/dt`.
+    /// `gyro_time_offset`: error `-tau dw/dt` of the rate, with the angular rate w and the delay tau.
     pub const GYRO_TIME_OFFSET: &'static Self = &effect! {
         number: 22,
         name: "gyro_time_offset",
@@ -67,7 +68,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| terms.column(neg(&angular_acceleration(state))),
     };
 
-    /// `earth_rate`: `R_wb^T Omega, Omega in the world frame`.
+    /// `earth_rate`: rate `R_wb^T Omega` in the body frame, with the attitude R_wb (world from body) and the rate Omega
+    /// of the Earth in the world frame.
     pub const EARTH_RATE: &'static Self = &effect! {
         number: 23,
         name: "earth_rate",
@@ -86,7 +88,7 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| earth_rate(state, terms),
     };
 
-    /// `accel_lever_arm`: `dw/dt x r + w x (w x r)`.
+    /// `accel_lever_arm`: specific force `dw/dt x r + w x (w x r)`, with the angular rate w and the sensor position r.
     pub const ACCEL_LEVER_ARM: &'static Self = &effect! {
         number: 24,
         name: "accel_lever_arm",
@@ -102,7 +104,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| lever_arm(state, terms),
     };
 
-    /// `accel_size_effect`: `(dw/dt x r_i + w x (w x r_i))_i, i = y, z; r_x = 0`.
+    /// `accel_size_effect`: force `(dw/dt x r_i + w x (w x r_i))_i` on axis i = y, z, with the angular rate w and the
+    /// position r_i of sensor axis i relative to the x axis.
     pub const ACCEL_SIZE_EFFECT: &'static Self = &effect! {
         number: 25,
         name: "accel_size_effect",
@@ -150,7 +153,8 @@ fn angular_acceleration<F: RealField + Copy>(state: &State<F>) -> Vector3<F> {
     state.surroundings.angular_acceleration.unwrap_or(Vector3::new(F::zero(), F::zero(), F::zero()))
 }
 
-/// The matrix L in `dw/dt x r + w x (w x r) = L r`, 1/s^2: `[dw/dt]x + [w]x [w]x`.
+/// The matrix `L = [dw/dt]x + [w]x [w]x`, 1/s^2, where `[v]x` is the matrix of the cross product with v. A sensor at
+/// position r measures the additional force `L r` if the unit rotates at the angular rate w.
 fn lever<F: RealField + Copy>(state: &State<F>) -> Matrix3<F> {
     let (w, a) = (state.angular_rate, angular_acceleration(state));
     let (xx, yy, zz) = (w.x * w.x, w.y * w.y, w.z * w.z);

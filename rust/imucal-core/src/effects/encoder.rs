@@ -1,15 +1,15 @@
 //! Effects on the motor angles that the encoders of a stand read.
 //!
 //! ```text
-//! encoder_eccentricity   s_mk sin(k q_m) + c_mk cos(k q_m),   k = 1, full form k = 1, 2
+//! encoder_eccentricity   s_mk sin(k q_m) + c_mk cos(k q_m),   summed over k: plain form k = 1, full form k = 1 and 2
 //! encoder_time_offset    q(t + tau) - q(t) = tau dq/dt + O(tau^2)
-//! encoder_backlash       b_m d_m,                             d_m the sign of the last motion
+//! encoder_backlash       b_m d_m,                             d_m is the sign of the last motion of motor m
 //! ```
 //!
-//! q_m is the true angle of motor m. The parameters are s_mk and c_mk, the delay tau, and the backlash b_m. If an
-//! encoder disk is off centre by 1 % of its radius, the angle has an error with an amplitude of 0.01 rad and a period
-//! of one revolution. If the disk is oval, the error has a period of half a revolution. Component m is the error of
-//! motor m. Motor 1 is the outermost motor.
+//! q_m is the true angle of motor m. The parameters are s_mk and c_mk, the time offset tau, and the backlash b_m. The
+//! readings after motions in opposite directions differ by 2 b_m. If an encoder disk is off centre by 1 % of its
+//! radius, the angle has an error with an amplitude of 0.01 rad and a period of one revolution. If the disk is oval,
+//! the error has a period of half a revolution. Component m is the error of motor m. Motor 1 is the outermost motor.
 
 use super::{Alias, DEGREE, Effect, Need, Parameter, Sensor, StandState, State, Terms, effect, parameters};
 use nalgebra::{RealField, Vector3};
@@ -27,7 +27,8 @@ impl<F: RealField + Copy> Effect<F> {
     pub(super) const ENCODER: &'static [&'static Self] =
         &[Self::ENCODER_ECCENTRICITY, Self::ENCODER_TIME_OFFSET, Self::ENCODER_BACKLASH];
 
-    /// `encoder_eccentricity`: `s_m sin q_m + c_m cos q_m, full form + the same of 2 q_m`.
+    /// `encoder_eccentricity`: error `s_m sin q_m + c_m cos q_m` of the angle q_m of motor m, with the parameters s_m
+    /// and c_m. The full form also contains these two terms for the angle 2 q_m.
     pub const ENCODER_ECCENTRICITY: &'static Self = &effect! {
         number: 0,
         name: "encoder_eccentricity",
@@ -46,7 +47,7 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| eccentricity(state, terms),
     };
 
-    /// `encoder_time_offset`: `tau dq/dt`.
+    /// `encoder_time_offset`: error `tau dq/dt` of the motor angles q. The reading at the time t is q(t + tau).
     pub const ENCODER_TIME_OFFSET: &'static Self = &effect! {
         number: 0,
         name: "encoder_time_offset",
@@ -65,7 +66,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| terms.column(stand(state).rate_radps),
     };
 
-    /// `encoder_backlash`: `b_m d_m, d_m the sign of the last motion of motor m`.
+    /// `encoder_backlash`: error `b_m d_m` of the angle of motor m, with the parameter b_m and the sign d_m of its last
+    /// motion.
     pub const ENCODER_BACKLASH: &'static Self = &effect! {
         number: 0,
         name: "encoder_backlash",

@@ -25,7 +25,7 @@ impl<F: RealField + Copy> Effect<F> {
     pub(super) const G_SENSITIVITY: &'static [&'static Self] =
         &[Self::GYRO_G_SENSITIVITY, Self::GYRO_G2_SENSITIVITY, Self::GYRO_SCALE_G_SENSITIVITY];
 
-    /// `gyro_g_sensitivity`: `G f`.
+    /// `gyro_g_sensitivity`: error `G f` of the rate, with the specific force f and the matrix G of the parameters.
     pub const GYRO_G_SENSITIVITY: &'static Self = &effect! {
         number: 1,
         name: "gyro_g_sensitivity",
@@ -45,7 +45,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| terms.entries(state.specific_force),
     };
 
-    /// `gyro_g2_sensitivity`: `G2 (fx^2, fy^2, fz^2) + H (fy fz, fx fz, fx fy)`.
+    /// `gyro_g2_sensitivity`: error `G2 (fx^2, fy^2, fz^2) + H (fy fz, fx fz, fx fy)` of the rate, with the specific
+    /// force f. The plain form has only the parameters G2, and the full form also the parameters H.
     pub const GYRO_G2_SENSITIVITY: &'static Self = &effect! {
         number: 2,
         name: "gyro_g2_sensitivity",
@@ -72,12 +73,13 @@ impl<F: RealField + Copy> Effect<F> {
         },
     };
 
-    /// `gyro_scale_g_sensitivity`: `k_i w_i f_i`.
+    /// `gyro_scale_g_sensitivity`: error `k_i w_i f_i` of axis i, with the parameter k_i, the angular rate w and the
+    /// specific force f.
     pub const GYRO_SCALE_G_SENSITIVITY: &'static Self = &effect! {
         number: 3,
         name: "gyro_scale_g_sensitivity",
         sensor: Sensor::Gyroscope,
-        // Typical value: 0.1 % per g.
+        // Typical value: a scale change of 0.1 % per g.
         parameters: &parameters(AXES, "1/(m/s^2)", 0.001 / STANDARD_GRAVITY_MPS2),
         plain: 3,
         shape: None,

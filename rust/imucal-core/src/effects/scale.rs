@@ -1,17 +1,17 @@
 //! Effects of nonlinearity. The reading of a nonlinear sensor is not a linear function of the measured quantity.
 //!
 //! ```text
-//! *_scale_quadratic        k_i v_i^2        v = w of the gyroscope, v = f of the accelerometer
+//! *_scale_quadratic        k_i v_i^2
 //! *_scale_cubic            k_i v_i^3
 //! *_scale_asymmetry        k_i |v_i|
 //! *_cross_axis_quadratic   sum of k_i,jl v_j v_l
 //! ```
 //!
-//! k_i is the parameter of axis i, v_i the component of the measured quantity along it, and k_i,jl the parameter of
-//! axis i for the product of the components j and l. The cross-axis effect of the gyroscope has nine parameters: each
-//! axis depends on the three products of two different components. The cross-axis effect of the accelerometer has
-//! fifteen parameters: each axis i depends on all products of two components except f_i^2, which belongs to the
-//! quadratic scale effect.
+//! v is the measured quantity: the angular rate w for the gyroscope, and the specific force f for the accelerometer.
+//! k_i is the parameter of axis i, v_i the component of v along this axis, and k_i,jl the parameter of axis i for the
+//! product v_j v_l. The cross-axis effect of the gyroscope has nine parameters: each axis depends on the three products
+//! of two different components. The cross-axis effect of the accelerometer has fifteen parameters: each axis i depends
+//! on all products of two components except f_i^2, which belongs to the quadratic scale effect.
 
 use super::{AXES, Alias, DEGREE, Effect, Sensor, State, Terms, cross_products, effect, parameters, squares};
 use crate::{
@@ -26,8 +26,8 @@ const ACCELEROMETER_PRODUCTS: [&str; 15] = [
     "z_xy",
 ];
 
-/// Rate at which datasheets specify the nonlinearity of a gyroscope, rad/s. Typical sizes of the effects are computed
-/// from the nonlinearity at this rate.
+/// Rate at which datasheets specify the nonlinearity of a gyroscope, rad/s. The typical parameters of the gyroscope
+/// effects are computed from the nonlinearity at this rate.
 const FULL_RATE: f64 = 250.0 * DEGREE;
 
 impl<F: RealField + Copy> Effect<F> {
@@ -43,12 +43,12 @@ impl<F: RealField + Copy> Effect<F> {
         Self::ACCEL_CROSS_AXIS_QUADRATIC,
     ];
 
-    /// `gyro_scale_quadratic`: `k_i w_i^2`.
+    /// `gyro_scale_quadratic`: error `k_i w_i^2` of axis i, with the parameter k_i and the angular rate w.
     pub const GYRO_SCALE_QUADRATIC: &'static Self = &effect! {
         number: 4,
         name: "gyro_scale_quadratic",
         sensor: Sensor::Gyroscope,
-        // Typical value: 0.2 % at 250 deg/s.
+        // Typical value: 0.2 % of the rate at 250 deg/s.
         parameters: &parameters(AXES, "s/rad", 0.002 / FULL_RATE),
         plain: 3,
         shape: None,
@@ -60,12 +60,12 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| quadratic(&state.angular_rate, terms),
     };
 
-    /// `gyro_scale_cubic`: `k_i w_i^3`.
+    /// `gyro_scale_cubic`: error `k_i w_i^3` of axis i, with the parameter k_i and the angular rate w.
     pub const GYRO_SCALE_CUBIC: &'static Self = &effect! {
         number: 5,
         name: "gyro_scale_cubic",
         sensor: Sensor::Gyroscope,
-        // Typical value: 0.5 % at 250 deg/s.
+        // Typical value: 0.5 % of the rate at 250 deg/s.
         parameters: &parameters(AXES, "s^2/rad^2", 0.005 / (FULL_RATE * FULL_RATE)),
         plain: 3,
         shape: None,
@@ -77,12 +77,12 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| cubic(&state.angular_rate, terms),
     };
 
-    /// `gyro_scale_asymmetry`: `k_i |w_i|`.
+    /// `gyro_scale_asymmetry`: error `k_i |w_i|` of axis i, with the parameter k_i and the angular rate w.
     pub const GYRO_SCALE_ASYMMETRY: &'static Self = &effect! {
         number: 6,
         name: "gyro_scale_asymmetry",
         sensor: Sensor::Gyroscope,
-        // Typical value: 0.2 %.
+        // Typical value: 0.2 % of the rate.
         parameters: &parameters(AXES, "1", 0.002),
         plain: 3,
         shape: None,
@@ -94,7 +94,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| asymmetry(&state.angular_rate, terms),
     };
 
-    /// `gyro_cross_axis_quadratic`: `k_i,yz wy wz + k_i,xz wx wz + k_i,xy wx wy`.
+    /// `gyro_cross_axis_quadratic`: error `k_i,yz wy wz + k_i,xz wx wz + k_i,xy wx wy` of axis i, with the parameters
+    /// k_i,jl and the angular rate w.
     pub const GYRO_CROSS_AXIS_QUADRATIC: &'static Self = &effect! {
         number: 7,
         name: "gyro_cross_axis_quadratic",
@@ -110,12 +111,12 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| terms.entries(cross_products(&state.angular_rate)),
     };
 
-    /// `accel_scale_quadratic`: `k_i f_i^2`.
+    /// `accel_scale_quadratic`: error `k_i f_i^2` of axis i, with the parameter k_i and the specific force f.
     pub const ACCEL_SCALE_QUADRATIC: &'static Self = &effect! {
         number: 8,
         name: "accel_scale_quadratic",
         sensor: Sensor::Accelerometer,
-        // Typical value: 2e-3 per g.
+        // Typical value: 2e-3 of the force at 1 g.
         parameters: &parameters(AXES, "1/(m/s^2)", 2e-3 / STANDARD_GRAVITY_MPS2),
         plain: 3,
         shape: None,
@@ -133,12 +134,12 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| quadratic(&state.specific_force, terms),
     };
 
-    /// `accel_scale_cubic`: `k_i f_i^3`.
+    /// `accel_scale_cubic`: error `k_i f_i^3` of axis i, with the parameter k_i and the specific force f.
     pub const ACCEL_SCALE_CUBIC: &'static Self = &effect! {
         number: 9,
         name: "accel_scale_cubic",
         sensor: Sensor::Accelerometer,
-        // Typical value: 2e-3 per g^2.
+        // Typical value: 2e-3 of the force at 1 g.
         parameters: &parameters(AXES, "1/(m/s^2)^2", 2e-3 / (STANDARD_GRAVITY_MPS2 * STANDARD_GRAVITY_MPS2)),
         plain: 3,
         shape: None,
@@ -150,12 +151,12 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| cubic(&state.specific_force, terms),
     };
 
-    /// `accel_scale_asymmetry`: `k_i |f_i|`.
+    /// `accel_scale_asymmetry`: error `k_i |f_i|` of axis i, with the parameter k_i and the specific force f.
     pub const ACCEL_SCALE_ASYMMETRY: &'static Self = &effect! {
         number: 10,
         name: "accel_scale_asymmetry",
         sensor: Sensor::Accelerometer,
-        // Typical value: 0.1 %.
+        // Typical value: 0.1 % of the force.
         parameters: &parameters(AXES, "1", 0.001),
         plain: 3,
         shape: None,
@@ -167,12 +168,13 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| asymmetry(&state.specific_force, terms),
     };
 
-    /// `accel_cross_axis_quadratic`: `sum of k_i,jl f_j f_l over all products but f_i^2`.
+    /// `accel_cross_axis_quadratic`: error of axis i, the sum of `k_i,jl f_j f_l` over all products of two components
+    /// of the specific force f except f_i^2.
     pub const ACCEL_CROSS_AXIS_QUADRATIC: &'static Self = &effect! {
         number: 11,
         name: "accel_cross_axis_quadratic",
         sensor: Sensor::Accelerometer,
-        // Typical value: 1e-3 per g.
+        // Typical value: an error of 1e-3 g if both components of the product are 1 g.
         parameters: &parameters(ACCELEROMETER_PRODUCTS, "1/(m/s^2)", 1e-3 / STANDARD_GRAVITY_MPS2),
         plain: 15,
         shape: None,

@@ -1,5 +1,5 @@
-//! Evaluation of the field of an effect. The field is written once. From it, either the columns of Phi or the product
-//! `Phi theta` are computed.
+//! Evaluation of the field Phi of an effect. With the parameters theta, the effect is `Phi theta`. The formula of the
+//! field is written once. From it, either the columns of Phi or the product `Phi theta` are computed.
 
 #[cfg(feature = "catalogue")]
 use super::Columns;
@@ -11,16 +11,17 @@ pub(super) trait Terms<F: RealField + Copy> {
     /// Receives the column of the next parameter.
     fn column(&mut self, column: Vector3<F>);
 
-    /// Receives a parameter that acts only on the x axis, in proportion to `cause`.
+    /// Receives the column `(cause, 0, 0)` of the next parameter, which acts only on the x axis.
     fn x(&mut self, cause: F);
 
-    /// Receives a parameter that acts only on the y axis, in proportion to `cause`.
+    /// Receives the column `(0, cause, 0)` of the next parameter, which acts only on the y axis.
     fn y(&mut self, cause: F);
 
-    /// Receives a parameter that acts only on the z axis, in proportion to `cause`.
+    /// Receives the column `(0, 0, cause)` of the next parameter, which acts only on the z axis.
     fn z(&mut self, cause: F);
 
-    /// Receives three parameters theta with the field `diag(theta) cause`.
+    /// Receives the columns of the next three parameters. Their effect is `diag(theta) cause`, where theta contains
+    /// these parameters.
     #[inline(always)]
     fn axes(&mut self, cause: Vector3<F>) {
         self.x(cause.x);
@@ -28,7 +29,8 @@ pub(super) trait Terms<F: RealField + Copy> {
         self.z(cause.z);
     }
 
-    /// Receives nine parameters with the field `Theta cause`. Theta is the 3x3 matrix of the parameters, row by row.
+    /// Receives the columns of the next nine parameters. Their effect is `Theta cause`, where Theta is the 3x3 matrix
+    /// of these parameters, row by row.
     #[inline(always)]
     fn entries(&mut self, cause: Vector3<F>) {
         self.x(cause.x);
@@ -80,9 +82,9 @@ impl<F: RealField + Copy> Terms<F> for ToColumns<'_, F> {
     }
 }
 
-/// Adds up the products of columns and parameters. All methods are inlined at any optimisation level, so the indices of
-/// the parameters are constants. Without inlining, function calls would take most of the computing time of a correction
-/// on a device.
+/// Computes the sum of all columns, each multiplied by its parameter. All methods are inlined at any optimisation
+/// level, so the indices of the parameters are constants. Without inlining, function calls would take most of the
+/// computing time of a correction on a device.
 pub(super) struct Sum<'a, F: RealField + Copy> {
     values: &'a [F; MAX_PARAMETERS],
     next: usize,
@@ -139,7 +141,7 @@ pub(super) fn same<F: RealField + Copy>(x: F) -> Vector3<F> {
     Vector3::new(x, x, x)
 }
 
-/// A row of the catalogue. Without the feature `catalogue`, the macro omits the texts and the columns.
+/// Defines one effect of the catalogue. Without the feature `catalogue`, the macro omits the texts and the columns.
 macro_rules! effect {
     (
         number: $number:expr,
@@ -157,7 +159,7 @@ macro_rules! effect {
     ) => {{
         const PARAMETERS: &[$crate::effects::Parameter] = $parameters;
         const SHAPE: Option<$crate::effects::Parameter> = $shape;
-        #[allow(dead_code)] // Uses the constants of the texts, so that none is unused.
+        #[allow(dead_code)] // Without `catalogue`, only `ALIASES` uses some constants of texts.
         const ALIASES: &[$crate::effects::Alias] = $aliases;
         $crate::effects::Effect {
             number: $number,

@@ -101,7 +101,7 @@ impl<F: RealField + Copy> Default for BlockSums<F> {
 /// is near 1 at rest and large in a move.
 ///
 /// ```text
-/// statistic = 1/6 sum_c variance_c / noise_variance_c
+/// statistic = (1 / 6) sum_c (variance_c / noise_variance_c)
 /// ```
 ///
 /// `noise_variance` is the variance of a single sample at rest for each channel. Its order is that of the samples, and

@@ -29,8 +29,8 @@ impl Noise {
     }
 }
 
-/// Samples of alternating moves and rests, and the first and end sample of each rest. The run starts and ends with a
-/// move.
+/// Samples of alternating moves and rests. For each rest, the second result contains the index of its first sample and
+/// the index of its last sample plus one. The run starts and ends with a move.
 fn stand_run(rate_hz: f64) -> (Vec<Sample>, Vec<(usize, usize)>) {
     let mut noise = Noise(7);
     let (mut samples, mut rests) = (Vec::new(), Vec::new());
@@ -117,16 +117,16 @@ fn unsigned_counts_in_f32_give_the_same_rests() {
         assert_eq!((found.first_sample, found.end_sample), (wanted.first_sample, wanted.end_sample));
         let rate = found.mean_rate.map(|c| f64::from(c) - 32768.0) - wanted.mean_rate * rate_lsb;
         let force = found.mean_force.map(|c| f64::from(c) - 32768.0) - wanted.mean_force * force_lsb;
-        // The limit, in counts, is for two errors: rounding to counts, averaged over a rest, and the spacing of f32
-        // numbers at 32768, which is 1/256.
+        // The limit of 0.06 counts allows for two errors: rounding to counts, averaged over a rest, and the spacing of
+        // f32 numbers at 32768, which is 1/256 count.
         assert!(rate.amax() < 0.06 && force.amax() < 0.06, "{rate} {force}");
     }
 }
 
 #[test]
 fn the_guard_blocks_stay_out_of_the_means() {
-    // All samples are zero, except one in the first and one in the last block of the rest. Both are below the
-    // threshold.
+    // All samples are zero, except one in the first and one in the last block of the rest. The statistic of the windows
+    // with these samples is below the threshold.
     let block = 10;
     let mut samples = [(Vector3::zeros(), Vector3::zeros()); 300];
     samples[9].0.x = 0.02;

@@ -8,7 +8,7 @@ use crate::mappings::{Fields, fields, known};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Residuals of one kind on one body axis; see `imucal::gap::ChannelResidual`.
+/// Residuals of one kind on one body axis, or without an axis for norms; see `imucal::gap::ChannelResidual`.
 #[derive(IntoPyObject)]
 struct Channel {
     channel: &'static str,
@@ -105,7 +105,7 @@ pub(super) fn residuals(
     fields(py, all)
 }
 
-/// Predicted error of one corrected signal.
+/// Predicted rms error of one corrected signal, without (before) and with (after) the effects in the correction.
 #[derive(IntoPyObject)]
 struct PredictedError {
     before: f64,

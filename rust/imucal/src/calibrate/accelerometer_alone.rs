@@ -62,8 +62,8 @@ pub struct AccelerometerOutcome {
     pub prior_shares: Vec<f64>,
     /// Errors due to the uncertainty of the priors; `None` if no parameter is held. The error of a rotation is NaN.
     pub prior_cost: Option<PriorCost>,
-    /// Goodness of fit of the norms of gravity at the rests, relative to noise; empty if there are no degrees of
-    /// freedom.
+    /// Goodness of fit of the norms of the specific force at the rests, relative to noise; empty if there are no
+    /// degrees of freedom.
     pub groups: Vec<GroupMisfit>,
     /// Figures of merit on the calibration recordings. The figures of moves are missing.
     pub figures: Figures,
@@ -129,14 +129,14 @@ pub(super) fn refuse_options(options: &Options<'_>) -> Result<(), Error> {
     }
 }
 
-/// The held parameters of the accelerometer.
+/// Those of the held parameters that belong to the accelerometer.
 pub(super) fn of_accelerometer(held: Vec<HeldParameter>) -> Vec<HeldParameter> {
     held.into_iter().filter(|held| ACCEL.contains(&held.parameter())).collect()
 }
 
 impl AccelerometerOutcome {
-    /// The result of an accelerometer fit to `rests`. `reports` are the reports of these rests. The fields for
-    /// thresholds, noise and findings are empty.
+    /// The result of an accelerometer fit to `rests`. `reports` are the reports of these rests. The lists of thresholds
+    /// and findings are empty, and the noise densities are NaN.
     pub(super) fn of_fit(
         fit: &AccelerometerFit,
         rests: &[&Rest],

@@ -1,5 +1,5 @@
 //! Recordings that have passed the checks, and the first fits to them. Calibrations with different models start from
-//! them.
+//! these fits.
 
 use std::sync::OnceLock;
 
@@ -63,7 +63,7 @@ impl<'a> Checked<'a> {
     }
 
     /// The function [`Checked::try_new`] with two differences. Error messages do not offer a model with fewer
-    /// parameters. After a failed fit, no test shows whether the recordings are of several units.
+    /// parameters. After a failed fit, the function does not test whether the recordings are of several units.
     pub(super) fn of_determined(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         let mut data = UnitData::try_new(recordings, options)?;
         let mut accelerometer = data.fit_accelerometer(options)?;
@@ -144,8 +144,7 @@ impl<'a> Checked<'a> {
         Ok(self.units.get_or_init(|| found).clone())
     }
 
-    /// The calibration of [`calibrate`](Self::calibrate) without the test, after a failed fit, whether the recordings
-    /// are of several units.
+    /// The calibration of [`calibrate`](Self::calibrate). It does not test whether the recordings are of several units.
     fn calibrate_one_unit(&self, model: &ModelOptions<'_>, warm_start: Option<&WarmStart>) -> Result<Outcome, Error> {
         let options = &self.options.with_model(model);
         options.check_model()?;
@@ -181,8 +180,8 @@ impl<'a> Checked<'a> {
         Ok(outcome)
     }
 
-    /// Returns an error if the joint fit has implausible gains and the two-stage fit, from which it started, has
-    /// plausible gains. The joint fit is then wrong, and not the unit of a column.
+    /// Returns an error if there are several recordings, the joint fit has implausible gains, and the two-stage fit,
+    /// from which it started, has plausible gains. The joint fit is then wrong, and not the unit of a column.
     fn require_fit(&self, gains: &[Finding]) -> Result<(), Error> {
         let is_error = |finding: &Finding| finding.severity == Severity::Error;
         let Some(wrong) = gains.iter().find(|finding| is_error(finding)) else { return Ok(()) };
@@ -307,7 +306,7 @@ mod tests {
                 let sigma = ends.sigma_rad.to_degrees();
                 assert!((found.direction_error_deg[*k] - own).abs() < 0.1 * sigma, "move {k}: {own}");
             }
-            // A rest with a hundred times the standard deviation has no influence on the fit.
+            // A rest whose standard deviations are multiplied by a hundred has practically no influence on the fit.
             let mut without = data.clone();
             for rest in without.rests.iter_mut().skip(fold).step_by(3) {
                 rest.rest.specific_force.variance_of_mean *= 1e4;

@@ -16,13 +16,14 @@ pub struct CrossValidation {
     pub gravity_direction_rms_deg: f64,
     /// Angle between propagated and measured gravity for each move, computed with a fit without this move, deg.
     pub direction_error_deg: Vec<f64>,
-    /// Error of |f| at each rest in a joint fit without this rest, m/s^2. NaN for the two-stage fit and for rests that
-    /// are not used. Also NaN if the fit without the rest does not determine all parameters.
+    /// Error of the norm |f| of the specific force at each rest, with a joint fit without this rest, m/s^2. NaN for the
+    /// two-stage fit and for rests that are not used. Also NaN if the fit without the rest does not determine all
+    /// parameters.
     pub norm_error_mps2: Vec<f64>,
 }
 
 impl CrossValidation {
-    /// Root mean square of the known errors of |f|, m/s^2; `None` if no error is known.
+    /// Root mean square of those entries of `norm_error_mps2` that are not NaN, m/s^2; `None` if all are NaN.
     pub fn gravity_norm_rms_mps2(&self) -> Option<f64> {
         let known = || self.norm_error_mps2.iter().copied().filter(|error| error.is_finite());
         known().next().map(|_| rms(known()))

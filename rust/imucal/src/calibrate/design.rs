@@ -12,21 +12,22 @@ use crate::numerics::lsq;
 use crate::parameters::{ACCELEROMETER, BASE};
 use crate::two_stage::observability::{LARGEST_SHIFT, MOVE_ERROR_RAD, Open, REST_ERROR_MPS2};
 
-/// Number of Gauss-Newton steps towards the true parameters. The error that remains after the second step is not larger
-/// than noise.
+/// Maximum number of Gauss-Newton steps from the nominal parameters to the least-squares values. After the second step,
+/// the remaining error is not larger than the error due to noise.
 const STEPS: usize = 3;
-/// Maximum change of a parameter in a step, as a fraction of the parameter's size. If a step is larger, the data are
-/// faulty, and the step is not applied.
+/// Maximum change of a parameter in a Gauss-Newton step, as a fraction of the parameter's size. If a step changes a
+/// parameter by more, the data are faulty, and the step is not applied.
 pub(super) const FAR_OFF: f64 = 0.3;
 
-/// The design matrix. Its rows are divided by the model errors of a real unit. Its columns are multiplied by a
-/// hundredth of the size of each parameter.
+/// The design matrix: the Jacobian of the residuals with respect to the parameters `OBSERVED`. Each row is divided by
+/// the typical model error of a real unit in this residual. Each column is multiplied by a hundredth of the size of its
+/// parameter (`sizes`).
 #[derive(Default)]
 pub(super) struct Design {
     /// Rows of the matrix, with one column for each entry of [`OBSERVED`]. First come the rows of the residuals, then
     /// the rows of the parameters with a prior.
     rows: Vec<[f64; 18]>,
-    /// Residuals in units of the model errors.
+    /// Residuals, each divided by the typical model error of a real unit.
     residuals: Vec<f64>,
     /// The linearised residuals.
     lines: Vec<Line>,
@@ -63,7 +64,7 @@ impl Design {
         let mut design = Self::at(prepared, terms, &parameters, sizes)?;
         for _ in 0..STEPS {
             let step = design.step()?;
-            // If a parameter deviates from its nominal value by more than [`FAR_OFF`], the unit has wrong axes or other
+            // If a step changes a parameter by more than [`FAR_OFF`] of its size, the unit has wrong axes or other
             // faults. The design at the nominal parameters is then more informative.
             if !step.iter().all(|change| (change * LARGEST_SHIFT).abs() < FAR_OFF) {
                 break;
@@ -91,8 +92,7 @@ impl Design {
         self.open_to(ACCELEROMETER..OBSERVED.len(), |source| matches!(source, Source::Move(_)))
     }
 
-    /// Parameters among `columns` that only the rows of some rests or moves do not determine. `is_used` selects these
-    /// rests or moves.
+    /// Parameters among `columns` that are not determined by the residuals that `is_used` selects.
     fn open_to(&self, columns: Range<usize>, is_used: impl Fn(Source) -> bool) -> Result<Open, Error> {
         let rows: Vec<&[f64; 18]> =
             self.rows.iter().zip(&self.lines).filter(|(_, line)| is_used(line.source)).map(|(row, _)| row).collect();
@@ -103,7 +103,7 @@ impl Design {
         Mat::from_fn(self.rows.len(), 18, |i, j| self.rows[i][j])
     }
 
-    /// The least-squares step in the observable directions, in hundredths of the size of each parameter.
+    /// The Gauss-Newton step in the observable directions, in hundredths of the size of each parameter.
     fn step(&self) -> Result<[f64; 18], Error> {
         let (values, vectors) = lsq::singular(&self.matrix())?;
         let mut step = [0.0; 18];

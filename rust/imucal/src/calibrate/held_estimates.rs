@@ -1,5 +1,5 @@
-//! Parameters with a prior in the result of a calibration: the information that the recordings add to the priors, and
-//! the part of the uncertainty that is due to the priors (model.md (40)).
+//! Estimates of parameters with a prior: how much the recordings determine these parameters, and which part of the
+//! covariance is due to the priors (model.md (40)).
 //!
 //! ```text
 //! B = (C H^T) (C H^T)^T,     share of the priors in the variance of parameter j: B_jj / C_jj
@@ -22,8 +22,8 @@ use crate::parameters::{ACCEL, GYRO_SENSITIVITY};
 /// A held parameter is reported as not determined by the recordings if its prior causes more than this share of its
 /// variance. The recordings then contain less information than the prior.
 const MAX_PRIOR_SHARE: f64 = 0.5;
-/// A contradiction between prior and recordings is reported if they differ by more than this number of standard
-/// deviations of the difference. The significance level of the limit is 6e-7.
+/// A contradiction between prior and recordings is reported if the parameter differs between them by more than this
+/// number of standard deviations of the difference. Noise exceeds this limit with a probability of 6e-7.
 const MAX_CONTRADICTION: f64 = 5.0;
 
 /// One held parameter with its prior and its estimate.
@@ -38,8 +38,9 @@ pub struct HeldEstimate {
     /// Share of the variance of the estimate that is due to the priors. It is 1 if the recordings contain no
     /// information about the parameter, and near 0 if they determine it accurately.
     pub prior_share: f64,
-    /// Difference between prior and recordings in standard deviations of this difference. `None` if the standard
-    /// deviation from the recordings is larger than the spread of MEMS sensors.
+    /// Difference between prior and recordings in standard deviations of this difference. `None` if the recordings
+    /// alone determine the parameter less accurately than the typical spread of MEMS sensors. For an accelerometer
+    /// without a gyroscope, it is always `None`.
     pub contradiction: Option<f64>,
 }
 
@@ -60,9 +61,10 @@ impl HeldEstimate {
     }
 }
 
-/// Estimates of the held parameters. They are computed from the parameters and the covariance of a fit with these held
-/// parameters, and from the prior part B of the covariance. For each held parameter, `residuals` contains the residual
-/// of its prior in standard deviations, and one minus the leverage of this residual.
+/// Estimates of the held parameters, and the part B of the covariance that is due to their priors. Both are computed
+/// from the parameters and the covariance of a fit with these held parameters. For each held parameter, `residuals`
+/// contains the residual of its prior in standard deviations, and one minus the leverage of this residual; it may be
+/// empty.
 pub(super) fn held_estimates(
     (parameters, covariance): (&[f64], &Mat<f64>),
     held: &[HeldParameter],
@@ -97,8 +99,8 @@ fn contradiction(held: &HeldParameter, (residual, free): (f64, f64)) -> Option<f
     held.usual.is_none_or(|usual| of_recordings < usual).then_some(residual)
 }
 
-/// Standard deviations of the gravity direction and of a rotation, caused by this covariance of the parameters
-/// (symmetric frame).
+/// Standard deviations of the gravity direction and of a rotation by 90 deg that follow from this covariance of the
+/// parameters (symmetric frame). They are root mean squares over `directions`.
 pub(super) fn prior_cost(covariance: &Mat<f64>, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>) -> PriorCost {
     let block = |first: usize| SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(first + i, first + j)]);
     let (force, rate) = (block(ACCEL.start), block(GYRO_SENSITIVITY.start));
@@ -126,8 +128,9 @@ fn directions() -> Vec<Vector3<f64>> {
     all.filter(|v| v.norm() > 0.0).map(|v| v.normalize()).collect()
 }
 
-/// List of the names of held parameters. If all members of a group are held, the name of the group is listed instead of
-/// the names of its members.
+/// List of the names of the parameters in `held`, which are a part of `all`. If `held` contains two or more members of
+/// a group, and all members of this group in `all`, the name of the group is listed instead of the names of its
+/// members.
 pub(super) fn listed(held: &[&HeldEstimate], all: &[HeldEstimate]) -> String {
     let mut names = Vec::new();
     for group in GROUPS {

@@ -21,9 +21,9 @@ use crate::rests::unit_rest::rests_of_means;
 use crate::two_stage::accelerometer::{self, AccelerometerFit};
 use crate::two_stage::ellipsoid::Start;
 
-/// Standard deviation of the means in the first fit if their noise is not known, as a fraction of the size of the
-/// ellipsoid. It is so large that no row is excluded as an outlier. With a larger value, the means would count as an
-/// ellipsoid of pure noise, and the fit would be refused.
+/// Standard deviation of the means in the first fit if their noise is not known, as a fraction of the largest semi-axis
+/// of the ellipsoid of the readings. It is so large that no row is excluded as an outlier. With a larger value, noise
+/// could explain the whole ellipsoid, and the fit would be refused.
 const FIRST_GUESS: f64 = 0.015;
 
 /// Mean readings at rest, one row for each rest.
@@ -57,7 +57,7 @@ pub enum MeanNoise<'a> {
 /// Bias of a gyroscope: its mean reading over all rests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestBias {
-    /// Mean of the rows, raw units.
+    /// Mean of the gyroscope rows, raw units.
     pub value: Vector3<f64>,
     /// Standard deviation of `value`, computed from the scatter of the rows, raw units; NaN for a single row.
     pub std: Vector3<f64>,
@@ -166,7 +166,7 @@ fn scales(triad: &Triad<f64>) -> Vector3<f64> {
     Vector3::from_fn(|axis, _| triad.sensitivity().row(axis).norm())
 }
 
-/// Standard deviation of the norms of the means, m/s^2, computed from the residuals of a fit.
+/// Standard deviation of the norm of a mean, m/s^2, computed from the residuals of a fit.
 fn noise_of_residuals(table: &MeanReadings<'_>, fit: &AccelerometerFit, options: &Options<'_>) -> Result<f64, Error> {
     let free = fit.report.degrees_of_freedom;
     let rows = table.specific_force.len();

@@ -60,13 +60,13 @@ pub struct Outcome {
     pub joint_fit: Option<FitReport>,
     /// Goodness of fit of the joint fit, with weights from noise only (model.md (26)).
     pub misfit: Option<Misfit>,
-    /// Goodness of fit of each kind of residuals, relative to noise. For the two-stage fit, the kinds are the norms and
-    /// the moves.
+    /// Goodness of fit of each kind of residuals, relative to noise. For the two-stage fit, the kinds are the norms at
+    /// the rests and the directions after the moves.
     pub groups: Vec<GroupMisfit>,
     /// Factors by which the joint fit increases the standard deviations of each kind of residual (model.md (19)).
     pub joint_scales: Option<ResidualScales>,
-    /// Bias instability of the gyroscope in the weights of the joint fit, rad/s. The options give it, or it is
-    /// estimated from the scatter of the rates between rests. `None` if the weights assume constant biases.
+    /// Bias instability of the gyroscope in the weights of the joint fit, rad/s. It is given by the options, or
+    /// estimated from the scatter of the mean rates at the rests. `None` if the weights assume constant biases.
     pub bias_instability_radps: Option<[f64; 3]>,
     /// Standard deviation of the tremor about each axis for each recording, rad; `None` for a unit on a rigid support.
     /// Only the joint fit estimates tremor.
@@ -82,7 +82,7 @@ pub struct Outcome {
     pub figures: Figures,
     /// Result of the cross-validation; `None` if no folds were requested.
     pub held_out: Option<CrossValidation>,
-    /// Warnings about the recordings.
+    /// Warnings about the recordings and the result.
     pub findings: Vec<Finding>,
 }
 

@@ -21,8 +21,9 @@ const DIFFERENT: f64 = 6.0;
 /// Two sensitivities count as different if they differ by at least this fraction of the mean scale. A smaller
 /// difference has no practical effect, even if it is significant.
 const LEAST_SHARE: f64 = 2e-4;
-/// Recordings fit together if chi2 per degree of freedom of the fit to all recordings is at most this multiple of that
-/// of the separate fits. An effect that the model lacks increases both values equally, so the ratio stays near one.
+/// Recordings fit together if chi2 per degree of freedom of the fit to all recordings is at most this multiple of the
+/// value for the separate fits. An effect that the model lacks increases both values equally, so the ratio stays near
+/// one.
 const WORSE_TOGETHER: f64 = 4.0;
 /// Recordings fit together only if the fit to all recordings excludes at most this share of the rests that the separate
 /// fits use. This limit is needed because the rests of a second unit may be excluded as outliers, so that chi2
@@ -45,7 +46,7 @@ struct Alone<'a> {
 /// A parameter that differs between two recordings.
 struct Difference {
     words: String,
-    /// Difference in standard deviations.
+    /// Difference divided by its standard deviation.
     times_sigma: f64,
 }
 
@@ -191,7 +192,7 @@ fn list(differences: &[Difference]) -> String {
 }
 
 /// The sensitivities that differ between two recordings, in descending order of significance. Scales are ignored if the
-/// recordings were made at different temperatures.
+/// mean temperatures of the recordings differ by more than [`WARMER_K`].
 fn sensitivities(a: &Alone<'_>, b: &Alone<'_>) -> Vec<Difference> {
     let is_warmer = a.temperature_degc.zip(b.temperature_degc).is_some_and(|(a, b)| (a - b).abs() > WARMER_K);
     let differs = |p: usize| -> Option<Difference> {

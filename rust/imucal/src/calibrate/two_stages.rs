@@ -34,8 +34,7 @@ pub(super) struct Gyroscope {
     pub(super) fit: GyroscopeFit,
     /// Directions of gravity at the ends of each move, and the standard deviation of its residual.
     pub(super) ends: Vec<Ends>,
-    /// For each move: the part of the residual's standard deviation that is due to the move itself, rad. The part due
-    /// to the means of the rests is not included.
+    /// For each move: the standard deviation of its residual without the noise of the means of the adjacent rests, rad.
     pub(super) random_walk_rad: Vec<f64>,
     /// Warnings about units and axes of the gyroscope.
     pub(super) findings: Vec<Finding>,
@@ -82,7 +81,7 @@ impl UnitData<'_> {
     /// Fits the accelerometer if the directions at the rests are not sufficient, for example on the six faces of a box.
     /// The rotations between the rests replace the missing directions. Rests and moves together must therefore
     /// determine all parameters. A parameter that the rests do not determine keeps its value from a linearised joint
-    /// fit, which starts at zero misalignment (model.md (10)).
+    /// fit, which starts at zero misalignment (model.md (5)).
     ///
     /// # Errors
     /// [`Error::NotEnoughMotion`] if the rests and moves together do not determine all parameters. `of_rests` is the
@@ -105,8 +104,8 @@ impl UnitData<'_> {
         }
     }
 
-    /// If one of the two stages lacks motion, its message names only this motion. This function returns a message about
-    /// all motion that the calibration lacks.
+    /// If one of the two stages lacks motion, its message names only the motion that this stage needs. This function
+    /// returns a message about all motion that the calibration needs.
     fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
         let Error::NotEnoughMotion(_) = &error else { return error };
         match self.joint_information(options) {
@@ -151,8 +150,8 @@ impl UnitData<'_> {
         accelerometer.used = ranges_of_rests(&self.rests).into_iter().flat_map(of).collect();
     }
 
-    /// For each move: the gravity directions at its ends with the standard deviation of its residual, and the part of
-    /// this standard deviation that is not due to the means of the rests, rad.
+    /// For each move: the gravity directions at its ends with the standard deviation of its residual, and the standard
+    /// deviation without the noise of the means of the adjacent rests, rad.
     pub(super) fn ends(
         &self,
         moves: &[Move],
@@ -188,8 +187,8 @@ impl UnitData<'_> {
             );
             return Err(self.with_all_that_is_missing(Error::NotEnoughMotion(words), options));
         }
-        // The weights depend on the scale of the gyroscope. The fit is therefore performed twice: first with the
-        // weights for the start value, and then with the weights for the first result.
+        // The weights of the moves depend on the scale of the gyroscope. The fit is therefore performed twice: first
+        // with the weights for the start value, and then with the weights for the first result.
         let (ends, _) = self.ends(moves, accelerometer, &gyroscope::triad_with(&starts[0], bias.bias)?);
         let held = self.held(options)?;
         let held = StageRows::new(&held, GYRO_SENSITIVITY);

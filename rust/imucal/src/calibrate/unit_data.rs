@@ -23,9 +23,9 @@ use crate::two_stage::gyroscope::{self, GyroscopeBias};
 
 /// Minimum number of moves for the gyroscope fit. Each move has two residuals, and the sensitivity has nine entries.
 pub(super) const MIN_MOVES: usize = 5;
-/// Reason code of an excluded move that contradicts all others.
+/// Reason code of an excluded move that contradicts the other moves.
 pub(super) const CONTRADICTS_MOVES: &str = "contradicts_other_moves";
-/// Reason code of an excluded rest whose mean rate is far from the mean rates of all other rests.
+/// Reason code of an excluded rest whose mean rate is far from the mean rates of the other rests.
 pub(super) const NOT_STILL: &str = "rest_not_still";
 
 /// The checked recordings of one unit and the quantities derived from them.
@@ -61,7 +61,7 @@ impl<'a> UnitData<'a> {
         Self::checked(recordings, options, check::check_columns)
     }
 
-    /// The function [`Self::try_new`] for recordings without a gyroscope.
+    /// Like [`Self::try_new`], for recordings without a gyroscope.
     pub(super) fn of_accelerometer(recordings: &'a [Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         Self::checked(recordings, options, check::check_one_or_both)
     }
@@ -111,8 +111,8 @@ impl<'a> UnitData<'a> {
                 if rest.is_saturated(&saturated) {
                     Some("saturation")
                 } else if weight.min() == 0.0 && !(is_long && has_other_bias(&recordings[0], &rest.rest, &bias.bias)) {
-                    // The mean rate is far from those of all other rests. The interval is therefore a slow, uniform
-                    // rotation instead of a rest.
+                    // The mean rate is far from the mean rates of the other rests. The interval is therefore a slow,
+                    // uniform rotation instead of a rest.
                     Some(NOT_STILL)
                 } else {
                     None
@@ -223,8 +223,8 @@ impl<'a> UnitData<'a> {
 }
 
 impl UnitData<'_> {
-    /// Reports of all rests. `used` states for each rest or epoch whether the fit uses it. `norms` contains the errors
-    /// of the norm and their standard deviations in a joint fit.
+    /// Reports of all rests. `used` states for each rest or epoch whether the fit uses it. `norms` contains, for each
+    /// rest or epoch, the error of the norm of the specific force in a joint fit and its standard deviation.
     pub(super) fn rest_reports(
         &self,
         accelerometer: &Triad<f64>,
@@ -249,13 +249,13 @@ impl UnitData<'_> {
     }
 }
 
-/// Whether a different bias, and not a rotation, is the reason why the mean rate of a long rest differs from those of
-/// the other rests. A rotation would have to be about the vertical, because a rotation about a horizontal axis would
-/// have changed the gravity direction. A rate difference in any other direction is therefore a bias. For readings in
-/// counts, the vertical may be unknown because of offsets.
+/// Whether a different bias, and not a rotation, is the reason why the mean rate of a long rest differs from the mean
+/// rates of the other rests. A rotation would have to be about the vertical, because a rotation about a horizontal axis
+/// would have changed the gravity direction. A rate difference in any other direction is therefore a bias. For readings
+/// in counts, the vertical may be unknown because of offsets.
 fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -> bool {
-    /// A rate difference counts as a bias if the cosine of its angle to the vertical is below this limit (18 deg). The
-    /// axes of the sensors may differ by some degrees.
+    /// A rate difference counts as a bias if the cosine of its angle to the vertical is below this limit, so that the
+    /// angle is above 18 deg. The axes of the sensors may differ by some degrees.
     const VERTICAL: f64 = 0.95;
     let difference = rest.angular_rate.mean - bias;
     let along = difference.dot(&rest.specific_force.mean.normalize()).abs();

@@ -14,8 +14,8 @@ use crate::verdict::RecordingSet;
 /// Maximum number of fits until the fields converge. Each repetition multiplies the change of a field by about the
 /// relative size of the effects, which is a few per cent.
 const MAX_FITS: usize = 20;
-/// A field has converged if the last repetition changed no value by more than this fraction of its largest value. The
-/// relative change of the parameters is then of the same order.
+/// A field has converged if the last repetition changed no value of the field by more than this fraction of the largest
+/// value. The relative change of the parameters is then of the same order.
 const SETTLED: f64 = 1e-7;
 
 /// The field of a user-defined effect at every sample of the recordings of a unit.
@@ -27,8 +27,8 @@ pub struct SampledField {
     pub sensor: Sensor,
     /// Typical size of each of the p parameters of the effect, SI units.
     pub typical: Vec<f64>,
-    /// Derivatives of true rate or force (body frame) with respect to the parameters: for each recording, an array (N,
-    /// 3, p) in C order.
+    /// Derivatives of the measured rate or force, in the body frame, with respect to the p parameters. For each
+    /// recording of N samples, they are an array (N, 3, p) in C order.
     pub columns: Vec<Vec<f64>>,
 }
 

@@ -48,7 +48,7 @@ impl Outcome {
         Verdict::of(reasons)
     }
 
-    /// Reasons for the priors that the recordings contradict.
+    /// One reason for each prior that the recordings contradict.
     fn contradicted_priors(&self) -> Vec<Reason> {
         let of = |held: &HeldEstimate| Reason::PriorContradicted {
             parameter: held.prior.name.clone(),
@@ -58,7 +58,8 @@ impl Outcome {
         self.held.iter().filter(|held| held.is_contradicted()).map(of).collect()
     }
 
-    /// Reasons for the fits that have not converged: both fits of the two-stage fit, or the joint fit.
+    /// One reason for each fit that has not converged: of both fits of the two-stage fit, or of the joint fit if there
+    /// is one.
     fn fits_not_converged(&self) -> Vec<Reason> {
         let two_stages = [("the accelerometer fit", self.accelerometer_fit), ("the gyroscope fit", self.gyroscope_fit)];
         let fits = self.joint_fit.map_or(two_stages.to_vec(), |joint| vec![("the joint fit", joint)]);
@@ -66,8 +67,8 @@ impl Outcome {
         not_converged.map(|(fit, report)| Reason::NotConverged { fit, report }).collect()
     }
 
-    /// A warning if the estimated noise at the rests is much larger than the residuals. Motion at the rests was then
-    /// mistaken for noise.
+    /// A warning if the residuals are significantly smaller than the estimated noise at the rests explains. Motion at
+    /// the rests was then mistaken for noise.
     pub(super) fn overestimated_noise(&self, recordings: &[Recording<'_>]) -> Option<Finding> {
         let misfit = self.misfit.filter(|misfit| misfit.p_value >= OVERESTIMATED)?;
         let ratio = (misfit.chi2 / misfit.degrees_of_freedom as f64).sqrt();

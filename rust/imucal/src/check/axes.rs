@@ -224,7 +224,7 @@ mod tests {
         Matrix3::from_fn(|k, column| if s.column_of[k] == column { s.sign_of[k] } else { 0.0 })
     }
 
-    /// The matrices of accelerometer and gyroscope that an option applies to raw columns.
+    /// The matrices by which an option multiplies the raw columns: accelerometer, gyroscope.
     fn applied(option: &str) -> [Matrix3<f64>; 2] {
         let of = |words: &str| {
             let rows = words.split(',').map(|word| {
@@ -263,7 +263,7 @@ mod tests {
                 let text = cause.text();
                 for option in text.split("axes='").skip(1).map(|rest| rest.split('\'').next().unwrap()) {
                     let [accel, gyro] = applied(option);
-                    // P of the corrected columns is P' = det(a) a P g^T.
+                    // P of the corrected columns is P' = det(a) a P g^T, with a = `accel` and g = `gyro`.
                     let corrected = accel.determinant() * accel * matrix(&p) * gyro.transpose();
                     assert_eq!(corrected, Matrix3::identity(), "{p:?}: {option}");
                     assert_eq!(accel.determinant().round(), handedness, "{p:?}: {option}");

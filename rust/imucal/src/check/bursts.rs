@@ -11,9 +11,9 @@ use crate::recording::Recording;
 const LEAST_SAMPLES: f64 = 3.0;
 /// A finding is reported only for at least this number of packets.
 const FEWEST_PACKETS: usize = 10;
-/// Maximum time step between packets, s. A longer time step is a pause of a logger that sleeps.
+/// Maximum median time step between packets, s. A longer time step is a pause of a logger that sleeps.
 const LONGEST_S: f64 = 2.0;
-/// The time steps between packets must cover at least this share of the recording's duration.
+/// The sum of the time steps between packets must exceed this share of the recording's duration.
 const SHARE_OF_TIME: f64 = 0.5;
 /// At least this share of the packets must have nearly the typical number of samples. Random loss of samples leaves
 /// groups of varying size, and this limit excludes it.
@@ -103,7 +103,7 @@ mod tests {
 
     #[test]
     fn lost_samples_and_a_logger_that_sleeps_are_no_packets() {
-        // One sample in 500 is followed by a gap that is longer than the time since the start.
+        // After every 500 samples (5 s), there is a gap of 6 s. Each gap is longer than the part between two gaps.
         let lost = found(|i| i as f64 * 0.01 + (i / 500) as f64 * 6.0);
         assert_eq!(lost.iter().map(|f| f.code).collect::<Vec<_>>(), ["samples_missing"]);
         let chance = |i: usize| (i as f64 * 12.9898).sin().abs() * 43758.5453 % 1.0;

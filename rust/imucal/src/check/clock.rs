@@ -16,8 +16,9 @@ const MIN_DURATION_S: f64 = 5.0;
 const RATES_HZ: [f64; 2] = [5.0, 50_000.0];
 /// Relative tolerance of [`RATES_HZ`]. Rounded time stamps give inexact time steps, so a tolerance is needed.
 const ROUNDING: f64 = 1e-6;
-/// Limits of the relative spread of the time steps (standard deviation divided by median). Above the first limit, the
-/// finding `clock_irregular` is a warning. Above the second limit, it is an error.
+/// Limits of the relative spread of the time steps: standard deviation (estimated from the 10 % and 90 % quantiles)
+/// divided by median. Above the first limit, the finding `clock_irregular` is a warning. Above the second limit, it is
+/// an error.
 const SPREAD: [f64; 2] = [0.2, 0.5];
 /// A clock counts as regular if no time step deviates from the median by more than this fraction. With a regular clock,
 /// the slower checks of spread and gaps are skipped.
@@ -38,7 +39,7 @@ pub(super) struct Steps {
     worst_backward_s: f64,
     /// Samples with the time stamp of the previous sample but different values.
     equal: Tally,
-    /// Samples with the time stamp and all six values of the previous sample.
+    /// Samples with the time stamp and all values of the previous sample.
     copied: Tally,
 }
 

@@ -21,28 +21,31 @@ use crate::recording::{Recording, Samples};
 /// Time stamps count as computed from the sample number if they deviate from sample number / rate by at most this
 /// number of time steps. The limit allows stamps that are rounded to a ninth of the time step.
 const EVEN: f64 = 0.12;
-/// `k` is used only if the norm of `m` is at least this multiple of the standard deviation of the noise of `d_i - m`.
-/// At this norm, the noise of `k` has a standard deviation of 1/8.
+/// The ratio `k` of a change `d_i` of the rate to the mean `m` of the adjacent changes is used only if the norm of `m`
+/// is at least this multiple of the standard deviation of the noise of `d_i - m`. At this norm, the noise of `k` has a
+/// standard deviation of 1/8.
 const CLEAR: f64 = 8.0;
 /// A motion counts as smooth if the difference between `d_(i-1)` and `d_(i+1)` is at most this multiple of the norm of
 /// `m`.
 const SMOOTH: f64 = 0.5;
 /// `k` is used only if the component of `d_i` perpendicular to `m` is at most this multiple of the norm of `m`.
 const ACROSS: f64 = 0.35;
-/// Range of `k` for one lost sample: 2, plus or minus the noise that [`CLEAR`] permits.
+/// Range of `k`, the ratio of a change of the rate to the mean of the adjacent changes, for one lost sample: 2 plus or
+/// minus twice the standard deviation of the noise of `k` that [`CLEAR`] permits.
 const LOST: [f64; 2] = [1.75, 2.25];
-/// Range of `k` between the peaks at 1 and 2. Rough motion gives values in this range and near 2 alike. Their number in
-/// this range is therefore the reference for the peak at 2.
+/// Range of `k` between the peaks at 1 and 2. Rough motion gives about as many values of `k` in this range as near 2.
+/// The number of values in this range is therefore the reference for the peak at 2.
 const BETWEEN: [f64; 2] = [1.35, 1.65];
 /// Number of rows that are examined together. Their data fit into the cache.
 const BLOCK: usize = 4096;
 /// A finding is reported only for at least this number of lost samples.
 const FEWEST: usize = 5;
-/// A fault is reported only if the number of `k` in [`LOST`] is at least this multiple of the number of `k` in
+/// A fault is reported only if the number of values of `k` in [`LOST`] is at least this multiple of their number in
 /// [`BETWEEN`].
 const PEAK: usize = 3;
-/// Limit of the mean of `k` across repeated rows. The mean is 1 for rows that were written additionally, and 2 for
-/// samples that the sensor repeated. Below the limit, the rows are reported as additional rows.
+/// Limit of the mean of `k`, the ratio of a change of the rate to the mean of the adjacent changes, across repeated
+/// rows. The mean is 1 for rows that were written additionally, and 2 for samples that the sensor repeated. Below the
+/// limit, the rows are reported as additional rows.
 const ADDITIONAL: f64 = 1.5;
 
 /// Reports lost samples and additional rows in a recording whose time stamps were computed from the sample number.
@@ -54,7 +57,7 @@ pub(super) fn check(recording: &Recording<'_>, repeats: &Repeats) -> Option<Find
     additional(recording, repeats, noise).or_else(|| lost(recording, noise))
 }
 
-/// Whether all time stamps equal sample number / rate.
+/// Whether all time stamps equal first time stamp + sample number / mean rate, within [`EVEN`] time steps.
 fn is_even(time_s: &[f64]) -> bool {
     let ([first_s, .., last_s], count) = (time_s, time_s.len()) else { return false };
     let step_s = (last_s - first_s) / (count - 1) as f64;
@@ -129,13 +132,13 @@ fn additional(recording: &Recording<'_>, repeats: &Repeats, noise: f64) -> Optio
     })
 }
 
-/// Every four consecutive rows.
+/// All windows of four consecutive rows.
 fn fours(rows: &[[f64; 3]]) -> impl Iterator<Item = [Vector3<f64>; 4]> + '_ {
     rows.windows(4).map(|rows| std::array::from_fn(|k| rows[k].into()))
 }
 
-/// `k` for the change between the two middle rows of four; `None` if the motion is too slow or too rough, or if a value
-/// is not finite.
+/// The ratio `k` of the module documentation for the change between the two middle rows of four; `None` if the motion
+/// is too slow or too rough, or if a value is not finite.
 #[inline]
 fn change_over_neighbours([a, b, c, d]: [Vector3<f64>; 4], noise: f64) -> Option<f64> {
     let (before, change, after) = (b - a, c - b, d - c);
@@ -150,8 +153,9 @@ fn change_over_neighbours([a, b, c, d]: [Vector3<f64>; 4], noise: f64) -> Option
     ((change - mean * k).norm_squared() < ACROSS.powi(2) * length2).then_some(k)
 }
 
-/// Standard deviation of each axis of `d_i - m`, raw units. Most changes are smooth, so the standard deviation is
-/// computed from the median norm, which ignores the few others.
+/// Standard deviation of one axis of `d_i - m`, a change of the rate minus the mean of the adjacent changes, raw units.
+/// The three axes are assumed to have equal noise. It is computed from the median of the norm of `d_i - m`. Most
+/// changes are smooth, and the median ignores the few that are not.
 fn noise_of_changes(rate: Samples<'_>) -> Option<f64> {
     /// Median length of a vector with three independent standard normal components.
     const MEDIAN_LENGTH: f64 = 1.538_172;

@@ -40,7 +40,7 @@ impl Columns {
         columns
     }
 
-    /// Rounds every channel to multiples of its step, as a converter does.
+    /// Rounds the channels of each sensor to multiples of its step, as a converter does.
     pub(super) fn quantised(mut self, force_step: f64, rate_step: f64) -> Self {
         for row in &mut self.force {
             *row = row.map(|v| (v / force_step).round() * force_step);

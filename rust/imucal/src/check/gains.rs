@@ -1,8 +1,9 @@
 //! Check of the calibration for an axis whose unit differs from the unit in its column name.
 //!
 //! The fit accepts any scale. For example, if accel_x is in g and the other axes are in m/s^2, the residuals are small
-//! and the gain of x is 0.1. The gain of an axis is the norm of its row of T. In SI units, it is near 1 for every
-//! sensor on the market. In counts, the gain can have any value, but the axes of one chip have nearly equal gains.
+//! and the gain of x is 0.1. The gain of an axis is the norm of its row of the sensitivity matrix (raw unit per SI
+//! unit). In SI units, it is near 1 for every sensor on the market. In counts, the gain can have any value, but the
+//! axes of one chip have nearly equal gains.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;

@@ -1,8 +1,9 @@
 //! Check of the sign of gravity. A sensor at rest must read +g on the axis that points up.
 //!
-//! Motion does not determine this sign, because |u| = g and u' = u x w also hold for -u. There are two possible causes
-//! of a reading of -g instead of +g. First, the axes may have z down (FRD or NED). These axes are right-handed, and
-//! both sensors need the same rotation. Second, the accelerometer may report gravity instead of specific force. Its
+//! Let u be gravity measured in the body frame, g its known magnitude, u' its derivative, and w the angular rate.
+//! Motion does not determine the sign of u, because |u| = g and u' = u x w also hold for -u. There are two possible
+//! causes of a reading of -g instead of +g. First, the axes may have z down (FRD or NED). These axes are right-handed,
+//! and both sensors need the same rotation. Second, the accelerometer may report gravity instead of specific force. Its
 //! sign must then be reversed, but not the sign of the gyroscope. Only the motor angles of a stand, or a rotation about
 //! the vertical, distinguish the two causes. No correction is recommended before that.
 

@@ -2,9 +2,9 @@
 //! altered.
 //!
 //! A control recording must not be an altered copy of a calibration recording. The copy contains the noise to which the
-//! model was fitted, so its control figures are too good. The noise at rest identifies a recording. For independent
-//! recordings, the largest correlation over all lags is below 10 standard deviations. For altered copies, it is above
-//! 20 (docs/results/copies.md).
+//! model was fitted, so its control figures are too good. The noise at rest identifies a recording. Correlations are
+//! given in standard deviations of the correlation of independent noise. The largest correlation over all lags is below
+//! 10 for independent recordings and above 20 for altered copies (docs/results/copies.md).
 
 use std::ops::Range;
 
@@ -57,7 +57,7 @@ pub fn check_control(calibration: &[AtRest<'_>], control: &[AtRest<'_>]) -> Vec<
     found.iter().map(finding).collect()
 }
 
-/// Two recordings with the same noise.
+/// Two recordings with the same noise: the recordings with the indices `recording` and `of`.
 #[derive(Clone, Copy)]
 struct Copy {
     recording: usize,
@@ -96,7 +96,8 @@ impl Copy {
 }
 
 /// Copies among the recordings, at most one for each pair for which `is_compared` is true. The correlation of a copy is
-/// at least `copy_sigmas`. Each recording is searched for in all recordings with at least as many samples.
+/// at least `copy_sigmas` standard deviations. Each recording is searched for in all recordings with at least as many
+/// samples.
 fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool, copy_sigmas: f32) -> Vec<Copy> {
     let mut order: Vec<usize> = (0..recordings.len()).collect();
     order.sort_by_key(|&index| std::cmp::Reverse(recordings[index].recording.len()));

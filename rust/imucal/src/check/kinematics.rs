@@ -1,14 +1,14 @@
 //! Checks of the gyroscope's unit, handedness and order of axes. They use the rotation of the gravity direction in the
 //! body frame during moves.
 //!
-//! In every move the direction u of gravity rotates in the body frame: u' = u x w. A linear fit of this equation yields
-//! P in w = P (raw - bias). Let G and A be the signed permutations by which the reported gyroscope and accelerometer
-//! axes differ from the true axes. Then P = det(A) A G^-1, so det P has the sign of det G, which is the handedness of
-//! the gyroscope. For a left-handed accelerometer and a correct gyroscope, P = -A, which is a proper rotation. One
-//! reversed accelerometer axis therefore has the same P as a half turn of the gyroscope about this axis. Two exchanged
-//! accelerometer axes have the same P as a half turn of the gyroscope about a diagonal, which exchanges these axes and
-//! reverses all three. If the columns of both sensors are mirrored in the same way, P = -I, as for a gyroscope of
-//! reversed sign.
+//! In every move the direction u of gravity rotates in the body frame: u' = u x w, with the angular rate w. A linear
+//! fit of this equation yields P in w = P (raw - bias). Let G and A be the signed permutations by which the reported
+//! gyroscope and accelerometer axes differ from the true axes. Then P = det(A) A G^-1, so det P has the sign of det G,
+//! which is the handedness of the gyroscope. For a left-handed accelerometer and a correct gyroscope, P = -A, which is
+//! a proper rotation. One reversed accelerometer axis therefore has the same P as a half turn of the gyroscope about
+//! this axis. Two exchanged accelerometer axes have the same P as a half turn of the gyroscope about a diagonal, which
+//! exchanges these axes and reverses all three. If the columns of both sensors are mirrored in the same way, P = -I, as
+//! for a gyroscope of reversed sign.
 
 use nalgebra::Matrix3;
 
@@ -17,11 +17,11 @@ use super::{ACCEL, GYRO, names};
 use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
 
-/// Limits of the scale of P for a gyroscope in the correct unit (ideal: 1). The scale errors of sensors are far
-/// smaller.
+/// Limits of the scale |det P|^(1/3) of the matrix P in true rate = P (raw - bias), for a gyroscope in the correct unit
+/// (ideal: 1). The scale errors of sensors are far smaller.
 const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
-/// A unit is recommended if the scale of P deviates by at most this fraction from the conversion factor of the unit,
-/// for example from deg/s to rad/s.
+/// The rates are too large by the reciprocal of the scale of P. A unit is recommended if this reciprocal differs by
+/// less than this fraction from the conversion factor of the unit, for example 57.3 for deg/s read as rad/s.
 const KNOWN: f64 = 0.25;
 /// The motion determines P only if the smallest singular value of P is at least this multiple of the largest one.
 /// Otherwise, no finding is reported.
@@ -216,8 +216,8 @@ mod tests {
             let up = Vector3::new(t.sin(), (1.7 * t).cos(), (0.6 * t).sin()).normalize();
             let rate = Vector3::new((2.3 * t).sin(), (0.9 * t).cos(), (1.1 * t).sin());
             let (change, up, rate) = (accel * up.cross(&rate), accel * up, gyro * rate);
-            // Entries of P in column-major order. Entry (r, c) multiplies the reported rate c and acts as a rotation
-            // about axis r.
+            // Entries of P in column-major order. Entry (r, c) multiplies component c of the reported rate, and the
+            // product is a rate about axis r.
             let rows = SMatrix::<f64, 3, 9>::from_fn(|k, n| (up.cross(&Vector3::ith(n % 3, 1.0)) * rate[n / 3])[k]);
             normal += rows.transpose() * rows;
             right += rows.transpose() * change;

@@ -1,9 +1,10 @@
 //! Searches other recordings for a part of the noise of one recording, at all lags.
 //!
-//! Both signals are divided by the magnitude of their spectrum (phase transform: Knapp and Carter, The generalized
-//! correlation method for estimation of time delay, 1976). All frequencies then have equal weight. A strong periodic
-//! vibration in two independent recordings contains only a few frequencies, so it contributes little to the
-//! correlation. For independent noise, the sum over m frequencies and n signals has the variance m n at every lag.
+//! The spectra of both signals, of the part and of the searched recording, are divided by their magnitudes (phase
+//! transform, or whitening: Knapp and Carter, The generalized correlation method for estimation of time delay, 1976).
+//! All frequencies then have equal weight. A strong periodic vibration in two independent recordings contains only a
+//! few frequencies, so it contributes little to the correlation. The correlation at a lag is a sum over m frequencies
+//! (positive and negative) and n signals. For independent noise, its variance is m n at every lag.
 
 use std::sync::Arc;
 
@@ -12,7 +13,7 @@ use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 
 use super::noise_tape::{SIGNALS, Tape};
 
-/// Whitened Fourier transform of a block of one signal; empty if the block has no signal.
+/// Whitened Fourier transform of a block of one signal; empty if the signal is zero in the block.
 type Spectrum = Vec<Complex<f32>>;
 
 /// Number of samples in a block of the searched recording.
@@ -51,7 +52,8 @@ pub(super) struct Template {
     spectra: [Spectrum; SIGNALS],
 }
 
-/// The largest correlation of a template, in standard deviations for independent noise.
+/// The largest correlation of a template. All correlations are in standard deviations of the correlation of independent
+/// noise.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Peak {
     pub(super) sigmas: f32,
@@ -121,7 +123,8 @@ impl Transform {
         Template { recording, first, samples, tape, until, spectra }
     }
 
-    /// For each template, the peak in the tape in which it is searched for, for both groups of signals.
+    /// For each template, the largest correlation with the tape in which it is searched for, one for each group of
+    /// [`KINDS`].
     pub(super) fn search(&mut self, tapes: &[Tape], templates: &[Template]) -> Vec<[Peak; 2]> {
         let mut tops: Vec<[Vec<Peak>; 2]> = templates.iter().map(|_| Default::default()).collect();
         for (index, tape) in tapes.iter().enumerate() {

@@ -2,8 +2,9 @@
 //!
 //! The noise of a sensor never repeats, but a motion may, because a stand can run one program many times. Therefore
 //! only samples at rest are used. Second differences suppress tremor, drift and bias. Each rest is tapered with a Hann
-//! window, which confines periodic vibration (mains, motors) to few frequencies. Each axis is divided by its scale, so
-//! units and gains have no effect. It is then clipped, which limits the influence of shocks.
+//! window, which confines periodic vibration (mains, motors) to few frequencies. The second differences of each axis
+//! are divided by their scale, so units and gains have no effect. They are then clipped, which limits the influence of
+//! shocks.
 
 use std::ops::Range;
 
@@ -13,7 +14,7 @@ use crate::recording::Recording;
 /// the squares of all axes, which does not depend on the order and the signs of the axes.
 pub(super) const SIGNALS: usize = 4;
 
-/// Maximum absolute value of a scaled second difference, in units of its scale.
+/// Second differences that were divided by the scale of their axis are clipped to this absolute value.
 const CLIP: f32 = 3.0;
 /// Quantile of the absolute second differences that defines the scale of an axis. After rounding to coarse counts,
 /// fewer than a fifth of the second differences may be nonzero. The scale is then zero, and the axis counts as free of
@@ -25,7 +26,8 @@ const SCALE_OF_NORMAL: f64 = 1.28;
 /// An axis is used only if its scale is larger than this multiple of its largest reading. Smaller differences are
 /// rounding errors of the arithmetic.
 const MIN_SCALE: f64 = 1e-9;
-/// Maximum number of samples from which a scale is estimated. With this number, its error is below 3 %.
+/// The scale of an axis is estimated from at least this number of samples at rest (all, if there are fewer) and less
+/// than twice as many. The error of the scale is then below 3 %.
 const SCALE_SAMPLES: usize = 4096;
 /// Two sampling rates count as equal if their relative difference is at most this value. Clocks of one unit agree to
 /// about 1e-4, and different nominal sampling rates differ by more.
@@ -53,7 +55,7 @@ pub(super) struct Tape {
     pub(super) parts: Vec<(usize, Range<usize>)>,
 }
 
-/// Place of a recording on the tapes.
+/// Place of a recording: index of its tape, and its range on that tape.
 #[derive(Clone)]
 pub(super) struct OnTape {
     pub(super) tape: usize,

@@ -19,7 +19,8 @@ pub(super) struct Part<'a> {
     /// sensor are never set.
     pub(super) all_equal: u8,
     equal: [u8; PART],
-    /// Rows of the accelerometer and rows of the gyroscope.
+    /// Rows of the accelerometer and rows of the gyroscope. If there is a sample before the block, its row is the
+    /// first.
     triads: [Cow<'a, [[f64; 3]]>; 2],
 }
 
@@ -58,8 +59,8 @@ impl<'a> Part<'a> {
     }
 }
 
-/// For each number: 1 if it equals the number of the same axis in the previous row, otherwise 0. Entries beyond the
-/// last number are 0.
+/// For each number from the second row on: 1 if it equals the number of the same axis in the previous row, otherwise 0.
+/// Entries beyond the last number are 0.
 #[inline(always)]
 fn same(numbers: &[f64]) -> [u8; 3 * PART] {
     let mut same = [0; 3 * PART];

@@ -14,8 +14,8 @@ const EDGE_STEPS: f64 = 3.0;
 const SIBLING_STEPS: f64 = 2.0;
 /// Minimum difference between the plateau and the samples one plateau length before its start and after its end, in
 /// steps of the converter. At high sampling rates and with coarse steps, even a clipped channel changes slowly next to
-/// the plateau, and [`EDGE_STEPS`] does not detect it. A rounded peak whose top is within one step changes by nine
-/// steps over this distance.
+/// the plateau, and [`EDGE_STEPS`] does not detect it. A rounded peak whose equal samples are within one step of its
+/// top is only nine steps below its top at this distance.
 const FAR_STEPS: f64 = 12.0;
 /// Minimum change of another axis during a plateau that is detected by [`FAR_STEPS`], as a share of the range of that
 /// axis.
@@ -57,7 +57,8 @@ impl Kind {
     }
 }
 
-/// Share of consecutive samples of one axis that are equal, without samples at the extremes of the axis.
+/// Share of equal pairs among the pairs of consecutive samples of one axis, at most [`MOST_EQUAL`]. Pairs that begin at
+/// an extreme value of the axis are not counted.
 pub(super) fn equal_neighbours(rows: Samples<'_>, axis: usize, ends: &[f64; 2]) -> f64 {
     let (mut equal, mut pairs) = (1.0, 1.0);
     rows.neighbours(axis, |before, after| {

@@ -34,11 +34,11 @@ const ACCEL_DENSITY: [f64; 2] = [1e-8 * STANDARD_GRAVITY_MPS2, 1e-2 * STANDARD_G
 const GYRO_DENSITY: [f64; 2] = [1e-6 * DEGREE_RAD, 0.1 * DEGREE_RAD];
 /// Largest plausible bias of a gyroscope, rad/s; source (5) above.
 const GYRO_BIAS_RADPS: f64 = 50.0 * DEGREE_RAD;
-/// Range of the noise densities of usual MEMS sensors, deg/s/sqrt(Hz) or mg/sqrt(Hz). A unit is recommended if the
-/// density in this unit is in this range.
+/// Range of the noise densities of usual MEMS gyroscopes, deg/s/sqrt(Hz). A unit is recommended if the density is in
+/// this range when the columns are read in this unit.
 const USUAL: [f64; 2] = [1e-3, 0.1];
 /// Sizes of a count of usual gyroscopes, deg/s: a full scale of 125, 250, ... 2000 deg/s over 32768 counts, and the
-/// rounded sensitivities of the datasheets of TDK InvenSense (131, 65.5, 32.8 and 16.4 counts per deg/s),
+/// rounded sensitivities of the datasheets of TDK InvenSense (131, 65.5, 32.8, 16.4 and 14.375 counts per deg/s),
 /// STMicroelectronics (4.375, 8.75, 17.5, 35 and 70 mdeg/s) and NXP (7.8125 to 62.5 mdeg/s).
 const GYRO_COUNTS_DPS: [(f64, &str); 19] = [
     (1.0 / 131.0, "1/131"),
@@ -68,9 +68,9 @@ const SAME_COUNT: f64 = 3e-3;
 /// The noise of one column at rest, in the unit of the recording.
 #[derive(Clone, Copy, Debug)]
 pub struct RestNoise {
-    /// White-noise density, v/sqrt(Hz); `None` if it is not known.
+    /// White-noise density, unit of the column per sqrt(Hz); `None` if it is not known.
     pub density: Option<f64>,
-    /// Mean at rest, v; `None` if it is not known.
+    /// Mean at rest, unit of the column; `None` if it is not known.
     pub mean: Option<f64>,
 }
 

@@ -10,12 +10,13 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
-/// A rail is the value at which an axis is clipped. It is at least this multiple of the largest value of its triad. The
-/// axes of a triad have the same range, so their rails differ only by the scales of the axes.
+/// A rail is the value at which an axis is clipped. Its distance from the zero reading is at least this multiple of the
+/// largest such distance in its triad. The axes of a triad have the same range, so their rails differ only by the
+/// scales of the axes.
 const SHARE_OF_REACH: f64 = 0.8;
 
-/// An accelerometer rail is at least this multiple of the median of |f|, which is 1 g. No accelerometer has a smaller
-/// range.
+/// An accelerometer rail is at least this multiple of the median norm of the specific force, which is 1 g. No
+/// accelerometer has a smaller range.
 const LOWEST_RAIL_G: f64 = 1.3;
 /// Two rails belong to one measurement range if their distances from the zero reading differ by at most this fraction.
 const ONE_RANGE: f64 = 1e-4;
@@ -43,7 +44,7 @@ pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
 
 /// The samples at which any axis is saturated, as disjoint index ranges in ascending order.
 ///
-/// Rests and moves with such samples must not be used. All others can be used.
+/// Rests and moves with such samples must not be used. All other rests and moves can be used.
 pub fn saturated_samples(recording: &Recording) -> Vec<Range<usize>> {
     if recording.check_lengths().is_err() {
         return Vec::new();

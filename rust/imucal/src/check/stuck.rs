@@ -135,7 +135,7 @@ fn is_noisy(rows: Samples<'_>, axis: usize) -> bool {
     2 * changes > rows.len()
 }
 
-/// Whether the axis clearly moves. Its range must be comparable to its largest value, so noise cannot be the cause.
+/// Whether the axis clearly moves. Its range must exceed 0.3 times its largest magnitude, so noise cannot be the cause.
 fn moves_widely(rows: Samples<'_>, axis: usize) -> bool {
     let [low, high] = extremes(rows, axis);
     moves(rows, axis) && high - low > 0.3 * low.abs().max(high.abs())

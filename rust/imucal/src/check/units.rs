@@ -1,4 +1,5 @@
-//! Checks of units with the readings at rest. There |f| equals g, and a gyroscope reads its bias.
+//! Checks of units with the readings at rest. There the norm |f| of the specific force equals local gravity g, and a
+//! gyroscope reads its bias.
 
 use std::ops::Range;
 
@@ -15,7 +16,8 @@ use crate::recording::{RawUnit, Recording, Samples};
 const AT_REST: [f64; 2] = [0.75, 1.25];
 /// Plausible ratio of the median of |f| to g over a whole recording, moves included.
 const WITH_MOVES: [f64; 2] = [0.5, 2.0];
-/// Largest plausible angular rate, rad/s. It is twice the widest range of gyroscopes on the market.
+/// Largest plausible angular rate, rad/s. It is twice the widest usual range of MEMS gyroscopes, 4000 deg/s. Only
+/// special gyroscopes have a wider range (ADXRS649, 20000 deg/s).
 const FASTEST_RADPS: f64 = 140.0;
 /// Largest plausible bias of a MEMS gyroscope, rad/s (57 deg/s).
 const LARGEST_BIAS_RADPS: f64 = 1.0;
@@ -40,9 +42,9 @@ const GYRO_UNITS: [(&str, f64, &str); 3] =
     [("radps", 1.0, "rad/s"), ("dps", DEGREE, "deg/s"), ("mdps", DEGREE / 1000.0, "mdeg/s")];
 /// One degree, rad.
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
-/// Median |f|, in the unit of the columns, above which the numbers can only be raw counts.
+/// Median norm |f| of the specific force, in the unit of the columns, above which the numbers can only be raw counts.
 const COUNTS: f64 = 1500.0;
-/// Median |f| below which gravity was removed from the readings of the accelerometer, m/s^2.
+/// Median norm |f| of the specific force, m/s^2, below which gravity was removed from the readings.
 const WITHOUT_GRAVITY_MPS2: f64 = 0.5;
 
 /// Findings of wrong units whose errors are so large that no rests are needed to detect them.
@@ -96,7 +98,8 @@ impl Lengths {
     }
 }
 
-/// Checks that need rests: units, from |f| and from the angular rate at rest, and the sign of gravity.
+/// Checks that need rests: the units, from the norm of the specific force and the angular rate at rest, and the sign of
+/// gravity.
 ///
 /// `rests` are ranges of sample indices; ranges outside the recording are ignored. Codes: `accel_units`, `gyro_units`,
 /// `gravity_sign`. Findings of [`super::check_columns`] are not repeated.
@@ -254,7 +257,7 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
         value: rate,
         unit: "rad/s",
         message: format!(
-            "rates reach {rate:.0} rad/s ({:.0} deg/s), above the {FASTEST_RADPS:.0} rad/s of any MEMS gyroscope, first at {:.2} s",
+            "rates reach {rate:.0} rad/s ({:.0} deg/s), above the {FASTEST_RADPS:.0} rad/s of usual MEMS gyroscopes, first at {:.2} s",
             rate.to_degrees(),
             recording.time_s[first]
         ),

@@ -26,7 +26,7 @@ pub(super) struct Judged<'a> {
 impl Judged<'_> {
     /// Goodness of fit of both kinds of residuals (norms and directions). `changed` returns the triads after a change
     /// by one standard deviation along each direction of the uncertainty of the calibration. It is called only if noise
-    /// is an improbable cause of the residuals: their p-value is below [`UNLIKELY`].
+    /// is an improbable cause of one of the two kinds, so that its p-value is below [`UNLIKELY`].
     pub(super) fn groups(&self, changed: impl FnOnce() -> Vec<[Triad<f64>; 2]>) -> Vec<GroupMisfit> {
         let norms: Vec<f64> = self.rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2).collect();
         let moves: Vec<f64> = self.move_residuals(self.triads, self.rotations);
@@ -51,7 +51,7 @@ impl Judged<'_> {
     }
 
     fn group(&self, group: ResidualGroup, z: &[f64], changes: &[Vec<f64>]) -> GroupMisfit {
-        // Residuals of one rest or of one move.
+        // Number of residuals of one rest or of one move.
         let size = if group == ResidualGroup::RestNorms { 1 } else { 2 };
         let errors: Vec<f64> = match group {
             ResidualGroup::RestNorms => self.rests.iter().map(|rest| rest.norm_error_mps2).collect(),
@@ -73,8 +73,8 @@ impl Judged<'_> {
         }
     }
 
-    /// Change of |f| at each rest if the accelerometer of the calibration is replaced by `triad`, divided by the noise
-    /// of |f|.
+    /// Change of the norm of the specific force at each rest if the accelerometer of the calibration is replaced by
+    /// `triad`, divided by the standard deviation of the norm from noise.
     fn norm_changes(&self, triad: &Triad<f64>) -> Vec<f64> {
         let change = |rest: &&RestReport| {
             let mean = rest.mean_specific_force;
@@ -83,8 +83,8 @@ impl Judged<'_> {
         self.rests.iter().map(change).collect()
     }
 
-    /// Residuals of the moves, divided by their noise. They are computed with the accelerometer `accelerometer` and the
-    /// rotations `rotations`, which may differ from those of the calibration.
+    /// Residuals of the moves, divided by their standard deviations from noise. They are computed with the
+    /// accelerometer `accelerometer` and the rotations `rotations`, which may differ from those of the calibration.
     fn move_residuals(&self, [accelerometer, _]: [&Triad<f64>; 2], rotations: &[Matrix3<f64>]) -> Vec<f64> {
         let again = |up: &Vector3<f64>| {
             let measured = self.triads[0].sensitivity() * up * GRAVITY_MPS2 + self.triads[0].bias();
@@ -103,12 +103,12 @@ impl Judged<'_> {
     }
 }
 
-/// Indices of the rests or moves that do not contradict all others. Each has `size` residuals. As in a calibration, a
-/// few disturbed rests or moves are excluded, for example rests that were detected in a slow part of a move.
+/// Indices of the rests or moves that are not outliers. Each has `size` residuals. As in a calibration, a few disturbed
+/// rests or moves are excluded, for example rests that were detected in a slow part of a move.
 fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     let chi2: Vec<f64> = z.chunks_exact(size).map(|own| own.iter().map(|z| z * z).sum()).collect();
-    // The scale prevents exclusions if the scatter is large but uniform. The median of chi2 is 0.455 for one residual
-    // and 1.386 for two.
+    // The scale prevents exclusions if the scatter is large but uniform. The expected median of chi2 is 0.455 for one
+    // residual and 1.386 for two.
     let expected = if size == 1 { 0.455 } else { 1.386 };
     let scale = (median(&mut chi2.clone()) / expected).max(1.0);
     let mut order: Vec<usize> = (0..chi2.len()).collect();
@@ -119,14 +119,14 @@ fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     (0..chi2.len()).filter(|k| !outliers.contains(k)).collect()
 }
 
-/// p-value relative to noise above which noise explains the residuals. Below it, the uncertainty of the calibration is
-/// also considered.
+/// p-value of the residuals above which noise explains them. If the p-value is smaller, the uncertainty of the
+/// calibration is also considered.
 const UNLIKELY: f64 = 0.1;
 /// Maximum share of rests, or of moves, that are excluded as outliers. It equals `MAX_CONTRADICTING_SHARE` of a
 /// calibration.
 const MAX_OUTLIER_SHARE: f64 = 0.1;
-/// Maximum p-value of a rest or move that contradicts all others. It equals the significance level of the outlier
-/// detection in a joint fit.
+/// A rest or move is an outlier if its p-value is below this limit. The limit equals the significance level of the
+/// outlier detection in a joint fit.
 const OUTLIER_SIGNIFICANCE: f64 = 1e-5;
 /// Magnitude of gravity, m/s^2. It converts a change of the accelerometer's bias to a change of the gravity direction.
 /// Local gravity differs from it by less than 1 %.

@@ -1,15 +1,14 @@
 //! Errors of residuals on control recordings that are due to the uncertainty of the calibration.
 //!
 //! ```text
-//! r ~ N(0, N + D C D^T),     chi2 = z^T z - v^T (I + d^T d)^-1 v,     z = N^-1/2 r,  d = N^-1/2 D L,  v = d^T z
+//! cov(r) = N + D C D^T,     chi2 = z^T z - v^T (I + d^T d)^-1 v,     z = N^(-1/2) r,  d = N^(-1/2) D L,  v = d^T z
 //! ```
 //!
-//! r are the residuals on the control recordings.
-//!
-//! N is the covariance of the noise. C = L L^T is the covariance of the parameters of the calibration. D is the
-//! derivative of the residuals with respect to these parameters. A column of D L is the change of the residuals due to
-//! one column of L. If the calibration is from a short recording, the residuals on a long control recording exceed
-//! their noise. This chi2 takes that into account.
+//! r are the residuals on the control recordings, N is the covariance of their noise, and I is the identity matrix. The
+//! parameters of the calibration have the covariance C = L L^T. D is the derivative of the residuals with respect to
+//! these parameters. A column of D L is the change of the residuals due to one column of L. If the calibration is from
+//! a short recording, the residuals on a long control recording exceed their noise. This chi2 takes the uncertainty of
+//! the calibration into account.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
@@ -73,8 +72,8 @@ impl Uncertainty {
         Self::try_new(&all, frame)
     }
 
-    /// Both triads after a change by one standard deviation along each direction. `corrected` states whether
-    /// `calibration` has already corrected the samples.
+    /// Both triads after a change by one standard deviation along each direction of the covariance. `corrected` states
+    /// whether `calibration` has already corrected the samples.
     pub(super) fn changed(&self, calibration: &Calibration<f64>, corrected: bool) -> Vec<[Triad<f64>; 2]> {
         let triad = |triad: &Triad<f64>, (sensitivity, bias): (Matrix3<f64>, Vector3<f64>)| {
             if corrected {

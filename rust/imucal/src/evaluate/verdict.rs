@@ -11,8 +11,8 @@ use crate::verdict::{GroupMisfit, POOR_CHI2_PER_DOF, Reason, RecordingSet, Uncor
 /// deg. With a larger value, noise would hide relevant errors of scale and alignment. Consumer sensors have about 0.1
 /// deg.
 const MAX_DIRECTION_SIGMA_DEG: f64 = 5.0;
-/// Corrected rate above which a calibration has wrong units, deg/s. It is the range of the fastest MEMS gyroscopes on
-/// the market (ADXRS649).
+/// Rate corrected by a calibration above which the calibration must have wrong units, deg/s. It is the range of the
+/// fastest MEMS gyroscopes on the market (ADXRS649).
 const FASTEST_DEGPS: f64 = 20_000.0;
 /// At most this share of the samples may be above [`FASTEST_DEGPS`]. The share is not zero, because single wrong
 /// samples are no evidence against a calibration.
@@ -20,19 +20,19 @@ const MAX_FAST_SHARE: f64 = 1e-3;
 /// An accelerometer without a gyroscope is judged only from at least this number of usable rests. If there are both
 /// sensors, a single move is sufficient, because it has two rests.
 const MIN_RESTS: usize = 2;
-/// The calibration is reported to make the unit worse if the residuals with it are larger than this multiple of the
-/// residuals without it. With a smaller ratio, the calibrated and the uncalibrated unit have errors of about equal
-/// size. An example is a unit that the manufacturer has already calibrated.
+/// The calibration is reported to make the unit worse if the rms residual with the calibration is larger than this
+/// multiple of the rms residual without it. If the ratio is smaller, the calibrated and the uncalibrated unit have
+/// errors of about equal size. An example is a unit that the manufacturer has already calibrated.
 const WORSE: f64 = 1.1;
 
 impl Figures {
-    /// Whether these figures make the verdict poor. They also do if they are not sufficient for a verdict.
+    /// Whether these figures make the verdict poor, or are not sufficient for a verdict.
     pub fn is_poor(&self) -> bool {
         self.reason(RecordingSet::Calibration, Vec::new).is_some()
     }
 
-    /// The reason why these figures make a verdict poor; `None` if they do not. `uncorrected` returns the samples
-    /// without a correction.
+    /// The reason why these figures make a verdict poor; `None` if they do not. `uncorrected` returns the samples that
+    /// could not be corrected.
     pub fn reason(&self, set: RecordingSet, uncorrected: impl FnOnce() -> Vec<UncorrectedSamples>) -> Option<Reason> {
         if self.moves == 0 {
             return Some(Reason::NoUsableMove { set, rests: self.rests });
@@ -82,8 +82,8 @@ pub(super) fn impossible_rates(recordings: &[Recording<'_>], gyroscope: &Triad<f
     recordings.iter().filter_map(of_recording).collect()
 }
 
-/// The reasons if a calibration makes a unit worse. It does if its residuals exceed both their noise and the residuals
-/// without calibration.
+/// One reason for each kind of residual that the calibration makes worse. The calibrated residuals then exceed their
+/// noise significantly, and are larger than the uncalibrated residuals by more than the factor [`WORSE`].
 pub(super) fn worse(after: &[GroupMisfit], before: &[GroupMisfit]) -> Vec<Reason> {
     let reason = |after: &GroupMisfit| {
         let before = before.iter().find(|before| before.group == after.group)?;

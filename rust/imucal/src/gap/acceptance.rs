@@ -15,14 +15,15 @@ use crate::verdict::{GroupMisfit, ResidualGroup};
 /// An increase of chi2 per degree of freedom on unseen data by at most this fraction does not count as a worse
 /// prediction.
 const SAME: f64 = 0.005;
-/// A prediction of unseen data counts as worse if its chi2 per degree of freedom increases by more than this fraction.
-/// A larger threshold applies if there are so few unseen rests and moves that noise can cause an increase of this size.
+/// A prediction of unseen data counts as worse if its chi2 per degree of freedom increases by more than this fraction,
+/// or by a smaller amount that is [`SIGNIFICANT`]. A larger threshold applies if there are so few unseen rests and
+/// moves that noise can cause an increase of this size.
 const MAY_BE_CHANCE: f64 = 0.1;
 /// An effect with a log Bayes factor below this number of nats is accepted only if it improves the prediction of unseen
 /// data. 8 nats are odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
 /// A prediction of unseen data counts as improved if its chi2 decreases by more than this number of standard deviations
-/// of the decrease. It applies only to effects with a log Bayes factor below [`CERTAIN_NATS`].
+/// of the decrease. The threshold applies only to effects with a log Bayes factor below [`CERTAIN_NATS`].
 const LEAST_IMPROVEMENT: f64 = 0.5;
 /// Minimum ratio of chi2 of unseen residuals to its expected value. Below this ratio, the excess of chi2 over noise is
 /// too small to divide by, and [`EffectShare::closed`] is not computed.
@@ -54,7 +55,7 @@ pub enum Metric {
     Chi2PerDof,
     /// Rms angle between predicted and measured gravity direction after held-out moves, deg.
     HeldOutDirection,
-    /// Rms of `|f| - g` at held-out rests, m/s^2.
+    /// Rms of `|f| - g` at held-out rests, m/s^2; f: specific force, g: local gravity.
     HeldOutNorm,
 }
 
@@ -224,7 +225,8 @@ struct Floor {
 }
 
 impl Fit {
-    /// chi2 per degree of freedom of unseen data. The noise densities are those of `before`, the fit without effects.
+    /// chi2 per degree of freedom of unseen data. Without control recordings, the standard deviations of the held-out
+    /// residuals are those of `before`, the fit without effects.
     pub(super) fn unseen_chi2(&self, before: &Self) -> f64 {
         if let Some(control) = &self.control {
             return control.judged().figures.chi2_per_dof;
@@ -241,8 +243,8 @@ impl Fit {
     /// The figure of merit on unseen data whose relative improvement from this fit to the fit `after` is largest.
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
-            // Without accepted effects, the figure uses the biases of the calibration. It contains any change of the
-            // biases between the recording sessions.
+            // Without accepted effects, the figure uses the biases of the calibration. It therefore contains any change
+            // of the biases between the recording sessions.
             let is_same = std::ptr::eq(own, other);
             let chi2 = |control: &Control| match is_same {
                 true => control.evaluation.figures.chi2_per_dof,

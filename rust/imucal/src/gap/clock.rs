@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! clock_irregular         inside moves, fourth differences of the rate are not correlated with irregular time stamps,
-//!                         or their variance increases by (jitter dw/dt)^2
+//!                         or their variance increases by (jitter dw/dt)^2, w: angular rate
 //! noise_grows_in_motion   the variance of fourth differences is larger inside moves than at rest
 //! ```
 
@@ -66,7 +66,8 @@ pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<
 /// Fourth differences of the angular rates inside the moves of one recording, for all three axes. They are scaled so
 /// that white noise keeps its standard deviation.
 struct Differences {
-    /// Fourth differences of the angular rate, divided by their standard deviation at rest; outliers are excluded.
+    /// Fourth differences of the angular rate, divided by their standard deviation at rest, to which the rounding error
+    /// in a move is added; outliers are excluded.
     noise: Vec<f64>,
     /// Angular acceleration divided by the standard deviation of the angular rate at rest, 1/s.
     slopes: Vec<f64>,

@@ -22,7 +22,7 @@ pub(crate) struct Common<'a> {
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
     /// Sums of the Gram matrices, each divided by its noise scale. `whole` is the sum before the elimination, and
-    /// `sums` is the sum after it.
+    /// `sums` is the sum after it. `volume` is the log determinant of the model's part of `whole`.
     whole: SymmetricMatrix,
     sums: SymmetricMatrix,
     volume: f64,
@@ -58,7 +58,8 @@ impl<'a> Common<'a> {
         Weighing { columns, parts }
     }
 
-    /// Part of the eliminated normal matrix for the candidate columns `own`.
+    /// The normal matrix after the elimination, restricted to the model's columns, the candidate columns `own`, and the
+    /// residual.
     pub(crate) fn part_of(&self, swept: &SweptCommon, weighing: &Weighing<'_>, own: Range<usize>) -> Swept {
         let runs = self.runs(own);
         let known = swept.sums.part(&runs);

@@ -65,7 +65,9 @@ impl Tails {
         Self { dof, limit, known: vec![first], step: (shape * half.ln() - half - ln_gamma(shape + 1.0)).exp() }
     }
 
-    /// `Q(a + 1, x) = Q(a, x) + x^a e^-x / Gamma(a + 1)` (Abramowitz and Stegun 6.5.21).
+    /// Probability for `dof + 2 k` degrees of freedom: `Q(a, x)`, the regularised upper incomplete gamma function, with
+    /// `a = dof / 2 + k` and `x = limit / 2`. It is computed by `Q(a + 1, x) = Q(a, x) + x^a e^-x / Gamma(a + 1)`
+    /// (Abramowitz and Stegun 6.5.21).
     fn at(&mut self, k: usize) -> f64 {
         for known in self.known.len()..=k {
             self.known.push(self.known[known - 1] + self.step);

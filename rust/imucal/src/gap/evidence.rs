@@ -2,14 +2,15 @@
 //!
 //! ```text
 //! r(theta) = r + J delta,   theta = theta_0 + delta,   prior theta_p ~ N(0, (s typical_p)^2), none for the base
-//! -2 log E = sum_g n_g ln s_g^2 + chi2_g(theta) / s_g^2 + theta^T P theta + ln det(N + P) - ln det P   model.md (23)
+//! -2 log E = sum_g [n_g ln s_g^2 + chi2_g(theta) / s_g^2] + theta^T P theta + ln det(N + P) - ln det P   model.md (23)
 //! N = sum_g J_g^T J_g / s_g^2,   s_g^2 = max(1, chi2_g / free_g)
 //! ```
 //!
 //! r(theta) are the whitened residuals, linearised at the parameters theta_0 with the Jacobian J. E is the evidence.
 //! n_g is the number of residuals of group g, free_g their number of degrees of freedom, and J_g contains the rows of J
-//! for these residuals. P is the diagonal matrix of the prior precisions, 1 / (s typical_p)^2 for parameter p with the
-//! prior width s, and zero for the base parameters.
+//! for these residuals. chi2_g(theta) is the sum of squares of its residuals. P is the diagonal matrix of the prior
+//! precisions: 1 / (s typical_p)^2 for parameter p with the typical size typical_p and the prior width s, and zero for
+//! the base parameters, which ln det P omits.
 //!
 //! A group is a kind of residual, for example norms at rest, directions after moves, or rates about one axis. Residuals
 //! of real recordings exceed sensor noise, by a different factor in each group. The scale s_g^2 of a group is chi2 per
@@ -115,8 +116,8 @@ impl Gram {
         all
     }
 
-    /// Each column is divided by this number. It is the larger of the column's length and the square root of its prior
-    /// precision.
+    /// The number by which each column is divided. It is the larger of the column's length and the square root of its
+    /// prior precision.
     pub(super) fn sizes(&self, columns: &[Column]) -> Vec<f64> {
         let total = |place: usize| self.sums.iter().map(|sum| sum[(place, place)]).sum::<f64>();
         columns.iter().map(|c| total(c.place).max(c.precision).sqrt().max(1e-300)).collect()
@@ -127,7 +128,8 @@ impl Gram {
 mod tests {
     use super::*;
 
-    /// The evidence for two columns and one group must equal a numerical integral over the parameter.
+    /// The ratio of the evidences with and without the column of an effect must equal a numerical integral over the
+    /// effect's parameter.
     #[test]
     fn the_evidence_is_the_integral_over_the_prior() {
         let rows = 40;

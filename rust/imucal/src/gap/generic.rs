@@ -113,16 +113,18 @@ enum Shape {
     /// The deviation of the parameter is a linear combination of eigenfunctions of the kernel.
     Varies(Arc<Shares>),
     /// The deviation is a nonlinear function of the sensor's input, angular rate or specific force. The second field is
-    /// the largest magnitude of the input. The columns are smooth functions of the input on each axis, products of the
-    /// inputs on two axes and, for the gyroscope, the angular acceleration.
+    /// the largest magnitude of the input. The columns of each axis are the input multiplied by smooth functions of
+    /// this input, the products of the inputs on two axes and, for the gyroscope, the angular acceleration.
     Follows(Smooth<f64>, f64),
-    /// The deviation is linear in the products of two angular rates and in the angular accelerations.
+    /// The deviation is linear in the products of two components of the angular rate and in the components of the
+    /// angular acceleration.
     Turns,
 }
 
 /// Correlation length of the smooth function of the input on one axis, as a share of the largest input of the sensor.
 const CURVE_LENGTH: f64 = 0.5;
-/// Number of nodes of this smooth function. The nodes are equally spaced from minus to plus the largest input.
+/// Number of nodes of the smooth function of the input on one axis. The nodes are equally spaced from minus to plus the
+/// largest input.
 const CURVE_POINTS: usize = 9;
 /// Factor, s, by which columns of the angular acceleration are multiplied. With this factor, their coefficients have
 /// the same typical size as deviations of the scale.
@@ -189,8 +191,8 @@ impl Hypothesis {
         }
     }
 
-    /// Error of the sensor's input at each evaluation time for each column, SI units. The coefficient of the column is
-    /// 1.
+    /// Error of the sensor's input at each evaluation time, SI units, if the coefficient of one column is 1 and all
+    /// others are 0. There is one value for each column.
     pub(crate) fn columns(&self, moments: &Moments, place: Place) -> Vec<f64> {
         let force = |at: &Moment| at.up * self.gravity_mps2;
         let moments = moments.at(place);
@@ -231,7 +233,8 @@ impl Hypothesis {
         }
     }
 
-    /// Deviation of the sensor parameter at each evaluation time for each column. The coefficient of the column is 1.
+    /// Deviation of the sensor parameter at each evaluation time if the coefficient of one column is 1 and all others
+    /// are 0. There is one value for each column.
     pub(crate) fn shares(&self, moments: &Moments, place: Place) -> Vec<f64> {
         match &self.shape {
             Shape::Varies(shares) => shares.times(place, std::iter::repeat(Vector3::repeat(1.0))),

@@ -16,8 +16,8 @@ use crate::joint::{Field, Joint, Linear, Model, MoveSegments, Prepared, Terms, m
 use crate::numerics::stats::dot;
 use crate::rests::moves::Move;
 
-/// Hypotheses are evaluated at one block in this number of blocks inside a move. It applies if accelerometer samples
-/// inside moves are not used. Every fifth block is sufficient, because biases vary slowly.
+/// Inside moves, hypotheses are evaluated at every fifth block if accelerometer samples inside moves are not used. This
+/// is sufficient, because biases vary slowly.
 const EVERY: usize = 5;
 /// Above this angular rate about an axis, rad/s, the rotation has a sign. At lower rates, the sign of the last rotation
 /// is kept. The value exceeds the noise of a consumer gyroscope.

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! r_k = up_k - R(q_k)^T e_z                                  up_k: measured direction up, R: stand model (21)
-//! mount_slip     r_k = stand errors + [k >= first] s x up_k   a lasting rotation s of the unit relative to its mount
+//! mount_slip     r_k = stand errors, plus s x up_k from rest `first` on   s: lasting rotation of unit on mount, rad
 //! loose_mount    r_k scatters from rest to rest by more than on any rigid mount
 //! ```
 //!

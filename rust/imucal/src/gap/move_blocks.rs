@@ -34,7 +34,7 @@ pub(super) struct Block {
     rotation: Matrix3<f64>,
     /// Time of the first sample, s.
     start_s: f64,
-    /// Time from the start of the move to the last sample, s.
+    /// Time from the start of the move to the last sample of the block, s.
     pub(super) since_start_s: f64,
     /// Time from the first to the last sample of the block, s.
     pub(super) length_s: f64,
@@ -159,7 +159,7 @@ impl<'a> RelativeTemperature<'a> {
         self.temperature_degc[sample] - self.mean_degc
     }
 
-    /// Mean temperature over samples relative to the mean of the recording, K.
+    /// Mean temperature over samples, degC.
     pub(super) fn mean_over(&self, samples: Range<usize>) -> f64 {
         let count = samples.len() as f64;
         self.temperature_degc[samples].iter().sum::<f64>() / count
@@ -259,7 +259,7 @@ mod tests {
         let last = plain.blocks.last().unwrap();
         let up = Vector3::new(0.6, 0.0, 0.8);
         let at_end = plain.rotation.inverse() * up;
-        // The mean belongs to a time half a block before the end. The rate there is 1.5 rad/s.
+        // The mean belongs to a time half a block, 0.02 s, before the end. The angular rate there is 2.7 rad/s.
         assert!((last.mean_of_constant(&up) - at_end).norm() < 0.06);
         assert!((last.since_start_s - 2.0).abs() < 1e-12 && (last.length_s - BLOCK_S).abs() < 1e-12);
     }

@@ -1,9 +1,9 @@
 //! Cross-validation: tests whether an effect improves the prediction of held-out rests and moves.
 //!
 //! ```text
-//! delta_f = -(sum over rows not in fold f: J^T J / s_g^2 + P)^-1 (sum: J^T r / s_g^2 + P theta_0)
-//! l_i = -1/2 sum over rows of item i: (r + J delta_f)^2 / s_g^2 + ln s_g^2,     f the fold of i
-//! gain = sum_i d_i,   std^2 = n var(d_i),   d_i = l_i with the effect - l_i without
+//! delta_f = -(P + sum J^T J / s_g^2)^-1 (P theta_0 + sum J^T r / s_g^2),     sums over the rows that are not in fold f
+//! l_i = -1/2 sum [(r + J delta_f)^2 / s_g^2 + ln s_g^2],     sum over the rows of item i,   f: fold of i
+//! gain = sum_i d_i,   std^2 = n var(d_i),   d_i = (l_i with the effect) - (l_i without the effect)
 //! ```
 //!
 //! r are the residuals and J is their Jacobian at the parameters theta_0. delta_f is the change of the parameters that
@@ -145,7 +145,7 @@ mod tests {
     #[test]
     fn what_is_there_predicts_and_what_is_not_costs_half_a_nat_or_so() {
         let there = gain_of(2.0, 0.0);
-        // The expected gain is about a quarter of the sum of squares of the sine, which is `2^2 60 / 2`.
+        // The expected gain is about a quarter of the sum of squares of the sine, which is `2^2 * 60 / 2`.
         assert!(there.is_sure() && (30.0..90.0).contains(&there.nats), "{there:?}");
         let absent = gain_of(0.0, 0.0);
         assert!(!absent.is_sure() && (-2.0..1.0).contains(&absent.nats), "{absent:?}");

@@ -37,9 +37,9 @@ impl Gram {
     }
 
     /// Gram matrices with only the products that scoring needs. These are products of the model's columns with all
-    /// columns, and products within each block of candidate columns. The model's columns come first. All other entries
-    /// are NaN. `order` contains the position of each column within a row. The residual is the last column. The second
-    /// list that is returned contains the residuals inside moves.
+    /// columns, products within each block of candidate columns, and products of the residual with all columns. The
+    /// model's columns come first. All other entries are NaN. `order` contains the position of each column within a
+    /// row. The residual is the last column. The second list that is returned contains the residuals inside moves.
     pub(crate) fn beside(
         (rows, group_of_row): (&Lanes, &[usize]),
         insides: Option<&Insides>,

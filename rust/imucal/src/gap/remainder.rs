@@ -10,15 +10,16 @@ use super::{GenericFinding, Scattering};
 pub struct Remainder {
     /// Whether noise explains the residuals and, if it does not, whether the deviation is systematic or random.
     pub kind: RemainderKind,
-    /// The part of the model or of the data that deviates. It is a name from [`super::Block::name`], the name of a kind
-    /// of residual, `encoder`, or `biases` (the biases of both sensors changed between sessions). `None` if noise
-    /// explains the residuals.
+    /// The part of the model or of the data that deviates. It is a name from [`super::Block::name`], the name of a
+    /// group of residuals, `encoder`, `recordings`, `accel` or `gyro` (the sensor of an effect that is not confirmed),
+    /// or `biases` (the biases of both sensors changed between sessions). `None` if noise explains the residuals.
     pub block: Option<&'static str>,
     /// How `block` deviates. It is a name from [`Kernel::name`], or `white`, `contradiction`, `between_sessions`,
     /// `above_noise` or `not_confirmed`. `None` if noise explains the residuals.
     pub pattern: Option<&'static str>,
-    /// p-value under the hypothesis that noise is the only error. It is the p-value of `pattern`, or of the residuals
-    /// of unseen data if `pattern` is `None`.
+    /// p-value under the hypothesis that noise is the only error. It is the p-value of the residuals of unseen data if
+    /// `pattern` is `None`, `above_noise` or `not_confirmed`, or if `block` is `recordings`. Otherwise, it is the
+    /// p-value of the test that found `pattern`.
     pub p_value: f64,
     /// Whether the unexplained residuals limit the use of the calibration; `false` if noise explains the residuals. For
     /// the pattern `above_noise`, it is also `false` if the accepted effects remove at least half of chi2 from one kind

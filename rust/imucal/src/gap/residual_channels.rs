@@ -3,12 +3,14 @@
 //! ```text
 //! rest_norm        |f| - g at a rest
 //! rest_rate        mean angular rate at a rest, expected to be zero
-//! move_direction   u_after x R^T u_before after a move: angle between measured and predicted gravity direction
+//! move_direction   u_after x R^T u_before after a move: sine of the angle between measured and predicted direction
 //! move_force       f(t) - g R(t)^T u_before inside the moves, means over 40 ms
 //! ```
 //!
 //! All residuals are computed from corrected signals, in SI units and in the body frame. `f` is the specific force, `g`
-//! is local gravity, and `u` is the unit vector up. `R` is the attitude change, computed from integrated angular rates.
+//! is local gravity, and `u` is the unit vector up. `R` is the rotation, computed from integrated angular rates, from
+//! the body frame at the end of the move to the body frame at its start. `R(t)` is the rotation from the body frame at
+//! time t to the body frame at the start.
 
 use std::collections::HashMap;
 

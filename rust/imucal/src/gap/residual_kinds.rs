@@ -66,11 +66,11 @@ pub enum Regressor {
     RateSquared,
     /// Sign of each component of the rotation vector of the last move before a rest.
     SignOfTheLastTurn,
-    /// Sign of the angular rate on each axis.
+    /// Magnitude of the angular rate on each axis: a scale error whose sign is the sign of the rate.
     SignOfTheRate,
-    /// Temperature minus the mean temperature of the recording, K.
+    /// Temperature: mean over a rest, degC, or inside moves the difference from the mean of the recording, K.
     Temperature,
-    /// Time since the start of the recording, s.
+    /// Time stamp of the first sample of the rest or block, s.
     Time,
 }
 

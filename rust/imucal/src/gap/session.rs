@@ -4,9 +4,10 @@
 //! |f_k| - g = u_k . d_a + noise,     mean rate at rest k = d_g + noise,     k over the rests of the control recordings
 //! ```
 //!
-//! f_k and the mean rates are corrected by the calibration, and u_k is the direction of f_k. d_a and d_g are the
-//! changes of the accelerometer and gyroscope biases between the two sessions. An effect that the model lacks causes
-//! almost equal errors in both sessions. It is therefore hardly mistaken for a change of the biases.
+//! f_k is the mean specific force at rest k, u_k its direction, and g is local gravity. f_k and the mean rates are
+//! corrected by the calibration. d_a and d_g are the changes of the accelerometer and gyroscope biases between the two
+//! sessions. An effect that the model lacks causes almost equal errors in both sessions. It is therefore hardly
+//! mistaken for a change of the biases.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;

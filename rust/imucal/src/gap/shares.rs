@@ -20,7 +20,9 @@ pub(crate) struct Moment {
     pub(crate) temperature_degc: Option<f64>,
     /// Sign of the current or, at rest, the last rotation about each axis; 0 before the first rotation.
     pub(crate) signs: Vector3<f64>,
+    /// Angular rate, rad/s.
     pub(crate) rate: Vector3<f64>,
+    /// Angular acceleration, rad/s^2.
     pub(crate) acceleration: Vector3<f64>,
 }
 
@@ -109,7 +111,8 @@ impl Shares {
     }
 }
 
-/// Covariances of the deviation at the moment `a` with the deviations at the moments `others`.
+/// Covariances of the deviation at the moment `a` with the deviations at the moments `others`. `temperatures_k` is the
+/// range of the temperature.
 fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment], to: &mut [f64]) {
     let side = |m: &Moment| m.up.cross(&m.ahead);
     let tilt = |b: &Moment| (a.up - b.up).norm_squared();

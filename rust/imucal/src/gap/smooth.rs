@@ -6,10 +6,10 @@ use faer::Mat;
 /// Eigenvalues below this share of the largest eigenvalue are omitted.
 const SMALLEST: f64 = 1e-3;
 
-/// The functions `f_c(x) = sum_i k(x, x_i) U_ic / sqrt(s_c)`, where k is the centred kernel. `k = U diag(s) U^T` is the
-/// eigendecomposition of its matrix at the given points x_i. The mean square of each function over the points is one.
-/// Between the points, each function is the conditional mean under the kernel (Rasmussen and Williams, Gaussian
-/// Processes for Machine Learning, 2006, (2.25)).
+/// The functions `f_c(x) = sqrt(n / trace K) sum_i k(x, x_i) U_ic / sqrt(s_c)`, where k is the centred kernel. Its
+/// matrix at the n given points x_i has the eigendecomposition `K = U diag(s) U^T`. If all functions are kept, the mean
+/// over the points of `sum_c f_c^2` is one. Between the points, each function is the conditional mean under the kernel
+/// (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, (2.25)).
 pub(crate) struct Smooth<T> {
     points: Vec<T>,
     weights: Mat<f64>,
@@ -62,8 +62,8 @@ impl<T> Smooth<T> {
 mod tests {
     use super::*;
 
-    /// The conditional mean of a random walk is linear between its points. At the points, its eigenfunctions must
-    /// reproduce the centred kernel.
+    /// The conditional mean of a random walk is linear between its points. At the points, the mean of the sum of
+    /// squares of the eigenfunctions must be one.
     #[test]
     fn functions_of_a_walk_rebuild_it_and_go_straight_between_points() {
         let points: Vec<f64> = (1..=5).map(f64::from).collect();

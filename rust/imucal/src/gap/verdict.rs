@@ -192,7 +192,8 @@ impl Basis<'_> {
         if let Some(worst) = last.unexplained(!are_accepted).into_iter().max_by(|a, b| a.ratio().total_cmp(&b.ratio()))
         {
             // A real unit has several small deviations from the model. Unexplained residuals therefore do not limit the
-            // use of the calibration if the accepted effects remove most of the excess chi2.
+            // use of the calibration if the accepted effects remove at least half of chi2 from one kind of unseen
+            // residuals.
             let matters = !are_accepted || after.removed(before).share < MOST_REMOVED;
             return Remainder { matters, ..Remainder::unknown(worst.group.name(), "above_noise", chance) };
         }

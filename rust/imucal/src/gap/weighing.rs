@@ -5,7 +5,7 @@
 //! additional columns then gives the increase of the log evidence for every prior width s:
 //!
 //! ```text
-//! S = D - C^T N^-1 C,   z = r_own - C^T N^-1 r      in typical sizes, all sums over s_g^2
+//! S = D - C^T N^-1 C,   z = r_own - C^T N^-1 r      in typical sizes, sums of each group divided by s_g^2
 //! log E(s) - log E = 1/2 (z^T (S + I/s^2)^-1 z - ln det(I + s^2 S))      for a prior N(0, (s typical_p)^2)
 //! ```
 //!
@@ -189,7 +189,8 @@ impl<'a> Weighing<'a> {
             let mut normal = swept.sums.clone();
             (model.len()..n).for_each(|i| *normal.at(i, i) += precision[i] + RIDGE);
             let volume = swept.volume + normal.sweep(simd, model.len()..n)?;
-            // With these coefficients, the sum of the columns and the residual is the residual after the fit.
+            // Coefficients of the columns and of the residual. The sum of the columns and the residual, each multiplied
+            // by its coefficient, is the residual after the fit.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
             // `held` contains the terms of the log evidence at the noise scales before this round. `gain` is the

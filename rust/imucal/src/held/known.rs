@@ -1,7 +1,8 @@
 //! Prior of an accelerometer that is already calibrated, for the calibration of the gyroscope of the same unit.
 //!
-//! The covariance of the nine parameters p is C = S V L V^T S. S contains the standard deviations, and V L V^T is the
-//! correlation matrix. C defines nine uncorrelated combinations with a standard deviation of 1:
+//! The covariance of the nine parameters p is C = S V L V^T S. S is the diagonal matrix of the standard deviations. V
+//! and L contain the eigenvectors and the eigenvalues of the correlation matrix. C defines nine uncorrelated
+//! combinations with a standard deviation of 1:
 //!
 //! ```text
 //! h = L^-1/2 V^T S^-1 (p - value)
@@ -33,7 +34,7 @@ impl KnownAccelerometer {
     /// The nine uncorrelated combinations as held parameters.
     ///
     /// # Errors
-    /// [`Error::Input`] for a covariance without positive variances.
+    /// [`Error::Input`] unless all variances are positive and finite, and all parameters are finite.
     pub(super) fn combinations(&self) -> Result<Vec<HeldParameter>, Error> {
         let covariance = SMatrix::<f64, 9, 9>::from_fn(|i, j| (self.covariance[i][j] + self.covariance[j][i]) / 2.0);
         let sigma = covariance.diagonal().map(f64::sqrt);

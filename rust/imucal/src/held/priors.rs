@@ -9,9 +9,10 @@ use crate::parameters::{GYRO_BIAS, GYRO_SENSITIVITY};
 /// of 2 % (MPU-6050), 1 % (ICM-42688-P) and 0.5 % (BMI088). In the symmetric frame, a misalignment is half the sum of
 /// two cross-axis sensitivities.
 const ACCEL_MISALIGNMENT: f64 = 0.01;
-/// Default standard deviation of a misalignment of the gyroscope, rad. Datasheets specify cross-axis sensitivities of 2
-/// % (MPU-6050), 1.25 % (ICM-42688-P) and 1 % (BMI088). The body frame is fixed to the accelerometer. The misalignment
-/// of the gyroscope therefore also contains half the difference of two cross-axis sensitivities of the accelerometer.
+/// Default standard deviation of a misalignment of the gyroscope, rad. Datasheets specify cross-axis sensitivities of
+/// 2 % (MPU-6050), 1.25 % (ICM-42688-P) and 1 % (BMI088). The body frame is fixed to the accelerometer. The
+/// misalignment of the gyroscope therefore also contains half the difference of two cross-axis sensitivities of the
+/// accelerometer.
 const GYRO_MISALIGNMENT: f64 = 0.015;
 /// Default standard deviation of a scale as a fraction of the nominal scale. Datasheets specify 3 % (MPU-6050), 1 %
 /// (LSM6DSO, BMI088) and 0.5 % (ICM-42688-P).
@@ -26,7 +27,7 @@ const GYRO_BIAS_SIGMA: f64 = 0.35;
 /// A choice of the parameters that a calibration estimates without a prior.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ParameterModel {
-    /// All 21 parameters.
+    /// All 21 parameters are estimated without a prior.
     #[default]
     Full,
     /// Biases and scales are estimated without a prior. The misalignments of both sensors have a prior.

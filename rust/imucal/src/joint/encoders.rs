@@ -6,13 +6,13 @@
 //! q = e - sum Phi(q, dq/dt, direction) theta,   e the encoder readings, rad
 //! ```
 //!
-//! q are the motor angles, Phi are the fields of the encoder effects, and theta are their parameters. R_wb(q) is the
-//! attitude of the stand (world from body), C(t) is its value at time t, and C_0 is its value at the start of the move.
-//! u_k is the measured direction up at rest k in the body frame, and e_z is the same direction in the world frame. R(t)
-//! is the rotation from the body frame at time t to the body frame at the start of the move, integrated from the
-//! gyroscope rates. The geometry of the stand is not known exactly, so seven parameters of the stand are also
-//! estimated: the mount rotation (3 parameters), the base tilt (2) and the non-orthogonality of the axes (2). They are
-//! the last entries of the parameter vector.
+//! q are the motor angles, Phi are the fields of the encoder effects, and theta are their parameters. `direction` is
+//! the sign of the last motion of each motor. R_wb(q) is the attitude of the stand (world from body), C(t) is its value
+//! at time t, and C_0 is its value at the start of the move. u_k is the measured direction up at rest k in the body
+//! frame, and e_z is the same direction in the world frame. R(t) is the rotation from the body frame at time t to the
+//! body frame at the start of the move, integrated from the gyroscope rates. The geometry of the stand is not known
+//! exactly, so seven parameters of the stand are also estimated: the mount rotation (3 parameters), the base tilt (2)
+//! and the non-orthogonality of the axes (2). They are the last entries of the parameter vector.
 
 mod directions;
 pub(super) mod moves;
@@ -71,8 +71,8 @@ impl StandModel {
         self.stand.attitude(angle_rad)
     }
 
-    /// Derivative of the attitude with respect to each motor angle. Each column is the rotation vector of one motor, in
-    /// the world frame.
+    /// Derivative of the attitude with respect to the motor angles. Column k is the rotation vector in the world frame
+    /// per radian of motor k.
     fn by_angle(&self, angle_rad: &Vector3<f64>) -> Matrix3<f64> {
         Matrix3::from_columns(&[0, 1, 2].map(|motor| {
             let step = Vector3::ith(motor, STEP_RAD);
@@ -92,8 +92,8 @@ impl StandModel {
     }
 }
 
-/// Start value of the mount rotation. It is the least-squares rotation from the up directions computed from the encoder
-/// angles to the measured up directions `up`.
+/// Start value of the mount rotation. It is the least-squares rotation that maps the measured up directions `up` (body
+/// frame) to the up directions computed from the encoder angles (frame of the innermost ring).
 pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Vector3<f64> {
     let square = StandModel::of(&[0.0; STAND_PARAMETERS]);
     let sum: Matrix3<f64> =
@@ -156,9 +156,9 @@ impl Angles {
         all
     }
 
-    /// Mean derivative of the attitude over `samples` with respect to every parameter, as rotation vectors in the world
-    /// frame. The stand is linearised at the middle sample. The columns of the effects are averaged over all samples,
-    /// because they may jump when a motor reverses.
+    /// Derivative of the attitude with respect to every parameter, averaged over `samples`: one rotation vector in the
+    /// world frame for each parameter. The stand is linearised at the middle sample. The columns of the effects are
+    /// averaged over all samples, because they may jump when a motor reverses.
     pub(super) fn attitude_jacobian(
         &self,
         samples: Range<usize>,
@@ -228,8 +228,8 @@ impl Encoders {
         let at_rest = |r: &UnitRest| {
             let readings = &readings(&recordings[r.recording])?[r.rest.first..r.rest.end];
             let count = readings.len() as f64;
-            // Differences from the first reading are averaged. The mean of large angles (many turns) would lose digits
-            // by cancellation.
+            // Differences from the first reading are averaged, because sums of large angles (many turns) would lose
+            // digits by rounding.
             let first = Vector3::from(readings[0]);
             let mean = readings.iter().map(|e| Vector3::from(*e) - first).sum::<Vector3<f64>>() / count + first;
             let square = |e: &[f64; 3]| (Vector3::from(*e) - mean).norm_squared() / 3.0;
@@ -237,8 +237,8 @@ impl Encoders {
             Ok((mean, variance, variance / count))
         };
         let at_rests = rests.iter().map(at_rest).collect::<Result<Vec<_>, Error>>()?;
-        // In motion, quantisation acts as noise. At a rest, all readings have the same quantisation error, and
-        // averaging does not reduce it.
+        // In motion, quantisation acts as noise with the variance `resolution^2 / 12`. At a rest, all readings have the
+        // same quantisation error, so averaging does not reduce this variance.
         let counts = recordings.iter().map(|recording| Ok(count_rad(readings(recording)?)));
         let rounding = counts.collect::<Result<Vec<_>, Error>>()?.into_iter().fold(0.0, f64::max).powi(2) / 12.0;
         let typical =

@@ -2,16 +2,19 @@
 //! (model.md (24)). Each column of a field has one value at each rest and in each segment of a move.
 //!
 //! ```text
-//! rest rates   -T Phi_k                      moves   E R(end)^T (u x turn(end))
-//! rest norms   -u^T Phi_k                    inside  turn x R f,  or -R Phi
-//! turn(t) = -sum R Phi dt from the start of the move to t
+//! gyroscope       rest rates    -T Phi_k
+//!                 moves         E R(end)^T (u x turn(end)),   turn(t) = -sum R Phi dt from the start of the move to t
+//!                 inside moves  turn x R f
+//! accelerometer   rest norms    -u^T Phi_k
+//!                 inside moves  -R Phi
 //! ```
 //!
 //! Phi is the error field, and Phi_k is its value at rest k. T is the sensitivity of the gyroscope, f is the specific
 //! force, and u is the unit vector up at the rest or at the start of the move. R(t) is the rotation from the body frame
-//! at time t to the body frame at the start of the move, and turn(t) is its error. The two rows of E span the plane
-//! perpendicular to u at the end of the move. Inside a move, the first expression is for the gyroscope and the second
-//! for the accelerometer.
+//! at time t to the body frame at the start of the move, and turn(t) is its change, because the correction subtracts
+//! Phi from the rate: R(t) becomes exp(turn(t)) R(t). The two rows of E span the plane perpendicular to the direction
+//! up at the end of the move. A field of the accelerometer also changes the gravity directions at the rests, and
+//! through them the residuals of the moves.
 
 use std::ops::Range;
 
@@ -61,8 +64,8 @@ impl Field {
         axis * count..(axis + 1) * count
     }
 
-    /// Adds `matrix` times the field to `to`. For each column, component i of `to` increases by `matrix[(i, axis)] *
-    /// value`, where `axis` is the body axis of the column.
+    /// Adds `matrix` times the field to `to`. `numbers` contains the value of each column. For each column, component i
+    /// of `to` increases by `matrix[(i, axis)] * value`, where `axis` is the body axis of the column.
     fn add(&self, matrix: &Matrix3<f64>, numbers: &[f64], to: &mut [f64]) {
         let width = to.len() / 3;
         for (component, to) in to.chunks_exact_mut(width.max(1)).enumerate() {
@@ -84,8 +87,8 @@ pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usi
 }
 
 impl Field {
-    /// Attitude error of each column at each segment of a move and at the end of the move, rad. Between two segments,
-    /// the attitude error is interpolated linearly.
+    /// Change of the attitude due to each column of the field, rad, at the midpoint of each segment of a move and at
+    /// the end of the move. Between two midpoints, the field is the mean of its values in the two segments.
     fn turns(&self, k: usize, way: &MoveSegments) -> Planes {
         let count = way.stretches.len();
         let mut turns = Planes::new((0..self.width).collect(), count + 1);
@@ -139,8 +142,8 @@ impl Joint<'_> {
             let turns = field.turns(k, way);
             let end: Vec<Vector3<f64>> = (0..width).map(|c| turns.column(turns.of(way.stretches.len()), c)).collect();
             if linear.sees_inside() {
-                // An attitude error t changes the rotated force f by t x f. The component of this change along d is (f
-                // x d) . t.
+                // An attitude error t changes the rotated force f by t x f. The component of this change along d is
+                // (f x d) . t.
                 let inside = Inside::new(pass, &before.up, &self.weights.inside[k], gravity_mps2);
                 let propagated = pass.rotation * after.up * gravity_mps2;
                 let by_end = [1, 2].map(|c| propagated.cross(&inside.directions[c]));

@@ -6,8 +6,8 @@
 //! ```
 //!
 //! f is the specific force, and R is the rotation from the body frame at a sample to the body frame at the start of the
-//! move. mean_j is the mean over block j of 40 ms. g is local gravity, u is the unit vector up at the start of the
-//! move, and x_j is the state of the Kalman filter.
+//! move. mean_j is the mean over block j of 40 ms, and z_j is the residual of this block along the unit vector d. g is
+//! local gravity, u is the unit vector up at the start of the move, and x_j is the state of the Kalman filter.
 //!
 //! The direction d is along gravity or along one of two directions perpendicular to it. The component along gravity
 //! contains no random walk, because an attitude error does not change it to first order. The perpendicular components
@@ -31,8 +31,9 @@ use crate::rests::moves::across;
 use blocks::{Derivatives, IntoColumns, IntoLanes};
 
 /// Derivatives of a move's residuals with respect to one parameter, m/s^2. They contain only the part that is caused by
-/// the gravity directions of the adjacent rests. `start` is added to all residuals along each of the three directions.
-/// `end` is added to the last residual along each of the two directions perpendicular to gravity.
+/// the gravity directions of the adjacent rests. `start` has one value for each of the three directions and is added to
+/// the derivatives of all residuals along this direction. `end` has one value for each of the two directions
+/// perpendicular to gravity and is also added to the derivative of the last residual.
 pub(super) struct Edges {
     pub(super) start: [f64; 3],
     pub(super) end: [f64; 2],

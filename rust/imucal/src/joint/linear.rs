@@ -28,10 +28,11 @@ use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 pub(crate) struct Line {
     pub(crate) residual: f64,
     pub(crate) jacobian: Vec<f64>,
+    /// Index of each rest on which the residual depends, and the derivative with respect to its mean force, raw units.
     pub(crate) by_means: Vec<(usize, Vector3<f64>)>,
     pub(crate) source: Source,
-    /// Whether the residual belongs to the second or a later epoch of a long rest, or to the step to such an epoch. A
-    /// long rest is divided into epochs, because the biases drift during it.
+    /// Whether the residual belongs to the second or a later epoch of a long rest, or to the move that leads to such an
+    /// epoch. A long rest is divided into epochs, because the biases drift during it.
     pub(crate) is_of_later_epoch: bool,
 }
 
@@ -109,7 +110,8 @@ impl Linear {
     }
 
     /// For each group of whitened residuals after the mean rates: the rest or move, and the range of rows. The groups
-    /// are the force inside each move, each rest relative to the stand, and each move relative to the stand.
+    /// are the forces inside each move, the gravity direction at each rest relative to the stand, and the attitudes
+    /// inside each move relative to the stand.
     pub(super) fn rows_beyond_rates(&self) -> Vec<(Source, Range<usize>)> {
         let mut row = self.lines.len() + 3 * self.rates.len();
         let mut found = Vec::new();

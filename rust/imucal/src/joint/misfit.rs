@@ -1,13 +1,14 @@
 //! Goodness of fit relative to noise, for the whole fit and for each rest and move (model.md (26)).
 //!
 //! ```text
-//! chi2 = r^T P r  with  N - n degrees of freedom,     p = P(chi2 of as many degrees is larger)
+//! chi2 = r^T P r,     p = probability that chi2 with N - n degrees of freedom is larger
 //! ```
 //!
-//! P is the matrix of equation (25) for all N residuals, and n is the number of fitted parameters. The chi2 of a rest
-//! or of a move is d of equation (25): the decrease of chi2 if the residuals of this rest or move are excluded. The
-//! residuals of a rest are its norm and its mean rates. The decrease has a chi2 distribution for any leverage of the
-//! rest or move. The weights contain only sensor noise, and standard deviations are not increased for excess scatter.
+//! r are the residuals, P is the matrix of equation (25) for all N residuals, and n is the number of fitted parameters.
+//! The chi2 of a rest or of a move is d of equation (25): the decrease of chi2 if the residuals of this rest or move
+//! are excluded. The residuals of a rest are its norm and its mean rates. The decrease has a chi2 distribution for any
+//! leverage of the rest or move. The weights contain only sensor noise, and standard deviations are not increased for
+//! excess scatter.
 
 mod groups;
 
@@ -107,7 +108,7 @@ const LEAST: f64 = 1e-6;
 pub(crate) struct HeldOut {
     /// Angle between propagated and measured gravity direction of each move, rad.
     pub(crate) direction_rad: Vec<Option<f64>>,
-    /// Error of |f| at each rest that the fit uses, with the index of the rest, m/s^2.
+    /// Index of each rest that the fit uses, and the predicted norm of its specific force minus gravity, m/s^2.
     pub(crate) norm_mps2: Vec<(usize, Option<f64>)>,
 }
 
@@ -153,13 +154,13 @@ struct Parts {
     /// Length of each column of the whitened Jacobian before scaling.
     size: Vec<f64>,
     kept: Vec<usize>,
-    /// Whitened rows of norms, moves and mean rates. The errors of these residuals are correlated before whitening. The
-    /// rows contain the Jacobian columns, scaled to length one, and the residual.
+    /// Whitened rows of norms, moves and mean rates. The errors of these residuals are correlated before whitening.
+    /// Columns: those of the Jacobian, scaled to length one, then the residuals.
     shared: Mat<f64>,
-    /// Gram matrix `[J r]^T [J r]` of the independent residuals of each rest or move: residuals inside moves and
-    /// residuals relative to the stand.
+    /// Gram matrix `[J r]^T [J r]` of the independent residuals of each rest or move, which are those inside moves and
+    /// those relative to the stand. J and r are their whitened Jacobian and residuals.
     others: Vec<(Source, Mat<f64>)>,
-    /// Gram matrix `[J r]^T [J r]` of the priors.
+    /// Gram matrix `[J r]^T [J r]` of the residuals of the priors.
     given: Mat<f64>,
     /// Changes of the whitened residuals due to a unit error of each norm, move and mean-rate residual, and of each
     /// component of the mean forces. Each change is stored as the index of its first nonzero row and the values from
@@ -203,7 +204,8 @@ impl Parts {
     }
 
     /// Change of the parameters in a modified fit. In this fit, the errors `columns` (indices into `units`) are free,
-    /// and the independent residuals with `is_out` are omitted. `None` if this fit does not determine all parameters.
+    /// and the independent residuals of a rest or move are omitted if `is_out` is true for it. `None` if this fit does
+    /// not determine all parameters.
     fn without(&self, columns: &[usize], is_out: impl Fn(Source) -> bool) -> Option<Vec<f64>> {
         let (rows, n) = (self.shared.nrows(), self.kept.len());
         let mut basis: Vec<Stretch> = Vec::with_capacity(columns.len());

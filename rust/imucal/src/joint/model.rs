@@ -13,7 +13,7 @@ use crate::parameters::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 use crate::two_stage::{accelerometer, gyroscope};
 
-/// Both triads, the parameters of the effects, and the parameters of the stand.
+/// Sensitivity and bias of both sensors, the parameters of the effects, and the parameters of the stand.
 #[derive(Clone, Debug)]
 pub(crate) struct Model {
     pub(crate) accelerometer: Triad<f64>,
@@ -44,8 +44,8 @@ impl Model {
     }
 }
 
-/// Derivative of the corrected force `seen = T^-1 (m - b)` with respect to the nine accelerometer parameters. The
-/// parameters are the bias x, y, z and the six entries of the symmetric T. Shape (3, 9).
+/// Derivative of the corrected force `seen = T^-1 (m - b)` with respect to the nine accelerometer parameters. m is the
+/// measured force, raw units. The parameters are the bias x, y, z and the six entries of the symmetric T. Shape (3, 9).
 pub(crate) fn force_by_parameters(accelerometer: &Triad<f64>, seen: &Vector3<f64>) -> SMatrix<f64, 3, 9> {
     let inverse = -accelerometer.inverse();
     let mut columns = SMatrix::<f64, 3, 9>::zeros();

@@ -6,14 +6,14 @@
 //!
 //! r are the residuals, C is their covariance, and J is their Jacobian with respect to the parameters.
 //!
-//! d is the decrease of chi2 if the residuals are free along the columns of A and all parameters are fitted again.
-//! There are two kinds of columns of A. The first kind selects the residuals of a move, the norm of a rest, or the mean
-//! rates of a rest. The second kind describes an error of the mean force of a rest, which changes the norm of this rest
-//! and the adjacent moves. Under the null hypothesis, d has a chi2 distribution for any correlation of the residuals.
-//! Its degrees of freedom equal the number of columns of A. C contains only sensor noise. If all residuals of a kind
-//! have excess scatter, their d are divided by a common scale, which is computed from the median of d. An item is a
-//! rest or a move. The item with the smallest p-value is excluded, and the others are tested again, until no p-value is
-//! below `SIGNIFICANCE`.
+//! d is the decrease of chi2 if the residuals may change freely along the columns of A and all parameters are fitted
+//! again. There are two kinds of columns of A. The first kind selects the residuals of a move, the norm of a rest, or
+//! the mean rates of a rest. The second kind describes an error of the mean force of a rest, which changes the norm of
+//! this rest and the adjacent moves. Under the null hypothesis, d has a chi2 distribution for any correlation of the
+//! residuals. Its degrees of freedom equal the number of columns of A. C contains only sensor noise. If all residuals
+//! of a kind have excess scatter, their d are divided by a common scale, which is computed from the median of d. An
+//! item is a rest or a move. The item with the smallest p-value is excluded, and the others are tested again, until no
+//! p-value is below `SIGNIFICANCE`.
 
 #[cfg(test)]
 mod tests;
@@ -37,8 +37,8 @@ use crate::numerics::stats::{dot, median, p_value};
 use crate::parameters::ACCEL;
 use crate::two_stage::observability::{FARTHEST, LARGEST_SHIFT, REST_ERROR_MPS2};
 
-/// Significance level. An item with a smaller p-value is excluded. With 400 tests (100 rests and 100 moves), the
-/// probability is 0.4 % that an item of a run without outliers is excluded.
+/// Significance level. An item with a smaller p-value is excluded. With 400 tests (three for each of 100 rests, one for
+/// each of 100 moves), the probability is 0.4 % that any item of a run without outliers is excluded.
 const SIGNIFICANCE: f64 = 1e-5;
 /// A direction is tested only if one minus its leverage is above this limit (model.md (25)). One minus the leverage is
 /// the share of the variance along the direction that the fit leaves in the residual.
@@ -66,9 +66,9 @@ struct Group {
     item: Item,
     columns: Vec<usize>,
     kind: Kind,
-    /// Whether the item is the second or a later epoch of a long rest, or the step to such an epoch. An epoch is a part
-    /// of a long rest with its own mean. Such items have a separate scale, because the epochs of a rest have the errors
-    /// of its pose in common.
+    /// Whether the item is the second or a later epoch of a long rest, or the move that leads to such an epoch. An
+    /// epoch is a part of a long rest with its own mean. Such items have a separate scale, because the epochs of a rest
+    /// have the errors of its pose in common.
     is_of_later_epoch: bool,
 }
 
@@ -166,8 +166,9 @@ pub(crate) fn outliers(
 }
 
 /// Rests whose norm the other rests do not predict, for example the only rest on one face of a box. Only the moves
-/// predict the norm of such a rest, so the test of this norm uses the excess scatter of the moves. The rows of the
-/// norms' design matrix are divided by the model errors of model.md (12), and the prior of model.md (12) is appended.
+/// predict the norm of such a rest, so the test of this norm uses the larger of the scales of norms and of moves. As in
+/// model.md (12), the design matrix of the norms is divided by the model error of a rest, and the prior is appended to
+/// it.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear
@@ -263,9 +264,10 @@ fn scale((kind, later): (Kind, bool), judged: &[(&Group, f64, usize)]) -> f64 {
 /// Linearised and whitened fit from which residuals can be excluded. To exclude residuals, a column of A is added as a
 /// further parameter.
 pub(super) struct LeaveOut {
-    /// Columns of `L^-1 A`. Each is stored as the index of its first nonzero row and the values from that row on.
+    /// Columns of `L^-1 A` (model.md (25)), where L is the Cholesky factor of the residual covariance C. Each is stored
+    /// as the index of its first nonzero row and the values from that row on.
     columns: Vec<(usize, Vec<f64>)>,
-    /// Orthonormal basis of the whitened Jacobian, one vector per column.
+    /// Orthonormal basis of the columns of the whitened Jacobian, one vector per dimension.
     basis: Vec<Vec<f64>>,
     /// Dot products of the basis vectors and each of `columns`.
     seen: Vec<Vec<f64>>,
@@ -318,8 +320,8 @@ impl LeaveOut {
         (dot(&self.residuals, &self.residuals), self.residuals.len().saturating_sub(self.basis.len()))
     }
 
-    /// Decrease d of chi2 if the residuals are free along these columns of A. The second value is the degrees of
-    /// freedom of d. Directions with a leverage near one cannot be tested and are not counted.
+    /// Decrease d of chi2 if the residuals may change freely along these columns of A. The second value is the degrees
+    /// of freedom of d. Directions with a leverage near one cannot be tested and are not counted.
     pub(super) fn misfit(&self, columns: &[usize]) -> (f64, usize) {
         let n = columns.len();
         if n == 0 {

@@ -12,20 +12,22 @@
 //! ```
 //!
 //! m is the measured rate, T the sensitivity, and b the bias of the gyroscope. Phi is the field of an effect and theta
-//! its parameters. w is the corrected rate. w_0 and w_1 are its values at the start and at the end of a step of length
-//! h, w_(-1) and w_2 those at the samples before and after the step. e_i is the unit vector along axis i, and p is any
-//! parameter. R is computed at every sample. The derivative d is evaluated at the midpoints of segments, which consist
-//! of several samples. If only the rotation over the whole move is needed, preintegration gives the integrals for the
-//! base parameters, model.md (6).
+//! its parameters. v is the rate corrected for T and b only, and w is the rate corrected for the effects, too. w_0 and
+//! w_1 are its values at the start and at the end of a step of length h, w_(-1) and w_2 those at the samples before and
+//! after the step. e_i is the unit vector along axis i, v_j is component j of v, and p is any parameter. R is computed
+//! at every sample. The derivative d is evaluated at the midpoints of segments, which consist of several samples. If
+//! only the rotation over the whole move is needed, preintegration gives the integrals for the base parameters,
+//! model.md (6).
 //!
 //! For smooth motion, the integration error decreases with the fourth power of the sampling interval. Linear
 //! interpolation between samples would give only the second power: it neglects the curvature of the rate, and these
 //! errors add up to zero over a move only if the axis of the rotation is fixed.
 //!
-//! The derivative of the effects with respect to the rate is neglected in d, which changes d by less than 1 %. The
-//! residuals are exact. The derivative of the force with respect to the accelerometer parameters is evaluated at the
-//! propagated gravity instead of the sampled force. A column evaluated at the sampled force would contain the noise of
-//! the residual. A combination with a noise-free column could then fit this noise (docs/decisions/0022).
+//! The derivative of the effects with respect to the rate is neglected in d. For most effects, this changes d by less
+//! than 1 % (exceptions: model.md (17)). The residuals are exact. The derivative of the force with respect to the
+//! accelerometer parameters is evaluated at the propagated gravity instead of the sampled force. A column evaluated at
+//! the sampled force would contain the noise of the residual. A linear combination of this column and a noise-free
+//! column could then fit this noise (docs/decisions/0022).
 
 mod attitude_jacobian;
 mod corrected;
@@ -56,10 +58,10 @@ pub(crate) const BLOCK_S: f64 = 0.04;
 
 /// Result of the integration over one move.
 pub(crate) struct Pass {
-    /// `v_start = rotation * v_end`.
+    /// Rotation from the body frame at the end of the move to that at its start: `v_start = rotation * v_end`.
     pub(crate) rotation: Matrix3<f64>,
-    /// Derivative of the attitude at the end with respect to every parameter, rad per unit of the parameter. It is zero
-    /// for the parameters of the accelerometer.
+    /// Derivative of the attitude at the end with respect to every parameter, rad per unit of the parameter, as a
+    /// rotation vector in the body frame at the start. It is zero for the parameters of the accelerometer.
     pub(crate) turn: Vec<Vector3<f64>>,
     /// Blocks inside the move; empty unless requested.
     pub(crate) blocks: Vec<Block>,
@@ -177,7 +179,7 @@ impl Route<'_> {
         attitudes(UnitQuaternion::identity(), &turns)
     }
 
-    /// Mean force over the samples at the ends of these steps, rotated to the body frame at the start of the move.
+    /// Mean force over the samples at which these steps end, rotated to the body frame at the start of the move.
     fn mean_force(&self, steps: Range<usize>, all: &Corrected, rotations: &[UnitQuaternion<f64>]) -> Vector3<f64> {
         let (first, reach, count) = (self.span.first, self.reach().start, steps.len() as f64);
         let turned = |i: usize| rotations[i - first].to_rotation_matrix() * all.force[i - reach];

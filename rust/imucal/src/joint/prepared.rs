@@ -27,8 +27,9 @@ pub(crate) struct Prepared<'a> {
     pub(crate) ends: &'a [[End; 2]],
     /// Window width of the numerical derivative of the rate, for each move. It stays constant during a fit.
     pub(crate) widths: &'a [Width],
-    /// Eigenvectors of the flicker covariance relative to the noise of the mean rates, for each axis. They are computed
-    /// when first needed and then kept, because they depend on the model only through the lower limit of the noise.
+    /// Eigenvectors and eigenvalues, for each axis, of the covariance of the mean rates due to bias instability,
+    /// whitened with the noise of the mean rates. They are computed when first needed and then kept, because they
+    /// depend on the model only through the lower limit of the noise.
     pub(crate) flicker: &'a OnceLock<Option<[Modes; 3]>>,
     pub(crate) noise: &'a [NoiseDensity],
     pub(crate) gravity_mps2: f64,

@@ -99,8 +99,8 @@ impl<'a> Joint<'a> {
         Ok(())
     }
 
-    /// Bias instability and random walk of the biases. They are known from the unit's profile, or are estimated from
-    /// the mean rates. `None` if the biases are constant.
+    /// Bias instability and random walk of the biases. They are known from the unit's profile, or the bias instability
+    /// of the gyroscope is estimated from the mean rates. `None` if the biases are constant.
     pub(crate) fn wander(&self, model: &Model) -> Option<UnitWander> {
         if let Wander::Known(unit) = self.prepared.wander {
             return Some(unit);
@@ -145,8 +145,8 @@ impl<'a> Joint<'a> {
         self.rows += self.shapes.len();
     }
 
-    /// Adapts the widths of the priors to the estimated parameters. Returns whether any width changed by more than 10
-    /// %.
+    /// Adapts the widths of the priors to the estimated parameters. Returns whether any width changed by more than
+    /// 10 %.
     pub(crate) fn widen(&mut self, found: &Solution) -> bool {
         if self.priors.is_empty() {
             return false;
@@ -161,7 +161,7 @@ impl<'a> Joint<'a> {
         changed
     }
 
-    /// Mean sensitivity of a sensor, in raw units per SI unit.
+    /// Mean sensitivity of a sensor (root mean square over the axes), in raw units per SI unit.
     pub(crate) fn raw_scale(&self, sensor: Sensor, parameters: &[f64]) -> f64 {
         let entries = if sensor == Sensor::Gyroscope { &parameters[GYRO_SENSITIVITY] } else { &parameters[3..6] };
         (entries.iter().map(|e| e * e).sum::<f64>() / 3.0).sqrt()
@@ -206,7 +206,8 @@ impl<'a> Joint<'a> {
         self.rows
     }
 
-    /// Whitens columns for the covariance of varying biases. If the biases are constant, the columns are not changed.
+    /// Whitens columns for the errors that are correlated between rests (varying biases, rounding errors, pose errors).
+    /// Without such errors, the columns are not changed.
     pub(super) fn let_wander(&self, columns: &mut Mat<f64>) {
         if let Some(wandering) = &self.wandering {
             wandering.apply(columns);
@@ -231,7 +232,7 @@ impl<'a> Joint<'a> {
     }
 
     /// Whitened residuals and Jacobian. The order of the rows is: norms and moves, mean rates, force inside the moves,
-    /// residuals relative to the stand, parameters with a prior, priors of effects.
+    /// residuals relative to the stand, priors of held parameters, priors of effects, priors of time constants.
     pub(crate) fn whitened(&self, parameters: &[f64]) -> Result<(Mat<f64>, Mat<f64>), Error> {
         Ok(self.whiten(&*self.linear(parameters)?))
     }
@@ -257,8 +258,8 @@ impl<'a> Joint<'a> {
         (rows, Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2))
     }
 
-    /// Whitened rows of norms, moves and mean rates. With encoders, they are followed by the rows relative to the stand
-    /// and the rows inside the moves.
+    /// Whitened rows of norms, moves and mean rates. With encoders, they are followed by the rows inside the moves and
+    /// the rows relative to the stand.
     fn whiten_rows(&self, linear: &Linear) -> Lanes {
         let n = self.terms.total();
         let (head, groups) = (linear.lines.len(), linear.groups());

@@ -13,8 +13,8 @@ use crate::numerics::lsq::Solution;
 /// Number of fits after which the weights are extrapolated. The first fits have preliminary weights. Most runs converge
 /// within two or three further fits without extrapolation.
 const EXTRAPOLATE_AFTER: usize = 3;
-/// Largest extrapolation, in multiples of the last change of the excess. A multiple of 10 is exact if each change is
-/// 0.9 times the previous change.
+/// Largest extrapolation, in multiples of the last change of the logarithm of an excess. A multiple of 10 is exact if
+/// each change is 0.91 (10/11) times the previous change.
 const LARGEST_STEP: f64 = 10.0;
 
 /// State of the iteration over the weights.
@@ -37,8 +37,8 @@ impl Reweighting {
         let mut excess = problem.excess_of(found, self.kept.as_ref())?;
         let widened = excess.widened();
         if self.alternates(widened) {
-            // In a fit with weights from noise only, to which the significance test applies, the excess is significant.
-            // The standard deviations of these kinds are therefore increased without a test from now on.
+            // The significance test refers to a fit with weights from noise only, and after such a fit the excess was
+            // significant. The standard deviations of these kinds are therefore increased without a test from now on.
             let all = self.widened.iter().copied().chain(self.kept).fold(widened, |all, one| one.union(all));
             self.kept = Some(all);
             self.widened.clear();
@@ -57,8 +57,8 @@ impl Reweighting {
     }
 
     /// Excess to which the iteration is expected to converge. It is extrapolated by a secant step along the last change
-    /// (Anderson acceleration of depth one). `None` unless the last two fits increased the standard deviations of the
-    /// same kinds.
+    /// (Anderson acceleration of depth one). `None` for the first fits, and unless the last two fits increased the
+    /// standard deviations of the same kinds.
     fn extrapolated(&mut self, from: &Widening, to: &Widening) -> Option<Widening> {
         let now = [from.logarithms(), to.logarithms()];
         let before = self.last.replace(now)?;

@@ -4,10 +4,10 @@
 //! sum_i z_i^2 / (1 + s lambda_i) = free,     N^-1/2 C N^-1/2 = Q Lambda Q^T,   z = Q^T N^-1/2 r
 //! ```
 //!
-//! r are residuals with independent noise of covariance N. `s C` is the covariance that must be added to N so that chi2
-//! equals its degrees of freedom `free` (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). All candidate matrices C
-//! give the same chi2. The likelihood is therefore largest for the candidate with the smallest `sum_i ln(1 + s
-//! lambda_i)`.
+//! r are residuals with independent noise of covariance N. Lambda contains the eigenvalues lambda_i, and Q the
+//! eigenvectors. `s C` is the covariance that must be added to N so that chi2 equals its degrees of freedom `free`
+//! (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). Each candidate matrix C, with its own s, gives the same chi2. The
+//! likelihood is therefore largest for the candidate with the smallest `sum_i ln(1 + s lambda_i)`.
 
 use faer::Mat;
 
@@ -38,7 +38,7 @@ impl Modes {
         Some(Self { sigma, directions: eigen.U().to_owned(), lambda })
     }
 
-    /// Projects whitened residuals onto the eigenvectors.
+    /// Whitens the residuals with their noise and projects them onto the eigenvectors.
     pub(super) fn scatter(&self, residuals: &[f64]) -> Scatter {
         let white = Mat::from_fn(residuals.len(), 1, |i, _| residuals[i] / self.sigma[i]);
         let z = self.directions.transpose() * white;

@@ -40,7 +40,8 @@ fn effects(terms: &Terms<'_>) -> Vec<(String, usize)> {
     terms.all.iter().map(|term| (term.name().to_owned(), term.count())).collect()
 }
 
-/// Start model of a fit: the warm start if it has the effects of `terms`, otherwise the triads with zero effects.
+/// Start model of a fit: the warm start if it has the effects of `terms`, otherwise the given accelerometer and
+/// gyroscope with zero effects.
 pub(super) fn start(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,

@@ -5,9 +5,10 @@
 //! covariance of b(t), b(s), up to a constant:   -B^2/pi ln |t - s|  -  K^2/2 |t - s|
 //! ```
 //!
-//! B is the bias instability and K the random walk of each axis. The scatter of the mean rates determines only a large
-//! B. Smaller values of B, and K, are known from the unit's profile. The estimated bias parameter is the mean over the
-//! recording. The bias in a move is the mean of the biases at the adjacent rests.
+//! b is the bias of one axis, t and s are times, B is the bias instability, and K is the random walk of the axis. The
+//! scatter of the mean rates determines only a large B. Smaller values of B, and K, are known only from the unit's
+//! profile. The estimated bias parameter is the mean over the recording. The bias in a move is the mean of the biases
+//! at the adjacent rests.
 
 use std::f64::consts::PI;
 

@@ -1,7 +1,8 @@
 //! Overlapping Allan deviation (`docs/model.md` (29)).
 //!
 //! ```text
-//! sigma^2(m) = 1 / (2 m^2 (N - 2m + 1))  sum over i of (p_(i+2m) - 2 p_(i+m) + p_i)^2,    p_i = x_1 + ... + x_i
+//! sigma^2(m) = 1 / (2 m^2 (N - 2m + 1))  sum over i = 0 to N - 2m of (p_(i+2m) - 2 p_(i+m) + p_i)^2
+//! p_i = x_1 + ... + x_i,   p_0 = 0
 //! ```
 //!
 //! x are N rates at equal intervals, with their mean subtracted. The averaging time tau is m intervals. Sources: IEEE
@@ -97,7 +98,7 @@ fn sums(values: impl ExactSizeIterator<Item = f64> + Clone) -> Result<Vec<f64>, 
     Ok(phase)
 }
 
-/// The sum over i of the squared differences, for each factor.
+/// The sum over i of the squared second differences of the cumulative sums `phase`, for each factor.
 fn squared_differences(phase: &[f64], factors: &[usize], threads: usize) -> Vec<f64> {
     // The factors are processed in ascending order, which makes the best use of the cache.
     let mut order: Vec<usize> = (0..factors.len()).collect();

@@ -24,8 +24,8 @@ const QUANTISATION_GAIN: f64 = 10.83;
 /// frequencies changes all cosines of a stage. Therefore complete stages of five octaves are omitted. The first octave
 /// of the next stage is also omitted, because its values are means of filtered noise.
 const FILTERED: [u32; 2] = [6, 11];
-/// The white noise is estimated only if a count is at most this multiple of the standard deviation of the noise. With
-/// larger counts, rounding errors depend on the signal and are not white.
+/// The white noise is estimated only if a count is at most this multiple of the standard deviation of a sample, which
+/// is due to white noise and rounding. With larger counts, rounding errors depend on the signal and are not white.
 const COARSEST_COUNT: f64 = 2.0;
 /// The averaging time of an Allan deviation is at most the duration of the record divided by this number.
 const LONGEST_SHARE: usize = 3;
@@ -74,14 +74,14 @@ pub struct AxisNoise {
     pub quantisation: Estimate,
     /// Size of a count of the converter, v. It is the smallest step between samples, and zero for a constant axis.
     pub lsb: f64,
-    /// Whether the white noise is less than half a count.
+    /// Whether the standard deviation of a sample from white noise and rounding is less than half a count.
     pub is_below_lsb: bool,
     /// Shortest period of the fitted part of the noise, s. At shorter periods, the power deviates from the model,
     /// usually because of a filter.
     pub shortest_period_s: f64,
     /// Largest deviation of the power in an octave from the model, in standard deviations.
     pub misfit: f64,
-    /// Allan deviations at averaging times that double from one point to the next.
+    /// Allan deviations at about four averaging times per octave.
     pub allan: Vec<AllanPoint>,
 }
 
@@ -193,7 +193,7 @@ impl Model {
         Self { best, kinds, rounding, filtered, misfit }
     }
 
-    /// Estimate of one parameter: the square root of theta times `unit`.
+    /// Estimate of one parameter: `unit` times the square root of its maximum-likelihood power theta.
     fn estimate(&self, powers: &[Power], kind: usize, unit: f64) -> Estimate {
         let used = fitted(powers, self.filtered);
         let mut likelihood = Likelihood { powers: &used, rounding: self.rounding, kinds: self.kinds };

@@ -2,7 +2,7 @@
 //! (31).
 //!
 //! ```text
-//! z_j = sqrt(2 / W) sum over t of y_t cos(pi j (t + 1/2) / W),    j = 1 to W - 1
+//! z_j = sqrt(2 / W) sum over t = 0 to W - 1 of y_t cos(pi j (t + 1/2) / W),    j = 1 to W - 1
 //! ```
 //!
 //! The windows have W consecutive values y. The z_j of a window are exactly independent for white noise, for a random
@@ -127,9 +127,10 @@ pub(super) fn pooled(squares: &[f64], expected: &[PerKind], length: f64) -> Vec<
     powers
 }
 
-/// `E z_j^2 = c_0 + 2/W sum over d of c_d ((W - d) cos(a d) - sin(a d) / sin(a))` with a = pi j / W and 0 < j < W. c_d
-/// is the covariance of means over `length` samples at a distance of d means. Adding a constant to all c_d does not
-/// change the result.
+/// Expectation of the squared cosine z_j^2 of a window of W values:
+/// `c_0 + (2 / W) sum over d of c_d ((W - d) cos(a d) - sin(a d) / sin(a))` with d = 1 to W - 1 and a = pi j / W, for j
+/// = 1 to W - 1. c_d is the covariance of means over `length` samples at a distance of d means. Adding a constant to
+/// all c_d does not change the result.
 pub(super) fn expected_powers(length: f64, width: usize) -> Vec<PerKind> {
     let covariance: Vec<PerKind> = (0..width).map(|d| mean_covariance(length, d as f64)).collect();
     let table: Vec<(f64, f64)> = (0..2 * width).map(|k| (PI * k as f64 / width as f64).sin_cos()).collect();
@@ -185,7 +186,7 @@ impl Tables {
         }
     }
 
-    /// Sums of z_j^2 over the windows, and the mean of each window.
+    /// Sums of the squared cosines z_j^2 over the windows, and the mean of each window.
     fn pass(&self, mut values: impl Iterator<Item = f64>, windows: usize) -> ([f64; WINDOW - 1], Vec<f64>) {
         let mut sums = [0.0; WINDOW - 1];
         let mut means = Vec::with_capacity(windows);
@@ -273,7 +274,7 @@ mod tests {
             let powers = Layout::new(samples).powers(values.clone());
             let total: f64 = powers.iter().map(|p| p.dof).sum();
             assert_eq!(total, samples as f64 - 1.0);
-            // Parseval's theorem: the weighted sum of the powers equals the variance.
+            // Parseval's theorem: the weighted sum of the powers equals the sum of squares about the mean.
             let mean = values.clone().sum::<f64>() / samples as f64;
             let square: f64 = values.map(|v| (v - mean) * (v - mean)).sum();
             let mut weighted = 0.0;

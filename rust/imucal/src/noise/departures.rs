@@ -5,12 +5,14 @@
 //! z_j = sum over components of a_c s_cj + noise,     noise ~ N(0, mu_j(theta)),     j = 1 to W - 1
 //! ```
 //!
-//! z are the cosines of W block means, in which white noise and a random walk are uncorrelated. A component is a step
-//! at a time, a ramp between two times, or an exponential approach to a final value (warm-up). A step has the power
-//! spectrum of a random walk. However, the time of a step determines the signs of its cosines, whereas the signs of the
-//! cosines of a random walk are random. Components are added one at a time. After a component is added, the amplitudes
-//! and the noise parameters are estimated again. The added component has the largest gain of twice the log-likelihood
-//! minus its penalty. If no gain exceeds its penalty, noise explains the record.
+//! z is the cosine transform of W block means. White noise and a random walk are uncorrelated in z. a_c is the
+//! amplitude of component c, s_cj is the cosine transform of its shape, and mu_j is the expected power for the noise
+//! parameters theta. A component is a step at a time, a ramp between two times, or an exponential approach to a final
+//! value (warm-up). A step has the power spectrum of a random walk. However, the time of a step determines the signs of
+//! its cosines, whereas the signs of the cosines of a random walk are random. Components are added one at a time. After
+//! a component is added, the amplitudes and the noise parameters are estimated again. The added component has the
+//! largest gain of twice the log-likelihood minus its penalty. If no gain exceeds its penalty by at least 16, noise
+//! explains the rest of the record.
 
 mod search;
 
@@ -67,7 +69,7 @@ pub(super) struct Blocks {
     pub(super) samples: usize,
     count: usize,
     expected: Vec<PerKind>,
-    /// `sin(pi k / (2 W))` for k from 0 to 4 W.
+    /// `sin(pi k / (2 W))` for k from 0 to 4 W, where W is the number of blocks.
     sines: Vec<f64>,
     warm_ups: Vec<(Shape, Vec<f64>)>,
 }
@@ -109,8 +111,8 @@ impl Blocks {
         Some(blocks)
     }
 
-    /// Steps and drifts of a record, in the order of their gain. The number of samples must be that for which the
-    /// blocks were created. Durations are compared with `ABRUPT_S` by means of the sampling rate `rate_hz`.
+    /// Steps and drifts of a record, in the order in which the search adds them. The number of samples must be that for
+    /// which the blocks were created. Durations are compared with `ABRUPT_S` by means of the sampling rate `rate_hz`.
     pub(super) fn components(
         &self,
         values: impl Iterator<Item = f64>,
@@ -131,7 +133,8 @@ impl Blocks {
         (0..self.count).map(mean).collect()
     }
 
-    /// `z_j = sqrt(2 / W) sum over t of y_t cos(pi j (t + 1/2) / W)` for j = 1 to W - 1.
+    /// Cosine transform z of a window y of W values:
+    /// `z_j = sqrt(2 / W) sum over t = 0 to W - 1 of y_t cos(pi j (t + 1/2) / W)` for j = 1 to W - 1.
     fn cosines(&self, window: &[f64]) -> Vec<f64> {
         let width = self.count;
         let origin = window.first().copied().unwrap_or(0.0);
@@ -166,7 +169,7 @@ impl Blocks {
         -scale * difference / (4.0 * half_sine * half_sine * blocks as f64)
     }
 
-    /// Cosine transform of a shape, for j = 1 to W - 1.
+    /// Cosine transform of a shape: elements j = 1 to W - 1 for W blocks.
     fn column(&self, shape: Shape) -> Vec<f64> {
         match shape {
             Shape::Step { first, fraction } => {
@@ -181,8 +184,8 @@ impl Blocks {
         }
     }
 
-    /// All shapes that the search tries: a step at every block, and ramps. The positions of ramps are a quarter of
-    /// their length apart.
+    /// All shapes that the search tries: a step at every block, ramps, and warm-ups. The lengths of ramps double from
+    /// one to the next, and the positions of ramps of one length are a quarter of this length apart.
     fn shapes(&self, rate_hz: f64) -> Vec<Shape> {
         let mut shapes: Vec<Shape> = (1..self.count).map(|first| Shape::Step { first, fraction: 0.0 }).collect();
         let mut blocks = self.abrupt_blocks(rate_hz) * 2;

@@ -1,11 +1,13 @@
 //! Maximum-likelihood estimation of the noise parameters, with confidence bands: `docs/model.md` (32).
 //!
 //! ```text
-//! -2 log L = sum over powers of dof (P / mu - 1 - ln(P / mu)),    mu = rounding + sum over kinds of theta_k expected_k
+//! -2 log L = sum over powers of dof (P / mu - 1 - ln(P / mu))
+//! mu = rounding expected_w + sum over kinds of theta_k expected_k
 //! ```
 //!
 //! L is the likelihood, P is a measured power with `dof` degrees of freedom, and mu is its expectation. theta_k is the
-//! parameter of noise kind k, and expected_k is the expected power for theta_k = 1.
+//! parameter of noise kind k, expected_k is the expected power for theta_k = 1, and w is white noise. rounding is the
+//! variance of the rounding error of a sample. -2 log L is the deviance.
 //!
 //! theta is estimated by Fisher scoring with the constraint theta >= 0. For each value of theta_k, the deviance is
 //! minimised over the other parameters. The confidence band of theta_k contains all values at which this minimum

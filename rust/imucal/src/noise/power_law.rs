@@ -1,12 +1,12 @@
 //! Second-order statistics of each kind of noise: `docs/model.md` (30).
 //!
 //! Let x be the samples at unit rate, and p their cumulative sums. In general, p has no stationary covariance, but its
-//! second differences have one. The function s(k) is chosen so that `E p_i p_j = s(i - j)` gives the correct covariance
-//! of every second difference of p.
+//! second differences have one. The function s(k) is chosen so that the expectation `E p_i p_j = s(i - j)` gives the
+//! correct covariance of every second difference of p.
 //!
 //! ```text
 //! white         x = n                       s(k) = -|k| / 2
-//! flicker       x = (1 - z^-1)^(-1/2) n     s(k) = 2/pi (h(j) (j^2/2 + j + 3/8) - 3/8 j^2 - j/2),
+//! flicker       x = (1 - z^-1)^(-1/2) n     s(k) = (2/pi) (h(j) (j^2/2 + j + 3/8) - (3/8) j^2 - j/2),
 //!                                                   j = |k| - 1,  h(j) = 1 + 1/3 + ... + 1/(2j - 1)
 //! random walk   x = (1 - z^-1)^-1 n         s(k) = (|k|^3 - |k|) / 12
 //! quantisation  x = (1 - z^-1) n            s(k) = 1 for k = 0, else 0
@@ -31,7 +31,7 @@ pub(super) const QUANTISATION: usize = 3;
 /// One number for each kind of noise.
 pub(super) type PerKind = [f64; KINDS];
 
-/// The function s(k) of each kind, for a unit parameter.
+/// The function s(k) of the module documentation for each kind, for a unit parameter.
 fn sums_covariance(k: f64) -> PerKind {
     let k = k.abs();
     let j = (k - 1.0).max(0.0);
@@ -83,12 +83,14 @@ pub(super) fn allan_variance(parameters: &PerKind, factor: usize) -> f64 {
 /// edf = 2 E^2 / Var = c_0^2 n^2 / sum over |h| < n of (n - |h|) c_h^2
 /// ```
 ///
-/// c is the covariance of differences between consecutive means. For factors of 128 and above, only every (factor /
-/// 64)-th difference is used. The other differences are so strongly correlated with these that they add no information.
+/// E and Var are the expectation and the variance of the estimated Allan variance. c_h is the covariance of two of its
+/// n differences between consecutive means, at a distance of h differences. For factors of 128 and above, only every
+/// (factor / 64)-th difference is used. The other differences are so strongly correlated with these that they add no
+/// information.
 pub(super) fn degrees_of_freedom(parameters: &PerKind, factor: usize, samples: usize) -> f64 {
     const PER_WINDOW: usize = 64;
-    /// Distance beyond which differences count as independent, in windows. Their covariance decreases with the square
-    /// of the distance.
+    /// Distance beyond which differences count as independent, in averaging times. Their covariance decreases with the
+    /// square of the distance.
     const WINDOWS: usize = 24;
     let stride = (factor / PER_WINDOW).max(1);
     let count = ((samples - 2 * factor) / stride + 1) as f64;
@@ -126,7 +128,7 @@ mod tests {
     }
 
     /// The variogram must equal that of half-order integrated white noise. The latter is computed from the power
-    /// spectrum: `1/pi integral of (1 - cos k w) / (2 sin(w / 2))`.
+    /// spectrum: `(1 / pi) integral of (1 - cos k w) / (2 sin(w / 2)) dw` from 0 to pi.
     #[test]
     fn flicker_has_the_variogram_of_its_power() {
         let steps = 200_000;

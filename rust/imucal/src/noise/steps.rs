@@ -12,7 +12,7 @@ use crate::recording::Recording;
 
 /// Margin that is cut out before and after a step, s. The unit may still move within this margin.
 const MARGIN_S: f64 = 1.0;
-/// Number of blocks before and after a step in which the exact sample of the step is searched for.
+/// Number of blocks before and after a step whose samples determine the exact sample of the step.
 const NEAR_BLOCKS: usize = 8;
 
 /// A step of the mean of a unit at rest, for example after a bump against the table.
@@ -48,7 +48,7 @@ pub struct Departure {
     pub size: f64,
     /// Standard deviation of the size.
     pub std: f64,
-    /// Increase of twice the log-likelihood compared with a model of random noise only.
+    /// Increase of twice the log-likelihood compared with the model without this change.
     pub gain: f64,
 }
 
@@ -114,7 +114,8 @@ pub(super) fn gather(
     (steps, drifts)
 }
 
-/// The sample near the start of block `first` at which the means before and after it differ most significantly.
+/// The sample, at most two blocks from the start of block `first`, at which the means before and after it differ most
+/// significantly.
 fn sharpened(recording: &Recording<'_>, rest: &Range<usize>, block: usize, first: usize, channel: usize) -> usize {
     let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
     let middle = rest.start + first * block;
@@ -260,7 +261,7 @@ mod tests {
         simulate(&Program::try_new(vec![Step::hold(DURATION_S)]).unwrap(), &unit, RATE_HZ, 9.80665, seed).unwrap()
     }
 
-    /// The noise of the run after `change` is added to accelerometer x and gyroscope z.
+    /// The noise of the run after `change` is added to accelerometer x and subtracted from gyroscope z.
     fn noise_with(run: &Simulation, change: impl Fn(f64) -> f64, cut_steps: bool) -> Noise {
         let (mut force, mut rate) = (run.specific_force.clone(), run.angular_rate.clone());
         for (k, time_s) in run.time_s.iter().enumerate() {

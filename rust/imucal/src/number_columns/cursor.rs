@@ -1,4 +1,4 @@
-//! The fields of a text table, which are read one after the other, and correctly rounded numbers.
+//! Reads the fields of a text table one after the other, and rounds their numbers correctly.
 
 use super::NotPlain;
 
@@ -151,7 +151,8 @@ impl Cursor<'_> {
     }
 }
 
-/// The number that eight bytes represent; `None` if not all of them are digits. All eight bytes are processed together.
+/// The number that eight decimal digits represent; `None` if not all eight bytes are digits. All eight bytes are
+/// processed together.
 fn eight_digits(bytes: [u8; 8]) -> Option<u64> {
     const HIGH: u64 = 0xf0f0_f0f0_f0f0_f0f0;
     const ZEROS: u64 = 0x3030_3030_3030_3030;
@@ -166,7 +167,7 @@ fn eight_digits(bytes: [u8; 8]) -> Option<u64> {
     is_digits.then_some(first_and_third.wrapping_add(second_and_fourth) >> 32)
 }
 
-/// mantissa * 10^exponent, correctly rounded; `None` if the exponent needs a more general algorithm.
+/// mantissa * 10^exponent, correctly rounded; `None` if a more general algorithm is needed.
 #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation)] // Each cast is exact, see below.
 fn rounded(mantissa: u64, exponent: i64) -> Option<f64> {
     let index = usize::try_from(exponent.unsigned_abs()).ok()?;
@@ -178,7 +179,8 @@ fn rounded(mantissa: u64, exponent: i64) -> Option<f64> {
     if exponent >= 0 || index > LARGEST_DIVISOR {
         return None;
     }
-    // The quotient has at least 64 bits, of which 53 are kept. The other bits and the remainder determine the rounding.
+    // The quotient has at least 54 bits. Its first 53 bits are kept, and the other bits and the remainder determine the
+    // rounding.
     let divisor = 10_u128.pow(index as u32);
     let dividend = u128::from(mantissa) << 64;
     let (quotient, remainder) = (dividend / divisor, dividend % divisor);

@@ -4,10 +4,11 @@
 //! means over five consecutive intervals ("boxes") equal the means of the data:
 //!
 //! ```text
-//! sum_j weight_j mean over box j of (t - t_k)^m = 1 for m = 1, 0 for m = 0, 2, 3, 4
+//! sum_j weight_j mean_j((t - t_k)^m) = 1 for m = 1,   = 0 for m = 0, 2, 3 and 4
 //! ```
 //!
-//! t_k is the time of the sample, and weight_j is the weight of the mean of the data over box j.
+//! t_k is the time of the sample, mean_j is the mean over box j, and weight_j is the weight of the mean of the data
+//! over box j.
 //!
 //! The noise of the derivative decreases with the power 3/2 of the box width, and the truncation error of motion
 //! increases with the fourth power. Boxes are therefore widened as long as noise explains the change of the derivative

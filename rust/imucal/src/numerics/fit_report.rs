@@ -101,7 +101,8 @@ pub(crate) fn significance_limit(degrees_of_freedom: f64) -> f64 {
     1.0 + 3.0 * (2.0 / degrees_of_freedom).sqrt()
 }
 
-/// Decrease of chi2, `|P r|^2`, that the linear model predicts.
+/// Decrease of chi2, `|P r|^2`, that the linear model predicts. P is the projection of the residuals r onto the columns
+/// of the Jacobian.
 fn predicted_decrease(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> f64 {
     /// The parameters are determined along a direction only if its singular value is larger than this multiple of the
     /// largest one. Other directions do not contribute to the gradient.

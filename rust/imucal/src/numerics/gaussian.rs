@@ -23,10 +23,12 @@ impl WithSimd for Kernels<'_> {
     }
 }
 
-/// `exp(x)` for `x <= 0`, computed as `exp(n ln 2) exp(r)` with |r| at most half of ln 2.
+/// `exp(x)` for `x <= 0`, computed as `2^n exp(r)`. n is the integer nearest to x / ln 2, and the remainder
+/// `r = x - n ln 2` is at most half of ln 2 in absolute value.
 #[inline(always)]
 fn exp(x: f64) -> f64 {
-    /// Lower limit of x. For smaller x, the exponent of a double cannot represent 2^n, so x is set to this limit.
+    /// Lower limit of x, to which smaller x are set. Below about -708, a normal number of double precision cannot
+    /// represent 2^n.
     const LEAST: f64 = -700.0;
     /// 1.5 * 2^52. If a number is added to it, the lowest bits of the sum contain the number rounded to the nearest
     /// integer.

@@ -91,7 +91,7 @@ fn without_avx512<W: WithSimd>(work: W) -> W::Output {
     }
 }
 
-/// Runs its work with arrays for any instructions.
+/// Runs its work with arrays of eight numbers, whichever instructions are selected.
 #[cfg(all(target_arch = "x86_64", feature = "emulate-avx512"))]
 struct InArrays<W>(W);
 

@@ -1,9 +1,10 @@
-//! Nonlinear least squares: minimum of |r(p)|^2 by the Levenberg-Marquardt method with an analytic Jacobian.
+//! Nonlinear least squares: minimum of the sum of squares |r(p)|^2 of the residuals r(p), found by the
+//! Levenberg-Marquardt method with an analytic Jacobian J.
 //!
 //! The solver implements the `Solver` trait of argmin with faer matrices. The `Executor` of argmin runs the solver, and
-//! limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`. It is computed by QR of `[R;
-//! sqrt(lambda) D]`, where R is from the QR of J. D contains the largest column norms of J so far, so the result does
-//! not depend on the units of the parameters.
+//! limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`. It is computed by QR of
+//! `[R; sqrt(lambda) D]`, where R is from the QR of J. D contains the largest column norms of J so far, so the result
+//! does not depend on the units of the parameters.
 
 use argmin::core::{Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use faer::Mat;
@@ -68,11 +69,11 @@ impl Solution {
     }
 }
 
-/// A final result has converged if the relative length of the step is below this limit. The step and the parameters are
-/// scaled by D. If the model describes the data, the remaining error is smaller than the last step by orders of
-/// magnitude.
+/// A final result has converged if the length of the step divided by the length of the parameter vector is below this
+/// limit. Both are scaled by the column norms of the Jacobian. If the model describes the data, the remaining error is
+/// smaller than the last step by orders of magnitude.
 pub(crate) const EXACT: f64 = 1e-10;
-/// A start value has converged if the relative length of the step is below this limit.
+/// A start value has converged if the relative length of the step (see [`EXACT`]) is below this limit.
 pub(crate) const ROUGH: f64 = 1e-3;
 /// Maximum number of iterations of a fit. It is far above the number that a convergent fit needs.
 pub(crate) const ITERATION_LIMIT: u64 = 200;
@@ -312,8 +313,8 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
         let ratio = (self.chi2 - chi2) / predicted;
         // Comparisons with NaN are false. A step with residuals that are not finite is therefore rejected.
         let accepted = chi2 < self.chi2;
-        // Nielsen's update of lambda (IMM-REP-1999-05). It is a smooth function of the gain ratio and needs no
-        // thresholds.
+        // Nielsen's update of lambda (IMM-REP-1999-05). It is a smooth function of the gain ratio (actual decrease of
+        // chi2 divided by predicted decrease) and needs no thresholds.
         if accepted {
             std::mem::swap(&mut self.residuals, &mut self.trial_residuals);
             std::mem::swap(&mut self.jacobian, &mut self.trial_jacobian);

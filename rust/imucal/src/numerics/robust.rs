@@ -6,7 +6,8 @@ use crate::numerics::lsq;
 use crate::numerics::stats::{MEDIAN_SIZE, median};
 
 /// An item is an outlier if its score, in robust standard deviations, exceeds this limit. With normally distributed
-/// errors, the score of a valid item exceeds the limit with a probability of about 1e-6.
+/// errors, the score of a valid item exceeds the limit with a probability of 2e-7 (one residual) or 1.3e-6 (two
+/// residuals).
 const LIMIT: f64 = 5.2;
 
 /// Score of each rest or move. It is the norm of the item's residuals in a fit without the item, in standard deviations

@@ -38,8 +38,8 @@ pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
     between(low, smallest(above), position - below as f64)
 }
 
-/// The [`quantile`] of `count` values that are computed when needed and not stored. NaN values are ignored. `write(k,
-/// to)` writes the values from index `k` on to `to`.
+/// The [`quantile`] of `count` values that are computed when needed and not stored. NaN values are ignored.
+/// `write(k, to)` writes the values from index `k` on to `to`.
 ///
 /// An evenly spaced sample of the values gives two limits. The quantile is between them with high probability, so only
 /// the values between them are stored. If the quantile is outside the limits, all values are stored (after Floyd and
@@ -192,8 +192,8 @@ pub(crate) struct RandomEffectsMean {
     pub(crate) mean: f64,
     /// Weight of each value. The weights sum to one.
     pub(crate) weights: Vec<f64>,
-    /// Estimated variance of the true values about their mean. It does not contain the variances of the measured
-    /// values.
+    /// Estimated variance of the true values about their mean. It does not contain the variances of the measurement
+    /// errors.
     pub(crate) between: f64,
 }
 
@@ -279,8 +279,9 @@ mod tests {
                 assert_eq!(of(50_000, &value, q), quantile(&mut kept, q), "{k} {q}");
             }
         }
-        // The values have the same period as the sample, so all values in the sample are equal.
-        let value = |i: usize| if i.is_multiple_of(50) { 7.0 } else { i as f64 };
+        // The sample has every 36th of 50,000 values. Each of these is 7 here, so the limits from the sample do not
+        // contain the quantile.
+        let value = |i: usize| if i.is_multiple_of(36) { 7.0 } else { i as f64 };
         assert_eq!(of(50_000, &value, 0.5), quantile(&mut (0..50_000).map(value).collect::<Vec<_>>(), 0.5));
         assert!(of(0, &|_| 1.0, 0.5).is_nan());
         assert!(of(9_000, &|_| f64::NAN, 0.5).is_nan());

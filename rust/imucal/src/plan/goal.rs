@@ -4,7 +4,8 @@ use faer::Mat;
 
 use super::predict::{covariance, log_determinant};
 
-/// Order p of the p-norm, which approximates the maximum. Unlike the maximum, the p-norm is smooth.
+/// Order p of the p-norm of the ratios of variances to their targets. The p-norm approximates the maximum, but is
+/// smooth.
 const NORM_ORDER: f64 = 8.0;
 
 /// Goal of an optimal program.
@@ -29,8 +30,8 @@ impl Goal {
         match self {
             Self::MostIn { .. } => Some(-log_determinant(information, prior)? / prior.len() as f64),
             Self::ShortestTo { .. } => {
-                // The p-norm approximates the largest ratio of a variance to its target. It also decreases when one of
-                // the other ratios decreases.
+                // The p-norm approximates the largest ratio of a variance to its target variance. It also decreases if
+                // one of the other ratios decreases.
                 let shares = self.shares(information, prior)?;
                 let worst = shares.iter().map(|share| share.powf(NORM_ORDER)).sum::<f64>().powf(1.0 / NORM_ORDER);
                 // A variance is inversely proportional to the duration of the program. With weight 2, a missed target
@@ -42,12 +43,14 @@ impl Goal {
         }
     }
 
-    /// Largest ratio of a variance to its target. If it is above 1, the goal is not reached.
+    /// Largest ratio of a variance to its target variance; 0 for a goal without targets. If it is above 1, the goal is
+    /// not reached.
     pub(super) fn worst(&self, information: &Mat<f64>, prior: &[f64]) -> Option<f64> {
         Some(self.shares(information, prior)?.into_iter().fold(0.0, f64::max))
     }
 
-    /// Ratio of each variance to its target; empty for a goal without targets.
+    /// Ratio of each variance to its target variance, the square of the target standard deviation; empty for a goal
+    /// without targets.
     fn shares(&self, information: &Mat<f64>, prior: &[f64]) -> Option<Vec<f64>> {
         let Self::ShortestTo { sigma } = self else { return Some(Vec::new()) };
         let covariance = covariance(information, prior)?;

@@ -6,8 +6,10 @@
 //! propagation   d' = d - C theta + noise of covariance Q;   d is then eliminated
 //! ```
 //!
-//! The gravity direction at a rest is directly coupled only to the previous and the next direction. Directions are
-//! therefore eliminated one after the other, and the computing time is proportional to the number of rests.
+//! y is a measurement divided by its standard deviation. d contains the two angles of the gravity direction, and d' is
+//! d after a propagation. theta contains all parameters. A, B and C are Jacobians. The gravity direction at a rest is
+//! directly coupled only to the previous and the next direction. Directions are therefore eliminated one after the
+//! other, and the computing time is proportional to the number of rests.
 
 use faer::Mat;
 use nalgebra::Matrix2;
@@ -25,7 +27,8 @@ pub(super) struct InformationFilter {
 /// Propagation of the direction of gravity over an interval.
 #[derive(Clone)]
 pub(super) struct Propagation {
-    /// Derivatives of both angles of the gravity direction with respect to the parameters.
+    /// The matrix C in `d' = d - C theta`: the derivatives of both angles of the gravity direction with respect to the
+    /// parameters, with opposite sign.
     pub(super) jacobian: [Vec<f64>; 2],
     /// Covariance of the noise of both angles, rad^2.
     pub(super) covariance: Matrix2<f64>,
@@ -39,8 +42,8 @@ impl InformationFilter {
     }
 
     /// Adds a measurement with the given weight. `row` contains the derivatives divided by the standard deviation of
-    /// the measurement. The derivatives with respect to the two angles of the gravity direction come first, followed by
-    /// those with respect to the parameters.
+    /// the measurement. The derivatives with respect to the two angles of the gravity direction come first, and the
+    /// derivatives with respect to the parameters follow.
     pub(super) fn add_row(&mut self, row: &[f64], weight: f64) {
         for (i, value) in row.iter().enumerate().filter(|(_, value)| **value != 0.0) {
             let factor = weight * value;

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use crate::error::Error;
 use crate::simulate::profile::PEAK_ACCELERATION;
 
-/// Minimum number of poses in a program. Ten rests are needed for the nine parameters of the accelerometer.
+/// Minimum number of poses in a program: one more than the number of accelerometer parameters.
 pub(super) const FEWEST_POSES: usize = 10;
 /// Shortest move that rest detection can distinguish from the adjacent rests, s.
 const SHORTEST_MOVE_S: f64 = 0.3;
@@ -57,7 +57,8 @@ pub struct Limits {
 
 impl Limits {
     /// Limits of the paper's stand: three motors without end stops at 120 deg/s. The paper does not state the
-    /// acceleration. It is assumed to be that which the random program of the paper needs for a turn of 240 deg in 2 s.
+    /// acceleration. It is assumed to be the peak acceleration of a turn of 240 deg in 2 s, the largest turn in the
+    /// random program of the paper.
     pub fn paper() -> Self {
         let axis = Axis {
             max_rate_radps: 120_f64.to_radians(),
@@ -173,7 +174,7 @@ impl Zone {
     /// Whether the straight path between two sets of motor angles touches the zone.
     fn is_crossed(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
         // Intervals of the path, as shares of its length, in which all motors processed so far are inside the zone. A
-        // motor that makes several revolutions is inside several times.
+        // motor that makes several revolutions is inside the zone several times.
         let mut inside = vec![[0.0, 1.0]];
         for motor in 0..3 {
             let Some([low, high]) = self.angle_rad[motor] else { continue };

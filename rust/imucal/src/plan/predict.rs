@@ -14,7 +14,8 @@ use crate::simulate::Motion;
 pub struct Prediction {
     /// Standard deviation of each parameter in SI units, in the order of [`Sensors`]: first the 21 parameters of the
     /// triads, then the parameters of the effects. If the motion does not determine a parameter, its standard deviation
-    /// is that of its prior, a tenth of its size.
+    /// is that of its prior: a tenth of its size, ten typical sizes for a parameter of an effect, or the prior of the
+    /// user if it is narrower.
     pub sigma: Vec<f64>,
     /// Number of rests that are long enough for rest detection.
     pub rests: usize,
@@ -87,8 +88,8 @@ fn rests(motion: &Motion, min_rest_s: f64, settle_s: f64) -> Vec<RestSpan> {
     motion.rests().into_iter().map(span).filter(|rest| rest.used_s >= min_rest_s).collect()
 }
 
-/// Inverse of the information matrix plus the prior precision `prior` on its diagonal; `None` if the sum is not
-/// positive definite.
+/// Inverse of the sum of the information matrix and the diagonal matrix of the prior precisions `prior`; `None` if the
+/// sum is not positive definite.
 pub(super) fn covariance(information: &Mat<f64>, prior: &[f64]) -> Option<Mat<f64>> {
     let n = prior.len();
     let size: Vec<f64> = (0..n).map(|p| (information[(p, p)] + prior[p]).sqrt()).collect();
@@ -97,8 +98,8 @@ pub(super) fn covariance(information: &Mat<f64>, prior: &[f64]) -> Option<Mat<f6
     Some(Mat::from_fn(n, n, |i, j| solved[(i, j)] / (size[i] * size[j])))
 }
 
-/// Logarithm of the determinant of the information matrix plus the prior precision `prior` on its diagonal; `None` if
-/// the sum is not positive definite.
+/// Logarithm of the determinant of the sum of the information matrix and the diagonal matrix of the prior precisions
+/// `prior`; `None` if the sum is not positive definite.
 pub(super) fn log_determinant(information: &Mat<f64>, prior: &[f64]) -> Option<f64> {
     let n = prior.len();
     let size: Vec<f64> = (0..n).map(|p| (information[(p, p)] + prior[p]).sqrt()).collect();
@@ -107,7 +108,7 @@ pub(super) fn log_determinant(information: &Mat<f64>, prior: &[f64]) -> Option<f
     Some(2.0 * (diagonal + size.iter().map(|size| size.ln()).sum::<f64>()))
 }
 
-/// Information matrix plus prior precision, scaled so that all diagonal entries are one.
+/// Information matrix plus the diagonal matrix of the prior precisions, scaled so that all diagonal entries are one.
 fn scaled(information: &Mat<f64>, prior: &[f64], size: &[f64]) -> Mat<f64> {
     Mat::from_fn(prior.len(), prior.len(), |i, j| {
         (information[(i, j)] + if i == j { prior[i] } else { 0.0 }) / (size[i] * size[j])

@@ -13,7 +13,7 @@ const BLOCK_S: f64 = 0.04;
 /// Length of the intervals into which a hand-held rest is divided, s. Within an interval, the gravity direction is
 /// treated as constant.
 const HELD_S: f64 = 0.2;
-/// Number of integration steps in a move. With this number, the midpoint rule has a relative error of 1e-3 in the
+/// Number of integration steps in a move. With this number, the midpoint rule causes a relative error of 1e-3 of the
 /// information.
 const STEPS: usize = 32;
 
@@ -63,7 +63,8 @@ impl RestInformation {
     }
 
     /// Adds the information of a rest of this duration, s. `rests` is the number of all rests. The gyroscope has the
-    /// same reading at all rests, so all rests have the same rounding error.
+    /// same reading at all rests, so all rests have the same rounding error. The rounding variance of each rest is
+    /// therefore multiplied by `rests`.
     pub(super) fn add_to(&self, filter: &mut InformationFilter, duration_s: f64, rests: usize) {
         let Some(half) = &self.half_interval else {
             let [force, rate] = self.rounding;
@@ -133,8 +134,9 @@ impl MoveInformation {
     }
 }
 
-/// Propagation with the gyroscope over several intervals. For each interval, the motion at its middle, the time of its
-/// middle, s, and its duration, s, are given.
+/// Propagation with the gyroscope over consecutive intervals. `parts` contains, for each interval, the motion at its
+/// middle, the time of its middle, s, and its duration, s. `variance` is the variance of the mean gyroscope reading
+/// over one second, (rad/s)^2.
 fn propagation_over(
     sensors: &Sensors,
     parts: impl IntoIterator<Item = (Moment, f64, f64)>,

@@ -27,7 +27,8 @@ const SHARE_OF_START: usize = 16;
 /// Annealing temperature at the start of the search. The cost of a program is a logarithm, so the temperature has no
 /// unit. An increase of the cost by this temperature is accepted with a probability of about one third.
 const WARM: f64 = 0.006;
-/// Annealing temperature at the end of the search. A program with a higher cost is then practically never accepted.
+/// Annealing temperature at the end of the search. At this temperature, a program with a higher cost is practically
+/// never accepted.
 const COLD: f64 = 0.00006;
 /// Maximum number of random poses that are tried to find a pose that the stand can reach.
 const ATTEMPTS: usize = 200;
@@ -41,7 +42,7 @@ pub struct Search {
     pub goal: Goal,
     /// Seed of the random numbers. The same seed gives the same program.
     pub seed: u64,
-    /// Number of proposals.
+    /// Number of proposals in the whole search.
     pub proposals: usize,
 }
 

@@ -18,7 +18,7 @@ use crate::two_stage::observability::FARTHEST;
 /// Maximum share of the gyroscope's range that a plan uses. The other part is a margin for noise and for overshoot of
 /// the motors.
 const NEAR_RAILS: f64 = 0.95;
-/// Assumed time constant of an effect, as a share of the duration of the run.
+/// Assumed time constant of an effect that has one, as a share of the duration of the run.
 const SHAPE_SHARE: f64 = 0.3;
 
 /// Model of a unit for planning: the sensitivities, the white noise, and the effects to be estimated.
@@ -36,7 +36,8 @@ pub struct Sensors {
     pub(super) moving_variance: f64,
     /// Variance of the rounding error of the mean force of a rest, (m/s^2)^2.
     pub(super) force_rounding: f64,
-    /// Variance of the rounding error of the mean rate, (rad/s)^2. All rests have the same rounding error.
+    /// Variance of the rounding error of the mean rate of a rest, (rad/s)^2. All rests have the same rounding error of
+    /// the rate.
     pub(super) rate_rounding: f64,
     gyroscope_range: f64,
     gravity_mps2: f64,
@@ -48,7 +49,8 @@ pub struct Sensors {
 
 /// Variance of the rounding error of the mean of a rest, squared SI unit (model.md (37)).
 fn rounding_error(sensor: &Sensor, rate_hz: f64) -> f64 {
-    // The noise bandwidth of a second-order filter is 1.11 times its bandwidth, on each side of zero frequency.
+    // The noise bandwidth of a second-order Butterworth filter is 1.11 times its -3 dB bandwidth. The factor 2 includes
+    // negative frequencies, because the noise density is two-sided.
     let passed_hz = sensor.low_pass.map_or(rate_hz, |low_pass| rate_hz.min(2.0 * 1.11 * low_pass.bandwidth_hz));
     let noise = sensor.noise_density * passed_hz.sqrt();
     let rounding = sensor.converter.and_then(|converter| Rounding::of_noise(converter.lsb, noise));
@@ -133,9 +135,9 @@ impl Sensors {
         self.effects.iter().flat_map(named).collect()
     }
 
-    /// Prior precision (inverse variance) of each parameter. If the user gave a prior for a parameter, it has the
-    /// precision of this prior. For all other parameters, the prior standard deviation is a tenth of their size, or ten
-    /// typical sizes for an effect.
+    /// Prior precision (inverse variance) of each parameter. The prior standard deviation is a tenth of the size of a
+    /// parameter, or ten typical sizes for a parameter of an effect. If the user gave a narrower prior for a parameter,
+    /// the precision of the user's prior is used.
     pub(super) fn prior_precision(&self) -> Vec<f64> {
         let scale = |matrix: &Matrix3<f64>| matrix.norm() / 3f64.sqrt();
         let (accelerometer, gyroscope) = (scale(&self.accelerometer), scale(&self.gyroscope));
@@ -213,8 +215,9 @@ impl Sensors {
         rows
     }
 
-    /// Adds the propagation over an interval of `duration_s` around `time_s`. The derivatives of both angles with
-    /// respect to the parameters are added to `by`. Returns the gains of both angles for white noise of the gyroscope.
+    /// Adds the propagation of the gravity direction over an interval of `duration_s` around `time_s`. The derivatives
+    /// of its two angles with respect to the parameters are added to `by`. Returns the gains from the rate noise of the
+    /// three gyroscope axes to both angles.
     pub(super) fn add_propagation(
         &self,
         moment: &Moment,

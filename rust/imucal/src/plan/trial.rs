@@ -64,7 +64,7 @@ impl Scene<'_> {
         self.with_cost(trial)
     }
 
-    /// The program with another pose `k`; `None` if the stand cannot reach this pose.
+    /// The program with another pose `k`; `None` if the stand cannot run the changed program.
     pub(super) fn with_pose(&self, trial: &Trial, k: usize, pose: Vector3<f64>) -> Option<Trial> {
         let mut changed = trial.clone();
         changed.poses[k] = pose;
@@ -96,8 +96,8 @@ impl Scene<'_> {
             let share = (k as f64 + 0.5) / RATE_INSTANTS as f64;
             self.sensors.too_fast(&moment(from, &turn, move_s, share * move_s).angular_rate)
         };
-        // All rates are inversely proportional to the duration of the move. The duration is therefore multiplied by the
-        // largest ratio of a rate to the range of the gyroscope.
+        // All rates are inversely proportional to the duration of the move. If the largest ratio of a rate to the range
+        // of the gyroscope is above 1, the duration is therefore multiplied by this ratio.
         move_s = whole_ticks(move_s * (0..RATE_INSTANTS).map(look).fold(1.0, f64::max));
         let at = |time_s: f64| moment(from, &turn, move_s, time_s - start_s);
         Some((move_s, Rc::new(MoveInformation::new(self.sensors, start_s, move_s, self.limits.settle_s, at))))

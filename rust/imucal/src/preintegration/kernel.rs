@@ -10,7 +10,7 @@ use super::sums::{Node, STEPS_OF_A_NODE, Sample, Totals, end_of_nodes};
 
 /// Number of steps in a tile. A lane reads all samples of a tile together. A tile is half a node of `sums.rs`.
 const TILE: usize = STEPS_OF_A_NODE / 2;
-/// Number of samples by which memory is prefetched ahead of their use.
+/// Memory is prefetched this number of samples before it is used.
 const AHEAD: usize = 64;
 
 /// Block of consecutive samples. Each lane processes an equal part of the block.
@@ -36,8 +36,9 @@ pub(super) struct Map {
 /// Result of the integration over several steps, in the frame of [`Map`].
 pub(super) struct Increment {
     pub(super) rotation: UnitQuaternion<f64>,
-    /// Four sums over the samples. The first is the sum of R with the integration weights of the samples. The others
-    /// are the sums of R times each component of the rate. For component j, only the columns c <= j are valid.
+    /// Four sums over the samples. R is the rotation from the frame at a sample to the frame at the first sample. The
+    /// first sum is that of R with the integration weights of the samples. The others are the sums of R times each
+    /// component of the rate. In the sum for rate component j, only the columns c <= j are valid.
     pub(super) sums: [Matrix3<f64>; 4],
     /// Number of processed steps. The remaining steps of a block are fewer than the lanes, or fewer than one node (16
     /// steps) per lane.

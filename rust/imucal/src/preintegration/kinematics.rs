@@ -1,9 +1,10 @@
 //! Linear start value of the gyroscope's sensitivity. It is computed from the motion of gravity in the body frame
 //! during moves (`docs/model.md` (10)).
 //!
-//! In the body frame, the direction u of gravity changes by `du/dt = u x w`. The rate is `w = P (m - b)`. The direction
-//! u is measured by the accelerometer and averaged over short blocks. Each pair of consecutive blocks gives three
-//! equations that are linear in the nine entries of P:
+//! In the body frame, the direction u of gravity changes by `du/dt = u x w`. The rate is `w = P (m - b)`, where P is
+//! the inverse of the sensitivity, m the measured rate and b the bias. The direction u is measured by the accelerometer
+//! and averaged over short blocks. Each pair of consecutive blocks, with the mean direction ubar, gives three equations
+//! that are linear in the nine entries of P:
 //!
 //! ```text
 //! u_(j+1) - u_j = [ubar]x P s,   s = integral of (m - b) between the centres of the blocks
@@ -105,7 +106,7 @@ fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: 
     }
 }
 
-/// Solves the weighted normal equations for the entries of P, row by row.
+/// Solves the weighted normal equations for the nine entries of P, which are ordered by rows.
 fn solve(pairs: &[Pair], weights: &[f64], size: f64) -> Option<Matrix3<f64>> {
     // The equation of a pair of blocks is change = [ubar]x P s, with ubar = `pair.up` and s = `pair.turn`. Its design
     // matrix is the Kronecker product of [ubar]x and s^T. The normal matrix of the pair is therefore the Kronecker
@@ -127,8 +128,8 @@ fn solve(pairs: &[Pair], weights: &[f64], size: f64) -> Option<Matrix3<f64>> {
     // The factorisation uses only the lower triangle of the normal matrix.
     let normal = SMatrix::<f64, 9, 9>::from_fn(|row, column| blocks[row / 3][column / 3][(row % 3, column % 3)]);
     let right = SVector::<f64, 9>::from_fn(|row, _| right[row / 3][row % 3]);
-    // Slight damping makes the factorisation possible even if the unit does not rotate about some axis. The column of P
-    // for this axis is then zero, and the caller detects that P is singular.
+    // Slight damping makes the factorisation possible even if the moves do not determine some entries of P. These
+    // entries are then near zero.
     let damping = 1e-9 * normal.trace();
     let factor = (normal + SMatrix::identity() * damping).cholesky()?;
     Some(Matrix3::from_row_slice(factor.solve(&right).as_slice()) / size)

@@ -234,8 +234,8 @@ impl<'a> RateSegment<'a> {
         Increment { rotation: outward.inverse() * rotation * outward, sums: [bias, x, y, z], steps: steps.len() }
     }
 
-    /// Two factors that convert the sums of the vectorised integration to SI units. The first converts the sum of R to
-    /// s. The second converts the sums of R times a component of the rate to rad.
+    /// Two factors that convert the sums of the vectorised integration to SI units. The first converts the sum of the
+    /// rotations R to s. The second converts the sums of R times a component of the rate to rad.
     fn units_of_sums(&self) -> (f64, f64) {
         match self.sample_times {
             SampleTimes::Even(interval_s) => (interval_s, 6.0),

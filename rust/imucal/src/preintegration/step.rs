@@ -2,10 +2,11 @@
 //! contribution of the step's first sample to the sums.
 //!
 //! In the units of this file, the rotation vector of a step is `3 p` with `p = s + q`. `s` is a third of the integral
-//! of the rate, and `q` is a third of the coning term. For equal steps, the samples are scaled so that `s = a0 + a1`
-//! and `q = a0 x a1`. With `y = |p|^2`, the quaternion of a step is proportional to `(1, tau(y) p)`, where tau is a
-//! polynomial. This quaternion is not normalised. It changes the norm of a product by a factor that is another
-//! polynomial in y.
+//! of the rate, and `q` is a third of the coning term. For equal steps and linear interpolation, the samples a0 and a1
+//! at the ends of a step are scaled so that `s = a0 + a1` and `q = a0 x a1`. With `y = |p|^2`, the quaternion of a step
+//! is proportional to `(1, tau(y) p)`, where tau is a polynomial. This quaternion is not normalised. It multiplies the
+//! squared norm of a product by `1 / cos^2(t/2)`, where t is the rotation angle of the step, and `cos^2(t/2)` is
+//! another polynomial in y.
 
 use nalgebra::Vector3;
 use pulp::Simd;
@@ -92,7 +93,7 @@ pub(super) struct LaneState<S: Simd> {
     double: Lanes<S>,
     /// Sum over all steps since the last call of `sum_of_samples`. Each step contributes the two samples at its ends.
     pairs: Three<S>,
-    /// Largest y of all steps.
+    /// Largest `y = |p|^2` of all steps. The rotation angle of a step is 3 |p|.
     largest: Lanes<S>,
 }
 
@@ -176,7 +177,7 @@ impl<S: Simd> LaneState<S> {
         self.a[if CUBIC { 1 } else { 2 }]
     }
 
-    /// What the sample at the start of the next step contributes to the sums, with a given weight.
+    /// Contribution of the sample at the start of the next step to the sums, with a given weight.
     #[inline(always)]
     pub(super) fn here<const CUBIC: bool>(&self, weight: Lanes<S>) -> Sample<S> {
         let sample = self.sample::<CUBIC>();
@@ -223,7 +224,8 @@ impl<S: Simd> LaneState<S> {
     #[inline(always)]
     pub(super) fn turn<const SUMS: bool>(&mut self, terms: &[StepTerm<S>], samples: &mut [Sample<S>]) {
         if SUMS {
-            // One iteration of Newton's method removes the accumulated rounding error of `double`, which is 2/|q|^2.
+            // One iteration of Newton's method removes the accumulated rounding error of `double`, which is two divided
+            // by the squared norm of the quaternion.
             let one = Lanes::splat(self.simd, 1.0);
             let excess = self.square_of_length().neg_mul_add(self.double * Lanes::splat(self.simd, 0.5), one);
             self.double = self.double.mul_add(excess, self.double);

@@ -3,9 +3,9 @@
 //!
 //! A node combines n = 16 short steps. w is the angular rate at a sample. The sum of `R w` over the samples of a node
 //! is approximated by `R W + R' D`. R is the rotation matrix in the middle of the node. R' is its derivative with
-//! respect to time, in units of the node's duration. W is the sum of w over the samples of the node, with half weight
-//! for the first and the last sample (trapezoidal rule). D is a linear combination of differences between the rates of
-//! the node.
+//! respect to time. Times are in units of the node's duration. W is the sum of w over the samples of the node, with
+//! half weight for the first and the last sample (trapezoidal rule). D is a linear combination of differences between
+//! the rates of the node.
 //!
 //! The coefficients of D are derived for a sinusoidal rate whose phase changes by x over a node. For this rate, with w
 //! and its derivative w' in the middle of the node, W and D are
@@ -26,7 +26,8 @@ use super::lanes::{Lanes, Three, cross, three};
 /// Number of steps in a node.
 pub(super) const STEPS_OF_A_NODE: usize = 16;
 const N: f64 = STEPS_OF_A_NODE as f64;
-/// Coefficient a of W: the relative error of the rectangle rule over a node, to second order in the phase.
+/// Coefficient a of W (see the start of this file): the relative error of the rectangle rule over a node, divided by
+/// the squared phase change x^2.
 pub(super) const SECOND: f64 = (1.0 + 2.0 / (N * N)) / 24.0;
 /// Ratio b / a of the coefficients of W.
 const FOURTH: f64 = (1.0 / 1920.0 + 1.0 / (288.0 * N * N) - 1.0 / (720.0 * N * N * N * N)) / SECOND;
@@ -36,11 +37,11 @@ const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
 const OF_ENDS: f64 = 1.0 / 24.0;
 /// Weight, in D, of the difference between the end samples. With this weight, the coefficient of D has the value b / a.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
-/// Factor of the difference between the sums over both halves in D. It is for rates that are multiplied by a sixth of
-/// the time step.
+/// Factor, in D, of the difference between the sums over the two halves of a node. It is for rates that are multiplied
+/// by a sixth of the time step.
 pub(super) const BY_HALVES: f64 = (1.0 - SHARE_OF_ENDS) * 24.0 * SECOND * N;
-/// Factor of the difference between the end samples in D. It is for rates that are multiplied by a sixth of the time
-/// step.
+/// Factor, in D, of the difference between the samples at the two ends of a node. It is for rates that are multiplied
+/// by a sixth of the time step.
 pub(super) const BY_ENDS: f64 = SHARE_OF_ENDS * 6.0 * SECOND * N * N;
 
 /// Contribution of a sample to the sums.

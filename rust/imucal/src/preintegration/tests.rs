@@ -166,7 +166,8 @@ impl Samples<'_> {
     }
 }
 
-/// A tumble with `samples` samples and noise, in raw units. The largest rate is about 4 rad/s times `speed`.
+/// A tumble with `samples` samples and noise, in raw units. The norm of the rate is at most 5.4 rad/s times `speed`,
+/// plus the noise.
 fn shaken(samples: usize, interval_s: f64, speed: f64, noise_rad_per_s: f64) -> Vec<[f64; 3]> {
     let (_, _, triad) = tumble();
     let noise = |k: usize| (k as f64 * 12.9898).sin() * 43758.5453 % 1.0 * noise_rad_per_s;
@@ -181,8 +182,8 @@ fn shaken(samples: usize, interval_s: f64, speed: f64, noise_rad_per_s: f64) -> 
 #[test]
 fn rotations_and_sums_are_exact_with_all_instructions() {
     let (_, _, triad) = tumble();
-    // These numbers of steps test four cases: fewer steps than lanes, incomplete lanes, incomplete tiles, and more
-    // steps than fit into one block.
+    // These numbers of steps test four cases: fewer steps than lanes, incomplete lanes, incomplete tiles, and many
+    // tiles per lane.
     for steps in [0, 1, 5, 15, 16, 17, 63, 64, 65, 200, 1023, 8_005] {
         for (interval_s, speed) in [(1.25e-4, 1.0), (1.25e-4, 1.4), (0.01, 1.0), (0.01, 3.9)] {
             for is_cubic in [false, true] {

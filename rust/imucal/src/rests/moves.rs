@@ -216,8 +216,8 @@ impl Directions<'_> {
         [self.reading(m.from, true, steady(m.from)), self.reading(m.to, false, steady(m.to))]
     }
 
-    /// Whether rest `k` is hand-held according to the gyroscope. It is if the scatter of the rates within 0.1 s exceeds
-    /// the noise.
+    /// Whether rest `k` is hand-held according to the gyroscope. It is hand-held if the scatter of the rates within
+    /// 0.1 s exceeds the noise.
     fn trembles(&self, k: usize) -> bool {
         let UnitRest { recording, rest, .. } = &self.rests[k];
         let rates = self.recordings[*recording].angular_rate.part(rest.first..rest.end);

@@ -68,8 +68,8 @@ pub struct Rest {
     /// Time of the last sample, s.
     pub end_s: f64,
     /// Unsteadiness (model.md (11)), a ratio of variances. It is the larger of two ratios. The first is the variance
-    /// within half a second divided by the noise floor. The second is the squared drift of the mean force divided by
-    /// the variance of this drift from noise. The unsteadiness is near 1 on a table and above 2 in a hand.
+    /// within half a second divided by the noise floor. The second is the squared drift of the mean force divided by 15
+    /// times the variance of this drift from noise. The unsteadiness is near 1 on a table and above 2 in a hand.
     pub unsteadiness: f64,
     /// Mean of the accelerometer.
     pub specific_force: RestMean,
@@ -84,8 +84,8 @@ impl Rest {
     }
 }
 
-/// Lower bound of the standard deviation of |f| at a rest, m/s^2. It prevents a standard deviation of zero in simulated
-/// data without noise.
+/// Lower bound of the standard deviation of the norm of the mean force of a rest, m/s^2. It prevents a standard
+/// deviation of zero in simulated data without noise.
 pub(crate) const FINEST_MPS2: f64 = 1e-5;
 
 /// Standard deviation of the norm of a rest's mean force, m/s^2. It contains the scatter of the samples and their

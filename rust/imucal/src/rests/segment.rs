@@ -40,11 +40,11 @@ const WINDOW_BLOCKS: usize = 10;
 /// Threshold of the window statistic, with the range of thresholds from which it was chosen.
 #[derive(Clone, Debug)]
 pub struct Threshold {
-    /// The threshold. A window is at rest if its statistic (a ratio of variances) is below this multiple of the noise
-    /// floor.
+    /// The threshold. A window is at rest if its statistic, the mean ratio of the variance to the noise floor, is below
+    /// this value.
     pub factor: f64,
     /// Lower end of the range of thresholds that give the same number of rests. The chosen range has the largest
-    /// logarithmic width, weighted by the number of rests.
+    /// logarithmic width, weighted by the logarithm of the number of rests.
     pub stable_from: f64,
     /// Upper end of the range of thresholds that starts at `stable_from`.
     pub stable_to: f64,
@@ -227,7 +227,7 @@ impl Threshold {
     pub fn explain(&self, rests: usize) -> String {
         format!(
             "a {:.2} s window is at rest if its variance is below {:.1} times the noise floor; every threshold from {:.1} \
-             to {:.1} gives {rests} rests, the widest such range (weighted by the number of rests)",
+             to {:.1} gives {rests} rests, the widest such range (weighted by the logarithm of the number)",
             self.window_s, self.factor, self.stable_from, self.stable_to
         )
     }

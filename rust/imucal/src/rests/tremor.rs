@@ -1,18 +1,19 @@
 //! Hand-held units: detection of tremor, and its separation from sensor noise (model.md (27)).
 //!
 //! ```text
-//! tremor^2 = 1/2 mean (f_i - f)^T (u x (phi_i - phi)) / |f|      phi_i: rotation integrated up to sample i
-//! density^2 = dt / 70 mean (4th difference)^2
+//! tremor^2 = mean of [(f_i - f)^T (u x (phi_i - phi))] / (2 |f|)      phi_i: rotation integrated up to sample i
+//! density^2 = (dt / 70) mean of (4th difference)^2
 //! ```
 //!
 //! f_i is the force at sample i, f and phi are the means of f_i and phi_i over the rest, u is the direction of gravity,
 //! and dt is the sampling interval.
 //!
-//! Both sensors measure the same tremor, and their noise is independent. The mean product of their fluctuations is
-//! therefore the variance of the tremor. The unit is hand-held if this variance exceeds the variance of a gravity
-//! direction that is averaged along the gyroscope attitude. In a hand-held rest, the mean force is not the gravity
-//! direction at the start of the next move, and the scatter of the samples is not sensor noise. Sensor noise is
-//! estimated from fourth differences of consecutive samples, because tremor is too slow to change these differences.
+//! Both sensors measure the same tremor, and their noise is independent. The mean product of the deviations of force
+//! and rotation from their means, as above, is therefore the variance of the tremor. The unit is hand-held if this
+//! variance exceeds the variance of a gravity direction that is averaged along the gyroscope attitude. In a hand-held
+//! rest, the mean force is not the gravity direction at the start of the next move, and the scatter of the samples is
+//! not sensor noise. Sensor noise is estimated from fourth differences of consecutive samples, because tremor is too
+//! slow to change these differences.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -122,16 +123,16 @@ impl Hand {
         (self.tilt_rad2_s / self.walk_rad2_per_s).sqrt().min((rest.end_s - rest.start_s) / ROOM)
     }
 
-    /// Variance of each component of a direction that is averaged with the time constant a, rad^2: `r / (2 a) + q a /
-    /// 2`. r and q are defined in model.md (27).
+    /// Variance of each component of a direction that is averaged with the time constant a, rad^2. It is
+    /// `r / (2 a) + q a / 2`, with r = `tilt_rad2_s` and q = `walk_rad2_per_s`.
     pub(crate) fn variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         (self.tilt_rad2_s / averaging_s + self.walk_rad2_per_s * averaging_s) / 2.0
     }
 
     /// Variance of the rotation error perpendicular to gravity over a rest, rad^2: `q (T - 3 a) + r / a`. The rotation
-    /// between the directions at both ends has been subtracted. T is the duration of the rest, and the other symbols
-    /// are defined in model.md (27). The variance includes the errors of both directions.
+    /// between the directions at both ends has been subtracted. T is the duration of the rest, and a, q and r are those
+    /// of [`variance_rad2`](Self::variance_rad2). The variance includes the errors of both directions.
     fn turn_variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         let between_s = rest.end_s - rest.start_s - 3.0 * averaging_s;

@@ -4,7 +4,7 @@
 //! ```text
 //! R_ac = R_ab R_bc
 //! w_ac = R_bc^T w_ab + w_bc                                  each rate is expressed in the frame of its second index
-//! w_ac' = R_bc^T w_ab' + w_bc' + (R_bc^T w_ab) x w_bc        because d/dt R_bc^T v = R_bc^T v' - w_bc x R_bc^T v
+//! w_ac' = R_bc^T w_ab' + w_bc' + (R_bc^T w_ab) x w_bc        because d/dt (R_bc^T v) = R_bc^T v' - w_bc x (R_bc^T v)
 //! ```
 //!
 //! R_ab rotates vectors from frame b to frame a, and w_ab is the angular rate of frame b relative to frame a. A prime
@@ -44,7 +44,7 @@ impl Attitude {
         }
     }
 
-    /// A rotation about a fixed axis. Its rotation vector is `share`, which varies with time, times `turn_rad`, rad.
+    /// A rotation about a fixed axis. Its rotation vector is `share * turn_rad`, rad, where `share` varies with time.
     #[inline]
     pub(super) fn along(turn_rad: &Vector3<f64>, share: Course) -> Self {
         Self {
@@ -60,8 +60,9 @@ impl Attitude {
     /// p = vector / 2 = axis tan(angle / 2),   R = (1, p) / |(1, p)|,   w = 2 (p' - p x p') / (1 + p^2)
     /// ```
     ///
-    /// `vector` is a Rodrigues vector. It differs from the rotation vector by about one twelfth of its cube. Its
-    /// derivatives are simpler than those of a rotation vector.
+    /// p is the Rodrigues vector of the rotation R, and w its angular rate. The length of `vector` exceeds the angle by
+    /// about one twelfth of the cube of the angle. The derivatives of `vector` are simpler than those of a rotation
+    /// vector.
     #[inline]
     pub(super) fn small(vector: &[Course; 3]) -> Self {
         let half = |part: fn(&Course) -> f64| Vector3::from([0, 1, 2].map(|axis| part(&vector[axis]) / 2.0));

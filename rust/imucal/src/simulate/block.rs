@@ -176,7 +176,8 @@ impl Piece<'_> {
     }
 }
 
-/// Rate and force that the user adds to those of the motion, interpolated linearly between two samples.
+/// Rate and force that the user adds to those of the motion. They are interpolated linearly from the previous sample
+/// (`share` 0) to `sample` (`share` 1).
 #[inline]
 fn added(added: Option<&Added>, sample: usize, share: f64) -> (Vector3<f64>, Vector3<f64>) {
     let at = |rows: Option<&[[f64; 3]]>| match rows {

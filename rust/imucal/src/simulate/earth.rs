@@ -1,14 +1,15 @@
 //! Gravity and rotation of the Earth at a location, from WGS 84 (NIMA TR8350.2, third edition, 2000, chapter 4).
 //!
 //! ```text
-//! g(latitude, 0) = g_e (1 + k sin^2) / sqrt(1 - e^2 sin^2)                         Somigliana's formula
-//! g(latitude, h) = g(latitude, 0) (1 - 2/a (1 + f + m - 2 f sin^2) h + 3/a^2 h^2)  free-air correction to second order
+//! g(latitude, 0) = g_e (1 + k s^2) / sqrt(1 - e^2 s^2)                               Somigliana's formula
+//! g(latitude, h) = g(latitude, 0) (1 - 2 (1 + f + m - 2 f s^2) (h / a) + 3 (h / a)^2)
 //! ```
 //!
-//! g_e is the gravity on the equator, k the constant of Somigliana's formula, and sin the sine of the geodetic
-//! latitude. e, a and f are the eccentricity, the semi-major axis and the flattening of the ellipsoid. m is the ratio
-//! of centrifugal acceleration to gravity on the equator, and h is the height. Normal gravity is the gravity of the
-//! reference ellipsoid. Actual gravity differs from it by up to about 1e-3 m/s^2.
+//! The second formula is the free-air correction to second order. g_e is the gravity on the equator, k the constant of
+//! Somigliana's formula, and s the sine of the geodetic latitude. e, a and f are the eccentricity, the semi-major axis
+//! and the flattening of the ellipsoid. m is the ratio of centrifugal acceleration to gravity on the equator, and h is
+//! the height. Normal gravity is the gravity of the reference ellipsoid. Actual gravity differs from it by up to about
+//! 1e-3 m/s^2.
 
 use imucal_core::EARTH_RATE_RADPS;
 use nalgebra::Vector3;
@@ -23,7 +24,8 @@ const ECCENTRICITY_SQUARED: f64 = 6.694_379_990_14e-3;
 const SEMI_MAJOR_AXIS_M: f64 = 6_378_137.0;
 /// Flattening of the ellipsoid.
 const FLATTENING: f64 = 1.0 / 298.257_223_563;
-/// Ratio m of centrifugal acceleration to gravity on the equator: `rate^2 a^2 b / GM`.
+/// Ratio m of centrifugal acceleration to gravity on the equator: `rate^2 a^2 b / GM`, with the semi-axes a and b of
+/// the ellipsoid and the gravitational constant GM of the Earth.
 const CENTRIFUGAL: f64 = 0.003_449_786_506_84;
 
 /// Normal gravity, m/s^2, at a geodetic latitude, rad, and a height above the ellipsoid, m.
@@ -71,7 +73,8 @@ mod tests {
         assert!((gravity_mps2(FRAC_PI_4, 0.0) + 1.4e-6 - 9.806_199_2).abs() < 1e-7);
     }
 
-    /// On the polar axis, gravity has a closed form: `GM / (z^2 + E^2)` plus the quadrupole term of the ellipsoid.
+    /// On the polar axis, gravity has a closed form: `GM / (z^2 + E^2)` plus the quadrupole term of the ellipsoid. z is
+    /// the distance from the centre of the Earth, and E the linear eccentricity of the ellipsoid.
     #[test]
     fn gravity_falls_with_height_as_on_the_axis_of_the_ellipsoid() {
         // TR8350.2, chapter 4, gives the exact gravity in ellipsoidal coordinates u and beta. On the polar axis, u is

@@ -53,14 +53,14 @@ impl Faults {
         Ok(())
     }
 
-    /// Flag of each sample that states whether it is lost; `None` if no sample is lost.
+    /// For each sample, whether it is lost; `None` if no sample is lost.
     pub(super) fn missing(&self, samples: usize, seed: u64) -> Option<Vec<bool>> {
         let mut missing = chosen(self.missing_share, samples, Stream::Missing.generator(seed))?;
         missing[0] = false;
         Some(missing)
     }
 
-    /// Flag of each sample that states whether it repeats the previous sample; `None` if no sample is repeated.
+    /// For each sample, whether it repeats the previous sample; `None` if no sample is repeated.
     pub(super) fn duplicated(&self, samples: usize, seed: u64) -> Option<Vec<bool>> {
         let mut duplicated = chosen(self.duplicated_share, samples, Stream::Duplicated.generator(seed))?;
         duplicated[0] = false;

@@ -5,8 +5,9 @@
 //! ```
 //!
 //! R_wb is the attitude (world from body), w the angular rate in the body frame, and x the position in the world frame.
-//! Attitude and derivatives have closed forms. The rate is therefore the derivative of the attitude up to rounding
-//! errors, and the motion does not depend on the sampling rate.
+//! vee maps the matrix of the cross product with a vector to this vector. Attitude and derivatives have closed forms.
+//! The rate is therefore the derivative of the attitude up to rounding errors, and the motion does not depend on the
+//! sampling rate.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -179,7 +180,8 @@ mod tests {
         }
     }
 
-    /// Order of convergence for rates from 50 to 8000 Hz. It is the least-squares slope of log error over log step.
+    /// Order of convergence of the integrated attitude for sampling rates from 50 to 8000 Hz. It is the least-squares
+    /// slope of the logarithm of the largest error over the logarithm of the sampling interval.
     fn order(motion: &Motion) -> f64 {
         let rates_hz = [50.0, 100.0, 200.0, 400.0, 800.0, 1600.0, 4000.0, 8000.0];
         let points = rates_hz.map(|rate_hz: f64| {

@@ -4,12 +4,13 @@
 //! ```text
 //!                      two-sided power density        Allan deviation                     a sample at rate r
 //! white noise          N^2                            N / sqrt(tau)                       N sqrt(r) n_i
-//! bias instability     B^2 / (2 pi |f|)               sqrt(2 ln 2 / pi) B = 0.664 B       B sum_k h_k n_(i-k)
-//! random walk          K^2 / (2 pi f)^2               K sqrt(tau / 3)                     K / sqrt(r) sum_(k<i) n_k
+//! bias instability     B^2 / (2 pi |f|)               sqrt(2 ln(2) / pi) B = 0.664 B      B sum_k h_k n_(i-k)
+//! random walk          K^2 / (2 pi f)^2               K sqrt(tau / 3)                     (K / sqrt(r)) sum_(k<i) n_k
 //! ```
 //!
-//! The n_i are independent standard normal numbers, `docs/model.md` (22). Sources: N. Kasdin, Proc. IEEE 83, 802, 1995;
-//! densities as in IEEE Std 952.
+//! f is the frequency and tau the averaging time. N, B and K are the figures `noise_density`, `bias_instability` and
+//! `random_walk` of a sensor. The n_i are independent standard normal numbers, and the h_k are defined below
+//! (`docs/model.md` (22)). Sources: N. Kasdin, Proc. IEEE 83, 802, 1995; densities as in IEEE Std 952.
 //!
 //! # Flicker noise
 //!
@@ -18,13 +19,14 @@
 //! of a distribution over poles p, so the filter is a sum of first-order filters:
 //!
 //! ```text
-//! h_n = 1/pi  integral from 0 to 1 of  p^n / sqrt(p (1 - p)) dp
-//!     = sum_k c_k p_k^n,    p_k = exp(-d_k),  d_k = d_0 2.5^-k,  c_k = ln 2.5 / pi  d_k exp(-d_k / 2) / sqrt(1 - p_k)
+//! h_n = (1 / pi) * integral from 0 to 1 of p^n / sqrt(p (1 - p)) dp
+//!     = sum_k c_k p_k^n approximately,    p_k = exp(-d_k),    d_k = d_0 2.5^(-k)
+//! c_k = (ln(2.5) / pi) d_k exp(-d_k / 2) / sqrt(1 - p_k)
 //! ```
 //!
-//! The sum is the trapezoidal rule in ln d, whose error decreases as exp(-pi^2 / spacing). If adjacent poles have a
-//! ratio of 2.5, the error of the power is 0.05 %. The time constant of the slowest pole is longer than the record.
-//! This pole also represents all slower poles.
+//! The sum is the trapezoidal rule in the variable ln d, where p = exp(-d). Its error decreases as exp(-pi^2 / spacing)
+//! with the spacing of ln d. With the spacing ln(2.5), the relative error of the power is 0.05 %. The time constant of
+//! the slowest pole is longer than the record. This pole also represents all slower poles.
 
 use std::f64::consts::{PI, TAU};
 
@@ -109,7 +111,7 @@ impl Walk {
 
 /// One of the first-order filters whose sum is the flicker filter.
 struct Pole {
-    /// d in p = exp(-d).
+    /// The decay d in p = exp(-d).
     decay: f64,
     p: f64,
     c: f64,
@@ -125,7 +127,7 @@ struct Flicker {
     generators: Generators,
 }
 
-/// Ratio of the decays d of adjacent poles. It makes the error of the power 0.05 %.
+/// Ratio of the decays d of adjacent poles. With this ratio, the relative error of the power is 0.05 %.
 const RATIO: f64 = 2.5;
 /// Largest decay d of a pole. A pole with a larger decay has a coefficient c below 1e-12 and is omitted.
 const FASTEST: f64 = 64.0;
@@ -177,7 +179,8 @@ impl Flicker {
     }
 }
 
-/// Random filter states with the steady-state covariance `1 / (1 - p_j p_k)`.
+/// Random states of the filters of all poles. The steady-state covariance of the states of poles j and k is
+/// `1 / (1 - p_j p_k)`.
 fn steady_states(poles: &[Pole], generators: &mut Generators) -> Vec<Lanes> {
     let n = poles.len();
     let covariance = DMatrix::from_fn(n, n, |j, k| -(-(poles[j].decay + poles[k].decay)).exp_m1().recip());
@@ -224,7 +227,8 @@ mod tests {
 
     /// Tests that the Allan variance agrees with a function of tau within four standard deviations. With K pairs of
     /// consecutive means, the relative standard deviation of the Allan variance is sqrt(3 / K) for white noise. It is
-    /// smaller for flicker noise and for a random walk, because the correlation of adjacent differences is 1/4.
+    /// smaller for flicker noise and for a random walk, because the correlation of adjacent differences of means has a
+    /// magnitude of about 1/4, and of 1/2 for white noise.
     fn check_allan(sensor: &Sensor, from: usize, expected: impl Fn(f64) -> f64) {
         let (rate_hz, n) = (50.0, 1_000_000);
         let mut noise = noise(sensor, rate_hz, n, 3);
@@ -254,8 +258,9 @@ mod tests {
     #[test]
     fn allan_deviation_of_the_bias_instability_is_flat() {
         let sensor = Sensor { bias_instability: 0.2, ..Sensor::ideal() };
-        // For means over few samples, the Allan variance is larger. The reason is that the spectrum of the samples
-        // follows 1/sin and does not end at the Nyquist frequency.
+        // For means over few samples, the Allan variance is larger. The reason is that the power of the samples is
+        // proportional to `1 / sin(pi f / r)` instead of 1 / f, where f is the frequency and r the sampling rate. This
+        // power continues periodically above the Nyquist frequency.
         check_allan(&sensor, 16, |_| 2.0 * 2_f64.ln() / PI * 0.04);
     }
 
@@ -298,7 +303,8 @@ mod tests {
         let power = |angle: f64| {
             let (mut re, mut im) = (flicker.through, 0.0);
             for Pole { decay, p, c } in &flicker.poles {
-                // c / (1 - p exp(-i angle)), with 1 - p cos in a form without cancellation.
+                // Adds the response c / (1 - p exp(-i angle)) of the pole. 1 - p cos(angle) is computed without
+                // cancellation.
                 let (a, b) = (-(-decay).exp_m1() + 2.0 * p * (angle / 2.0).sin().powi(2), p * angle.sin());
                 re += c * a / (a * a + b * b);
                 im -= c * b / (a * a + b * b);
@@ -325,8 +331,8 @@ mod tests {
         let flicker = |seed| Flicker::new(1.0, steps, generators(Stream::Flicker, seed));
         let poles = flicker(0).poles;
         let through = flicker(0).through;
-        // The flicker value is the sum of `through` times white noise and the filters c_j. Its variance is through^2 +
-        // 2 through sum c + sum of c_j c_k / (1 - p_j p_k).
+        // The flicker value is white noise times `through`, plus the sum of c_j times the state of filter j. Its
+        // variance is through^2 + 2 through (sum of c_j) + (sum of c_j c_k / (1 - p_j p_k) over all j and k).
         let mut expected = through * through;
         for a in &poles {
             expected += 2.0 * through * a.c;

@@ -5,10 +5,11 @@
 //! ```
 //!
 //! During the first quarter of the duration `T`, a motor accelerates. It turns at a constant rate during half of `T`,
-//! and decelerates during the last quarter. Each ramp has three parts of equal length: positive jerk, constant
-//! acceleration, negative jerk. The first three derivatives are therefore bounded. For an angle `turn`, the peak rate
-//! is 4/3 turn/T, the peak acceleration is 8 turn/T^2, and the jerk is 96 turn/T^3. All motors have the same `T`, so
-//! they start and stop together.
+//! and decelerates during the last quarter. Each of the two ramps has three parts of equal length. The acceleration
+//! changes with constant jerk in the first part, is constant in the second, and returns to zero with the opposite jerk
+//! in the third. The first three derivatives are therefore bounded. For an angle `turn`, the peak rate is
+//! (4/3) turn / T, the peak acceleration is 8 turn / T^2, and the magnitude of the jerk is 96 turn / T^3. All motors
+//! have the same `T`, so they start and stop together.
 //!
 //! The jerk has steps, so the acceleration has corners. A second-order integrator, for example that of `imucal_core`,
 //! keeps its order, because a corner affects a single step, with an error of third order.
@@ -123,7 +124,8 @@ impl Course {
         }
     }
 
-    /// Profile from 0 to 1 and back to 0 while `share` increases from 0 to 1. It is the smooth step of `4 u (1 - u)`.
+    /// Profile from 0 to 1 and back to 0 while `share` increases from 0 to 1. It is the smooth step of `4 u (1 - u)`
+    /// with u = `share`.
     #[inline]
     pub(super) fn swell(share: f64) -> Self {
         let inner = Self { value: 4.0 * share * (1.0 - share), rate: 4.0 - 8.0 * share, acceleration: -8.0 };
@@ -135,7 +137,7 @@ impl Course {
         }
     }
 
-    /// The function `sin(frequency time + phase)`, with the frequency in rad/s.
+    /// The function `sin(frequency * time + phase)`, with the frequency in rad/s.
     #[inline]
     pub(super) fn sine(frequency_radps: f64, phase_rad: f64, time_s: f64) -> Self {
         let (sine, cosine) = (frequency_radps * time_s + phase_rad).sin_cos();
@@ -237,8 +239,8 @@ mod tests {
             let rate = (after.angle_rad - before.angle_rad) / (2.0 * h);
             let acceleration = (after.rate_radps - before.rate_radps) / (2.0 * h);
             assert!((rate - now.rate_radps).norm() < 1e-8, "rate at {t} s");
-            // At a step of the jerk, the central difference has an error of jerk h / 4. The test tolerates twice this
-            // error.
+            // At a step of the jerk, the central difference has an error of h / 4 times the size of the step. The test
+            // tolerates twice this error.
             let corner = JERK * turn().norm() / DURATION_S.powi(3) * h / 2.0;
             assert!((acceleration - now.acceleration_radps2).norm() < 1e-8 + corner, "acceleration at {t} s");
         }

@@ -2,13 +2,15 @@
 //!
 //! ```text
 //! point      y_i = x(t_i)
-//! averaging  y_i = 1/T integral of x from t_i - T to t_i,    T = 1 / rate: a delay of T / 2
+//! averaging  y_i = (1 / T) * (integral of x from t_i - T to t_i),    T = 1 / rate
 //! low pass   |H(f)|^2 = 1 / (1 + (f / bandwidth)^4),         a Butterworth filter of second order
 //! ```
 //!
-//! Averaging, filtering, and the noise before them are simulated at an internal rate above the sampling rate. The
-//! integral is computed by the trapezoidal rule. The filter is discretised by the bilinear transform with prewarping,
-//! so that the gain is exact at the bandwidth. Point samples without a filter are simulated at the sampling rate.
+//! x is the signal before sampling, y_i the sample at the time t_i, and H the frequency response of the filter.
+//! Averaging delays the signal by T / 2. Averaging, filtering, and the noise before them are simulated at an internal
+//! rate above the sampling rate. The integral is computed by the trapezoidal rule. The filter is discretised by the
+//! bilinear transform with prewarping, so that the gain is exact at the bandwidth. Point samples without a filter are
+//! simulated at the sampling rate.
 
 use std::f64::consts::{PI, SQRT_2};
 
@@ -48,8 +50,8 @@ impl Filter {
     /// A filter in its steady state for a constant `input`.
     pub(super) fn new(low_pass: &LowPass, rate_hz: f64, input: &Vector3<f64>) -> Self {
         // Second-order Butterworth low pass 1 / (1 + sqrt(2) s + s^2), where s is the Laplace variable divided by the
-        // angular bandwidth. The bilinear transform replaces s by (1 - q) / (1 + q) / k, where q is the delay by one
-        // sample.
+        // angular bandwidth. The bilinear transform replaces s by (1 - q) / (k (1 + q)), where q is the delay by one
+        // internal step.
         let k = (PI * low_pass.bandwidth_hz / rate_hz).tan();
         let scale = (1.0 + SQRT_2 * k + k * k).recip();
         let (b, a_1, a_2) = (k * k * scale, 2.0 * (k * k - 1.0) * scale, (1.0 - SQRT_2 * k + k * k) * scale);

@@ -5,9 +5,10 @@
 //! measured = convert(sample(low_pass(seen + noise)))         model.md (22)
 //! ```
 //!
-//! White noise of density N is simulated with random numbers of standard deviation N sqrt(rate) at a given rate. A mean
-//! over the time T then has the standard deviation N / sqrt(T) at any rate. Densities are two-sided, as for the Allan
-//! deviation and the angle random walk. With one-sided densities, the standard deviation would be N sqrt(rate / 2).
+//! White noise of density N is simulated at a given rate by random numbers with the standard deviation N sqrt(rate). A
+//! mean over the time T then has the standard deviation N / sqrt(T) at any rate. Densities are two-sided, as for the
+//! Allan deviation and the angle random walk. With one-sided densities, the standard deviation would be
+//! N sqrt(rate / 2).
 
 use nalgebra::Vector3;
 
@@ -127,7 +128,7 @@ mod tests {
 
     const RATE_HZ: f64 = 100.0;
 
-    /// Mean square of `n` samples over all axes at zero input, and the mean product of consecutive samples.
+    /// Mean square of `n` samples at zero input, and mean product of consecutive samples. Both are means over all axes.
     fn noise_power(sensor: &Sensor, n: usize) -> (f64, f64) {
         let steps = sensor.steps(RATE_HZ);
         let mut sampler = Sampler::new(sensor, Triad::Accelerometer, RATE_HZ, n, steps, 8);
@@ -137,11 +138,13 @@ mod tests {
         (power, values.windows(2).map(|w| w[0].dot(&w[1])).sum::<f64>() / (3 * n) as f64)
     }
 
-    /// Power of the noise after the filter in closed form. The bilinear filter has |H|^2 = 1 / (1 + u^4) with u =
-    /// tan(pi f / r) / k. The power is then N^2 r 2k / pi times
+    /// Power of white noise of density N after the filter, in closed form. At the internal rate r, the bilinear filter
+    /// has the power gain |H|^2 = 1 / (1 + u^4) at the frequency f, with u = tan(pi f / r) / k and
+    /// k = tan(pi bandwidth / r). The power is therefore (2 k N^2 r / pi) times
     ///
     /// ```text
-    /// integral from 0 of du / ((1 + u^4)(1 + k^2 u^2)) = ((1 - k^2) pi / (2 sqrt 2) + k^3 pi / 2) / (1 + k^4)
+    /// integral from 0 to infinity of du / ((1 + u^4) (1 + k^2 u^2))
+    ///     = ((1 - k^2) pi / (2 sqrt(2)) + k^3 pi / 2) / (1 + k^4)
     /// ```
     fn filtered_power(density: f64, bandwidth_hz: f64, rate_hz: f64) -> f64 {
         let k = (PI * bandwidth_hz / rate_hz).tan();
@@ -156,8 +159,8 @@ mod tests {
             let low_pass = LowPass { bandwidth_hz };
             let sensor = Sensor { noise_density: 0.1, low_pass: Some(low_pass), ..Sensor::ideal() };
             let expected = filtered_power(0.1, bandwidth_hz, RATE_HZ * low_pass.steps(RATE_HZ) as f64);
-            // The noise bandwidth of the analogue filter is pi / (2 sqrt 2) times its bandwidth, on each side of zero
-            // frequency. The bilinear transform changes it slightly.
+            // The noise bandwidth of the analogue filter is pi / (2 sqrt(2)) times its bandwidth, and the bilinear
+            // transform changes it slightly. The first factor 2 in `analogue` includes negative frequencies.
             let analogue = 0.01 * 2.0 * PI / (2.0 * SQRT_2) * bandwidth_hz;
             assert!((expected / analogue - 1.0).abs() < 0.04, "{bandwidth_hz} Hz");
             // Samples are correlated over about one period of the bandwidth.
@@ -178,8 +181,8 @@ mod tests {
         assert!((neighbours / (0.01 * RATE_HZ)).abs() < band, "{neighbours}");
     }
 
-    /// For a parabola, each mean must equal the integral over the interval before the sample. It differs only by the
-    /// error of the trapezoidal rule.
+    /// If the input is a parabola, each sample must equal the mean of the parabola over the interval before the sample.
+    /// The difference must be the error of the trapezoidal rule, h^2 / 6 for steps of length h.
     #[test]
     fn means_are_integrals_over_the_interval_before_the_sample() {
         let sensor = Sensor { averaging: true, ..Sensor::ideal() };

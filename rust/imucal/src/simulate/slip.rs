@@ -2,7 +2,7 @@
 //! the stand do not measure it.
 //!
 //! ```text
-//! R_wb(t) = R_wb without the slip * exp(turn s((t - time) / 50 ms))
+//! R_wb(t) = (R_wb without the slip) * exp(turn * s((t - time) / 50 ms))
 //! ```
 //!
 //! R_wb is the attitude (world from body), `turn` the rotation vector of the slip, and `time` its start. s is the

@@ -10,8 +10,8 @@
 //!   innermost ring.
 //! * The axes are not orthogonal (see [`gimbal`]).
 //! * The innermost ring is an arm along axis 3 that bends under its weight. The bending angle is `flexure_rad` if axis
-//!   3 is horizontal. In general, the rotation vector in the frame of the ring is `flexure_rad (up x axis 3)`. The
-//!   bending is quasi-static.
+//!   3 is horizontal. In general, the rotation vector of the bending, in the frame of the ring, is `flexure_rad` times
+//!   the cross product of the up vector and axis 3. The bending is quasi-static.
 //! * While the motors turn, the unit vibrates about three axes and along three axes. The phases of the axes are a third
 //!   of a period apart, and the amplitude rises from zero and falls back to zero. The translation is in the world
 //!   frame.
@@ -37,17 +37,17 @@ use crate::error::Error;
 /// Errors of a stand; zero for a perfect stand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stand {
-    /// Rotation vector from the innermost ring to the unit, rad.
+    /// Rotation vector of the unit relative to the innermost ring, rad.
     pub mount_rotation_rad: Vector3<f64>,
     /// Tilt of the base about the world's x and y axes (a rotation vector), rad.
     pub base_tilt_rad: [f64; 2],
-    /// Deviations from 90 deg of the angles between axes 1 and 2 and between axes 2 and 3, rad; positive if larger.
+    /// Angle between axes 1 and 2 minus 90 deg, and angle between axes 2 and 3 minus 90 deg, rad.
     pub non_orthogonality_rad: [f64; 2],
     /// Bending angle of the innermost ring with axis 3 horizontal, rad.
     pub flexure_rad: f64,
-    /// Amplitude of the vibration about each axis, rad.
+    /// Amplitude of the angular vibration about each axis, rad.
     pub vibration_rad: f64,
-    /// Amplitude of the vibration along each axis, m.
+    /// Amplitude of the translational vibration along each axis, m.
     pub vibration_m: f64,
     /// Frequency of the vibration, Hz.
     pub vibration_hz: f64,
@@ -142,7 +142,7 @@ impl Stand {
     /// Bending of the innermost ring. It is computed from the up vector in the frame of the ring and the first two
     /// derivatives of this vector.
     fn flexure(&self, [up, rate, acceleration]: &[Vector3<f64>; 3]) -> Attitude {
-        // up x e_z = (up_y, -up_x, 0), and the derivatives have the same form.
+        // Axis 3 is e_z in the frame of the ring. up x e_z = (up_y, -up_x, 0), and the derivatives have the same form.
         let course = |axis: usize| Course { value: up[axis], rate: rate[axis], acceleration: acceleration[axis] };
         let level = Course { value: 0.0, rate: 0.0, acceleration: 0.0 };
         Attitude::small(&[course(1) * self.flexure_rad, course(0) * -self.flexure_rad, level])
@@ -296,7 +296,8 @@ mod tests {
                 direction: phase.direction,
             };
             let read = Stand::perfect().read_encoders(&state, &early, Vector3::zeros());
-            // The difference that remains is half the acceleration (at most 8.4 rad/s^2 per motor) times tau_s squared.
+            // The remaining difference is half the acceleration times tau_s squared. The acceleration of a motor is at
+            // most 8.4 rad/s^2.
             assert!((read - program.motors(time_s + tau_s).angle_rad).amax() < 8.4 * tau_s * tau_s, "{time_s} s");
         }
     }

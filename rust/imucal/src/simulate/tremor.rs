@@ -1,10 +1,11 @@
 //! Tremor: small rotations at all times, caused by a trembling hand or a vibrating table.
 //!
 //! ```text
-//! R_wb(t) = R_wb without the tremor * R(sum of sines about each axis)
+//! R_wb(t) = (R_wb without the tremor) * R(v(t))
 //! ```
 //!
-//! R_wb is the attitude (world from body), and R(v) is the rotation with the Rodrigues vector v.
+//! R_wb is the attitude (world from body). Each component of v is a sum of sines. R(v) is the rotation with the
+//! Rodrigues vector v / 2, which is nearly the rotation with the rotation vector v.
 
 use std::f64::consts::TAU;
 
@@ -87,7 +88,7 @@ mod tests {
             let turned = before.rotation_world_from_body.inverse() * after.rotation_world_from_body;
             assert!((so3::log(&turned) / (2.0 * h) - now.angular_rate).norm() < 1e-6, "{t} s");
             let change = (after.angular_rate - before.angular_rate) / (2.0 * h);
-            // At a step of the motors' jerk, the central difference has an error of half the step of the jerk times h.
+            // At a step of the motors' jerk, the central difference has an error of h / 4 times the size of the step.
             assert!((change - now.angular_acceleration).norm() < 1e-3, "{t} s: {change} {}", now.angular_acceleration);
             assert!(now.angular_rate.norm() > 0.0);
             assert_eq!(motion.still_until(t), None);

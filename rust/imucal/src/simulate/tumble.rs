@@ -1,7 +1,7 @@
 //! A hand-held run: rests in random poses, and moves with rotation and translation between them.
 //!
 //! ```text
-//! R_wb(t) = R_k exp(turn s(u)) exp(sway b(u)) R_tremor(t)       u = (t - end of rest k) / move_s
+//! R_wb(t) = R_k exp(turn * s(u)) exp(sway * b(u)) R_tremor(t)       u = (t - end of rest k) / move_s
 //! x(t)    = x_k + (x_(k+1) - x_k) s(u)
 //! ```
 //!
@@ -11,8 +11,8 @@
 //!
 //! s increases from 0 to 1 during the move, and b increases from 0 to 1 and returns to 0. The first three derivatives
 //! of s and b are zero at both ends of the move, so both are smooth at the start and end of rests. The sway varies the
-//! axis of rotation during a move, because a hand does not rotate a unit about a fixed axis. R_tremor is the tremor, a
-//! sum of sines about each axis. During rests, the tremor is the only motion of the unit.
+//! axis of rotation during a move, because a hand does not rotate a unit about a fixed axis. R_tremor is the rotation
+//! by the tremor, which is a sum of sines about each axis. During rests, the tremor is the only motion of the unit.
 
 use imucal_core::so3;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};

@@ -28,13 +28,14 @@ pub struct Sensor {
     pub sensitivity: Matrix3<f64>,
     /// Bias at the start of the run, SI unit.
     pub bias: Vector3<f64>,
-    /// Density of the continuous white noise, SI unit/sqrt(Hz). It is the square root of the power density, as in
-    /// datasheets and Allan plots. A point sample has the standard deviation `noise_density * sqrt(rate_hz)`, and a
-    /// mean over the time T has the standard deviation `noise_density / sqrt(T)`.
+    /// Density of the continuous white noise, SI unit/sqrt(Hz). It is the square root of the two-sided power density,
+    /// as in Allan plots. Datasheets state one-sided densities, which are larger by the factor sqrt(2). A point sample
+    /// has the standard deviation `noise_density * sqrt(rate_hz)`, and a mean over the time T has the standard
+    /// deviation `noise_density / sqrt(T)`.
     pub noise_density: f64,
     /// Factor on the standard deviation of the white noise while the unit moves; 1 if the noise does not change.
     pub noise_in_motion: f64,
-    /// Bias instability B, SI unit: flicker noise with an Allan deviation of `sqrt(2 ln 2 / pi) B = 0.664 B`.
+    /// Bias instability B, SI unit: flicker noise with an Allan deviation of `sqrt(2 ln(2) / pi) B = 0.664 B`.
     pub bias_instability: f64,
     /// Random walk K of the bias of each axis, SI unit/s/sqrt(Hz). After a time t, the bias has changed with a standard
     /// deviation of `K sqrt(t)`.
@@ -62,10 +63,10 @@ impl Converter {
     /// Output for an input `value`, SI unit, rounded and clipped. [`Sensor::check`] has checked `bits`.
     #[inline]
     pub(super) fn convert(&self, value: f64) -> f64 {
-        // At this magnitude, consecutive f64 numbers differ by one. Adding and then subtracting this number therefore
-        // rounds to the nearest integer, ties to even. It replaces the rounding instruction, which older processors
-        // lack. Clipped counts are far smaller than this number, so the sum stays in the range in which consecutive
-        // numbers differ by one.
+        // Near WHOLE, consecutive f64 numbers differ by one. Adding and then subtracting WHOLE therefore rounds to the
+        // nearest integer, ties to even. These two operations replace the rounding instruction, which older processors
+        // lack. Clipped counts are far smaller than WHOLE, so the sum stays in the range in which consecutive numbers
+        // differ by one.
         const WHOLE: f64 = 1.5 * (1_u64 << 52) as f64;
         let half = (1_u64 << (self.bits - 1)) as f64;
         let counts = (value / self.lsb).clamp(-half, half - 1.0);
@@ -206,10 +207,10 @@ mod tests {
     fn the_papers_unit_has_the_printed_figures() {
         let unit = Unit::paper();
         assert_eq!(unit.accelerometer.sensitivity, unit.accelerometer.sensitivity.transpose());
-        // Row 1 of Table 2: each misalignment times the scale of its column.
+        // Entries of rows 1 and 2 of Table 2: each misalignment is multiplied by the scale of its column.
         assert!((unit.gyroscope.sensitivity[(0, 1)] - 0.0094 * 1.0309).abs() < 1e-15);
         assert!((unit.gyroscope.sensitivity[(1, 0)] + 0.0086 * 0.9771).abs() < 1e-15);
-        // -0.0427 g
+        // The paper states a bias of -0.0427 g.
         assert!((unit.accelerometer.bias.x + 0.41874).abs() < 1e-5);
         for (sensor, name) in [(unit.accelerometer, "accelerometer"), (unit.gyroscope, "gyroscope")] {
             assert!(sensor.check(name, 100.0).is_ok());

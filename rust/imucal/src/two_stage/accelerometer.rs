@@ -26,9 +26,9 @@ use crate::rests::rest::{Rest, sigma_norm};
 use crate::two_stage::ellipsoid::{self, Start};
 use crate::two_stage::observability::{self, LARGEST_SHIFT, REST_ERROR_MPS2};
 
-/// An ellipsoid is valid only if the noise of a rest mean is at most this multiple of its smallest radius. For a noisy
-/// sensor, the ratio is 0.001. If all rests have one pose, the ellipsoid is fitted to their noise, and the ratio is
-/// about 0.5.
+/// An ellipsoid is valid only if the noise of a rest mean, relative to the size of the ellipsoid, is below this limit.
+/// The ratio is `noise |T^-1| / g` with the Frobenius norm. For a noisy sensor, the ratio is 0.001. If all rests have
+/// one pose, the ellipsoid is fitted to their noise, and the ratio is about 0.5.
 const NOISE_OVER_SIZE: f64 = 0.02;
 
 /// Result of the accelerometer fit.

@@ -17,7 +17,7 @@ use crate::error::Error;
 use crate::frame::square_root;
 use crate::numerics::lsq;
 
-/// Start value of a triad: sensitivity T (symmetric positive definite, raw units per SI unit) and bias b (raw units).
+/// Start value of the accelerometer. The sensitivity T is symmetric and positive definite.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Start {
     /// Sensitivity T, raw units per m/s^2.
@@ -51,8 +51,8 @@ pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<St
     }))
 }
 
-/// The sphere through `means` whose centre is closest to their midpoint (minimum-norm solution). It exists even if the
-/// poses do not determine a unique sphere. Returns `None` for a single pose.
+/// The sphere through `means` by the minimum-norm least-squares solution, whose centre is near their midpoint. It
+/// exists even if the poses do not determine a unique sphere. Returns `None` for a single pose.
 pub(crate) fn smallest_sphere(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
     let Some((centre, size)) = extent(means) else { return Ok(None) };
     let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();

@@ -6,9 +6,9 @@
 //! ```
 //!
 //! u_k and u_(k+1) are the gravity directions at the rests before and after move k. R_k is the rotation over the move,
-//! integrated from the gyroscope rates. The two rows of E_k span the plane perpendicular to u_(k+1). The component
-//! along u_(k+1) is omitted, because a rotation about gravity is not observable. The nine entries of T are ordered by
-//! rows, `T_xx, T_xy, ... T_zz`.
+//! integrated from the gyroscope rates. The two rows of E_k span the plane perpendicular to u_(k+1). sigma_k is the
+//! standard deviation of one component. The component along u_(k+1) is omitted, because a rotation about gravity is not
+//! observable. The nine entries of T are ordered by rows, `T_xx, T_xy, ... T_zz`.
 
 mod bias;
 
@@ -44,8 +44,8 @@ pub(crate) struct GyroscopeFit {
     pub(crate) used: Vec<bool>,
     /// Preintegrated rotation and Jacobian integrals of each move at the solution.
     pub(crate) preintegrated: Vec<Preintegrated>,
-    /// Derivative of the entries of T with respect to the error of each residual in rad; 9 x 2 moves. The columns of
-    /// moves that are not used are zero.
+    /// Derivative of the entries of T with respect to the error of each residual in rad; 9 rows, and 2 columns per
+    /// move. The columns of moves that are not used are zero.
     pub(crate) gain: Mat<f64>,
     pub(crate) report: FitReport,
 }
@@ -69,7 +69,7 @@ struct Linearised {
 /// Rms direction error below which a fit is close to the global minimum, rad.
 const CLOSE_RAD: f64 = 0.05;
 /// A preintegration is reused with a slightly different gyroscope if the second-order error is at most this fraction of
-/// the standard deviation of a move. Otherwise, the samples are integrated again.
+/// the standard deviation of the direction residual of a move. Otherwise, the samples are integrated again.
 const MAX_SECOND_ORDER: f64 = 1e-9;
 
 impl<'a> PreintegratedMoves<'a> {
@@ -196,7 +196,8 @@ pub(crate) fn triad_with(sensitivity: &Matrix3<f64>, bias: Vector3<f64>) -> Resu
 /// Derivative of a move's residual (rad) with respect to the nine entries of T and the three biases; a 2 x 12 matrix.
 pub(crate) fn residual_gradient(ends: &Ends, preintegrated: &Preintegrated, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
     let propagated_up = preintegrated.rotation.tr_mul(&ends.before);
-    // A rotation `delta` of the attitude at the end of the move changes the propagated direction by [R^T u]x delta.
+    // A rotation `delta` of the attitude at the end of the move changes the propagated direction by [R^T u]x delta. R
+    // is the rotation over the move, and u is the gravity direction before it.
     let by_turn = -(ends.across() * hat(&propagated_up) * preintegrated.rotation.transpose());
     std::array::from_fn(|p| match p {
         0..9 => by_turn * (preintegrated.sensitivity_sums[p % 3] * triad.inverse().column(p / 3)),

@@ -7,7 +7,8 @@
 //! J is the design matrix. Its rows are divided by model errors that every real unit has: half a mg at a rest, and 0.2
 //! deg in a move. Its columns are multiplied by a hundredth of the size of each parameter. The rows are not divided by
 //! sensor noise, because with small noise, three nearly equal poses would seem sufficient. The term 1 / 10^2 is a
-//! prior: a parameter deviates from its nominal value by a tenth of its size.
+//! prior: the standard deviation of a parameter about its nominal value is a tenth of its size, which is 10 units of
+//! its column.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -24,8 +25,8 @@ pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
 pub(crate) const LARGEST_SHIFT: f64 = 0.01;
 /// Standard deviation of the prior of a parameter about its nominal value, as a fraction of its size.
 pub(crate) const FARTHEST: f64 = 0.1;
-/// A parameter counts as unobservable without the other parameters if it makes up at least this share of the squared
-/// length of an unobservable direction.
+/// An undetermined parameter is not assigned to a group if it makes up at least this share of the squared length of an
+/// unobservable direction.
 const OWN_SHARE: f64 = 0.95;
 /// Minimum correlation of undetermined parameters of one group, within the unobservable directions.
 const TRADED: f64 = 0.1;

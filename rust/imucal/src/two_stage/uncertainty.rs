@@ -14,8 +14,8 @@ use crate::rests::rest::{Rest, RestMean, rounding_covariance};
 use crate::two_stage::accelerometer::AccelerometerFit;
 use crate::two_stage::gyroscope::{GyroscopeBias, GyroscopeFit, residual_gradient};
 
-/// Covariance of `[accelerometer bias, its six entries, gyroscope bias, its nine entries]` in the symmetric frame, 21 x
-/// 21, raw units.
+/// Covariance of all parameters in the symmetric frame, 21 x 21, raw units. The order is: accelerometer bias, the six
+/// entries of its sensitivity, gyroscope bias, the nine entries of its sensitivity.
 ///
 /// `random_walk_rad` is the standard deviation of the part of each move's error that is not due to its rests, rad.
 pub(crate) fn covariance(
@@ -38,8 +38,8 @@ pub(crate) fn covariance(
     }
     gyroscope_rows(&mut map, rests, moves, ends, accelerometer, gyroscope);
 
-    // If the residuals of a stage are significantly larger than noise, its standard deviations are multiplied by the
-    // inflation of the fit.
+    // If the residuals of a stage are significantly larger than noise, the standard deviations of its errors are
+    // multiplied by the inflation of the fit.
     let (widen_rests, widen_moves) = (accelerometer.report.inflation, gyroscope.report.inflation);
     let deviation = |column: usize| {
         let (item, axis) = (column / 3, column % 3);

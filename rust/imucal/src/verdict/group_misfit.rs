@@ -18,8 +18,8 @@ use crate::numerics::stats::p_value_of;
 /// a sensor is estimated far more accurately than to a factor of two. At this ratio, noise explains only a quarter of
 /// the variance.
 const EXCESS_RATIO: f64 = 2.0;
-/// Maximum p-value of a significant excess. A calibration with a control set tests seven groups. Noise therefore passes
-/// this limit in fewer than one of 10 000 calibrations, for any number of residuals.
+/// Maximum p-value of a significant excess. A calibration with a control set tests seven groups, so noise alone gives a
+/// p-value below this limit in fewer than one of 10 000 calibrations. This holds for any number of residuals.
 const SIGNIFICANCE: f64 = 1e-5;
 
 /// Kind of residuals. All residuals of a kind are compared with their noise together.
@@ -33,7 +33,8 @@ pub enum ResidualGroup {
     RestRates,
     /// Specific force within the moves, minus gravity at the predicted attitude.
     MoveForces,
-    /// Attitude relative to the angles of the stand.
+    /// Gravity directions at the rests and attitudes within the moves, minus those computed from the encoder angles of
+    /// the stand.
     StandAttitudes,
 }
 
@@ -120,7 +121,7 @@ impl GroupMisfit {
         self.ratio() > EXCESS_RATIO && self.is_significant()
     }
 
-    /// Whether it is improbable that noise explains the residuals.
+    /// Whether the p-value is so small that noise does not explain the residuals.
     pub fn is_significant(&self) -> bool {
         self.p_value() < SIGNIFICANCE
     }
@@ -144,7 +145,7 @@ mod tests {
     #[test]
     fn an_excess_is_large_and_significant() {
         assert!(misfit(90.0, 20.0).exceeds_noise());
-        // Four residuals have a ratio of 2.2 to their noise by coincidence in one of a thousand runs.
+        // Noise alone gives four residuals a ratio of 2.2 or more in one of two thousand runs.
         assert!(!misfit(20.0, 4.0).exceeds_noise());
         // In a long recording, an excess of only 10 % over noise is significant.
         let long = misfit(12_100.0, 10_000.0);

@@ -38,10 +38,10 @@ pub enum Reason {
     NotTested {
         /// Number of rests that the fit uses.
         rests: usize,
-        /// Number of parameters that the rests determine.
+        /// Number of fitted parameters.
         parameters: usize,
-        /// RMS of the norms of gravity at the rests, m/s^2, from which the noise was estimated; `None` if the rests
-        /// determine the parameters exactly.
+        /// Standard deviation of the norm of the specific force at a rest, m/s^2, that was estimated from the
+        /// residuals; `None` if the rests determine the parameters exactly.
         noise_mps2: Option<f64>,
     },
     /// chi2 has no value, because some samples could not be corrected.
@@ -55,7 +55,7 @@ pub enum Reason {
     LargeResiduals {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
-        /// Root of chi2 per degree of freedom.
+        /// Square root of chi2 per degree of freedom.
         times_noise: f64,
     },
     /// The noise of the gravity direction is so large that the residuals do not test the gyroscope.
@@ -67,13 +67,13 @@ pub enum Reason {
         /// Maximum standard deviation for a verdict on a gyroscope, deg.
         limit_deg: f64,
     },
-    /// Corrected rates are larger than the range of any such sensor.
+    /// Corrected rates are larger than the range of any MEMS gyroscope.
     ImpossibleRates {
         /// Name of the recording.
         recording: String,
         /// Corrected rate that one sample in a thousand exceeds, deg/s.
         rate_degps: f64,
-        /// Range of the fastest sensors, deg/s.
+        /// Range of the fastest MEMS gyroscopes, deg/s.
         limit_degps: f64,
     },
     /// Residuals exceed their noise, and are larger than the residuals of the uncalibrated unit.

@@ -22,7 +22,8 @@ const OF_OTHERS: usize = 4;
 /// Number of rows that are processed together. Their values fit into the first-level cache.
 const NEAR: usize = 32;
 
-/// Needed products for each group of rows. `order` contains the position of each column within a row.
+/// Gram matrices with the needed products, one for each group of rows. `order` contains the position of each column
+/// within a row.
 pub(super) fn of_groups(lanes: &Lanes, groups: &[Rows], order: &[usize], asked: &Asked<'_>) -> Vec<Mat<f64>> {
     let plan = Plan::new(lanes, order, asked);
     let of_group = |group: &Rows| {
@@ -40,7 +41,7 @@ pub(super) fn of_groups(lanes: &Lanes, groups: &[Rows], order: &[usize], asked: 
     groups.iter().map(of_group).collect()
 }
 
-/// Needed products summed over all rows inside moves, and the residuals of these rows.
+/// Gram matrix with the needed products, summed over all rows inside moves, and the residuals of these rows.
 pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) -> (Mat<f64>, Vec<f64>) {
     let (mut sum, mut residual) = (asked.nothing_yet(), Vec::with_capacity(insides.rows()));
     let none = insides.no_rows();

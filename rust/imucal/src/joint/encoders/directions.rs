@@ -1,9 +1,9 @@
 //! Direction of the last motion of each motor of a stand, computed from the encoder readings.
 //!
 //! When a motor reverses, its reading jumps by twice the backlash (model.md (21)). If the wrong direction is assigned
-//! to a sample, the sample has an error of this size. A motor starts slowly, so differences of readings detect the
-//! motion too late. The first sample of the motion is therefore estimated by least squares. It is the sample `o` with
-//! the smallest sum of squared noise in the model
+//! to a sample, its corrected angle has an error of this size. A motor starts slowly, so differences of readings detect
+//! the motion too late. The first sample of the motion is therefore estimated by least squares. It is the sample `o`
+//! with the smallest sum of squared noise in the model
 //!
 //! ```text
 //! before o    level + noise
@@ -19,16 +19,16 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 
 use crate::numerics::stats::{median, quantile, sample_interval_s};
 
-/// Quantile over the rests of the largest change of a reading within `SPAN_S`. The quantile defines the change of a
-/// reading at standstill. With 0.9, up to a tenth of the rests may be disturbed.
+/// Quantile over the rests of the largest change of a reading within `SPAN_S`. The quantile is taken as the largest
+/// change at an undisturbed rest. With 0.9, up to a tenth of the rests may be disturbed.
 const ORDINARY: f64 = 0.9;
-/// Time interval of the change of a reading from which motion is detected, s. A rotation of half a degree or more
+/// Motion is detected from the change of a reading over this time interval, s. A rotation of half a degree or more
 /// changes the reading within this interval by more than the largest change at rest.
 const SPAN_S: f64 = 0.3;
-/// Minimum number of samples at standstill from which the level is computed.
+/// Minimum number of samples at standstill from which the level (the mean reading before a motion) is computed.
 const FEWEST: usize = 8;
 /// A reading has left the level if two consecutive samples deviate from the level by more than this number of standard
-/// deviations.
+/// deviations of the readings at standstill.
 const OFF: f64 = 3.0;
 /// Margin of the search for the first sample of a motion, in samples. The motion is detected n samples after the
 /// reading leaves the level. The search begins n samples plus this margin before the reading leaves the level.
@@ -54,8 +54,8 @@ pub(super) fn directions(time_s: &[f64], stand_rad: &[[f64; 3]], rests: &[Range<
     all
 }
 
-/// Largest change of a reading within `span` samples at standstill, rad. It is 1.5 times the largest change at an
-/// undisturbed rest.
+/// Limit for the change of a reading within `span` samples at standstill, rad. It is 1.5 times the largest change at an
+/// undisturbed rest (see [`ORDINARY`]).
 fn still_rad(readings: &[f64], span: usize, rests: &[Range<usize>]) -> f64 {
     let largest = |rest: &Range<usize>| {
         let ends = readings[rest.clone()].iter().zip(readings[rest.clone()].iter().skip(span));
@@ -65,8 +65,8 @@ fn still_rad(readings: &[f64], span: usize, rests: &[Range<usize>]) -> f64 {
     1e-10 + if largest.is_empty() { 0.0 } else { 1.5 * quantile(&mut largest, ORDINARY) }
 }
 
-/// Encoder readings of one motor, rad; the length of a span, in samples; and the largest change of a reading within a
-/// span at standstill, rad.
+/// Encoder readings of one motor, rad; the length of a span, in samples; and the limit for the change of a reading
+/// within a span at standstill, rad.
 struct Motor {
     readings: Vec<f64>,
     span: usize,
@@ -77,8 +77,8 @@ impl Motor {
     /// Sign of the last motion, for every sample.
     ///
     /// Motion is detected at a sample from the changes of the reading over the span before the sample and over the span
-    /// after it. Both changes must exceed the limit of standstill. The sign is that of the later change, because the
-    /// earlier change may contain the jump of the backlash.
+    /// after it. Both changes must exceed `still_rad`. The sign is that of the later change, because the earlier change
+    /// may contain the jump of the backlash.
     fn signs(&self) -> Vec<f64> {
         let readings = &self.readings;
         let mut signs = vec![0.0; readings.len()];
@@ -163,8 +163,8 @@ mod tests {
         ((mixed >> 11) as f64) / (1u64 << 52) as f64 - 1.0
     }
 
-    /// Readings of rotations by 50 deg and back, and the true directions. Each rotation takes 2 s, starts after 3 s of
-    /// rest, and has a smooth start and end. The encoder has the given backlash.
+    /// Readings of rotations by 0.9 rad (52 deg) and back, and the true directions. Each rotation takes 2 s (200
+    /// samples), starts after 3 s of rest, and has a smooth start and end. The encoder has the given backlash.
     fn there_and_back(backlash_rad: f64) -> (Vec<f64>, Vec<f64>) {
         let (rest, turn) = (300, 200);
         let at = |i: usize| {
@@ -201,8 +201,9 @@ mod tests {
         for backlash_rad in [1e-3, -1e-3, 4e-4, -4e-4] {
             assert_eq!(harm(backlash_rad), 0.0, "{backlash_rad}");
         }
-        // The backlash is half the encoder noise, or equal to it. Wrong signs of one or two samples are accepted,
-        // because their errors are not larger than the noise.
+        // The backlash is about half the encoder noise, or about equal to it. A wrong sign causes an error of twice the
+        // backlash, which is one or two standard deviations of the noise. A few wrong signs per rotation are therefore
+        // accepted.
         for backlash_rad in [5e-5, -5e-5, 1e-4, -1e-4] {
             let harm = harm(backlash_rad);
             assert!(harm < 10.0 * TURNS as f64, "{backlash_rad}: {harm}");

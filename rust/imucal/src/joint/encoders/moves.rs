@@ -1,5 +1,5 @@
-//! Whitened residuals inside a move with encoders. They are the residuals relative to the stand and, if it is used, the
-//! force (model.md (20), (21)).
+//! Whitened residuals inside a move with encoders. They are the residuals of the attitude relative to the stand and, if
+//! the fit uses the force in motion, the residuals of the force (model.md (20), (21)).
 //!
 //! ```text
 //! stand   log(C_0^T C(t) R(t)^T),   C = R_wb(q)      = random walk + encoder noise
@@ -81,9 +81,10 @@ impl EncoderMove<'_> {
             })
             .collect();
         let [side, other] = across(&start.up);
-        // The random-walk state x is the negative attitude error of the gyroscope. It changes the propagated gravity
-        // direction u by x cross u. The component of this change along `side` is x . other, the component along `other`
-        // is -x . side, and the component along gravity is zero.
+        // The random-walk state x is the negative attitude error of the gyroscope. It changes the force residual, in
+        // units of gravity, by u cross x, where u is the direction up at the start of the move. The component of this
+        // change along `other` is x . side, the component along `-side` is x . other, and the component along u is
+        // zero.
         let mut z = vec![0.0; n + 1];
         let mut by_lane = vec![0.0; pass.changes.lanes()];
         for (d, along, observation) in [(start.up, start.up, 0.0), (side, other, 1.0), (other, -side, 1.0)] {

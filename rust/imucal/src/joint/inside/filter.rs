@@ -10,7 +10,7 @@ pub(crate) struct WalkFilter<const N: usize> {
     covariance: [[f64; N]; N],
 }
 
-/// Kalman gain for one measurement `seen`: `innovation = seen - observation . states`, `states += shares innovation`.
+/// Kalman gain for one measurement `seen`: `innovation = seen - observation . states`, `states += shares * innovation`.
 #[derive(Clone, Copy)]
 pub(crate) struct Gain<const N: usize> {
     pub(crate) shares: [f64; N],
@@ -93,7 +93,8 @@ mod tests {
 
     use super::*;
 
-    /// The innovations must equal `L^-1 r`, where L is the Cholesky factor of the covariance.
+    /// The normalised innovations must equal `L^-1 r`, where r are the measurements and L is the Cholesky factor of
+    /// their covariance.
     #[test]
     fn innovations_whiten_a_random_walk_seen_through_noise() {
         let (n, start, walk, white) = (6, 0.3, 0.2, 0.5);

@@ -20,8 +20,8 @@ use crate::verdict::{GroupMisfit, ResidualGroup};
 /// freedom, the fit reproduces any values of the measurements.
 const MIN_FREEDOM: f64 = 1.0;
 
-/// Goodness of fit of each kind of residuals. `white` contains the residuals and the Jacobian of the linearisation.
-/// They are whitened with `noise`, the weights from noise only.
+/// Goodness of fit of each kind of residuals. `residuals` and `jacobian` are those of the linearisation, whitened with
+/// `noise`, the weights from noise only.
 pub(super) fn group_misfits(
     linear: &Linear,
     (residuals, jacobian): (&Mat<f64>, &Mat<f64>),
@@ -58,7 +58,7 @@ pub(super) fn group_misfits(
     let worst = worst.max_by(|((a, n), _), ((b, m), _)| (a / n).total_cmp(&(b / m)));
     let groups = [
         Some((ResidualGroup::RestNorms, norms, rms(of_norms))),
-        // The angle is the root of the sum of the squares of its two components.
+        // The rms angle is sqrt(2) times the rms of its two components.
         Some((ResidualGroup::MoveDirections, moves, rms(of_moves) * 2f64.sqrt())),
         Some((ResidualGroup::RestRates, rates, rms(of_rates.flat_map(|(_, lines)| rate(lines))))),
         Some((ResidualGroup::MoveForces, inside, of_noise(inside, force_sigma))),

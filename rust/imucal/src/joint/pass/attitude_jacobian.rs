@@ -1,8 +1,10 @@
 //! Jacobians of attitude and force in the blocks inside a move.
 //!
-//! A segment of a move has n samples. For one parameter, G is the attitude error that accumulates over the segment, and
-//! F is the change of the force at the midpoint of the segment. Gdot is the central difference of G between the
-//! adjacent segments. G.. and F.. are second differences over the adjacent segments.
+//! A segment of a move has n samples. For one parameter, `turn` is the attitude error, G is the attitude error that
+//! accumulates over the segment according to the midpoint rule, and F is the change of the force at the midpoint of the
+//! segment. R is the rotation to the body frame at the start of the move, and Phi is the derivative of the force in the
+//! body frame. Gdot is the central difference of G between the adjacent segments. G.. and F.. are second differences
+//! over the adjacent segments.
 //!
 //! ```text
 //! turn(end)    = turn(begin) + G + G.. / 24
@@ -27,8 +29,9 @@ use crate::numerics::aligned::{Aligned, WIDEST};
 use crate::numerics::instructions::Instructions;
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 
-/// Accumulates the Jacobians of attitude and force inside a move, block by block. The Jacobians have the sign of an
-/// effect on the reading. The correction subtracts effects, so it subtracts these Jacobians.
+/// Accumulates the Jacobians of attitude and force inside a move, block by block. The stored values are the derivatives
+/// with the opposite sign. They are computed from the changes of the measured rate and force per unit of the parameter,
+/// which the correction subtracts.
 pub(super) struct Turns<'a> {
     route: &'a Route<'a>,
     model: &'a Model,
@@ -54,8 +57,8 @@ pub(super) struct Turns<'a> {
     changes: Changes,
 }
 
-/// Derivatives of the reading of one sensor. The base parameters come first, then the parameters of the effects on this
-/// sensor.
+/// Derivatives of the reading of one sensor with respect to the parameters. The base parameters come first, then the
+/// parameters of the effects on this sensor.
 struct Columns<'a> {
     base: usize,
     terms: &'a SideBySide<'a>,

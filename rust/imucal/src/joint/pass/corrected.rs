@@ -1,4 +1,4 @@
-//! Samples of a move, corrected with both triads and for the effects.
+//! Samples of a move, corrected for sensitivity, bias and effects.
 
 use std::ops::Range;
 
@@ -71,7 +71,7 @@ impl Route<'_> {
         self.span.first.saturating_sub(1)..(self.span.last + 2).min(self.recording.len())
     }
 
-    /// Step after sample `i` of the recording, with indices relative to `reach`.
+    /// Step after sample `i` of the recording, with indices relative to the start of `reach`.
     pub(super) fn step(&self, i: usize) -> Step {
         Step { before: i - self.reach().start, ..Step::after(self.recording.time_s, i) }
     }

@@ -135,8 +135,9 @@ impl Groups {
     }
 }
 
-/// Derivatives of attitude and force inside a move, with one state per block. They have the sign of an effect on the
-/// reading. The correction subtracts effects, so it subtracts these values.
+/// Derivatives of attitude and force inside a move, with one state per block. The stored values are the derivatives
+/// with the opposite sign. They are computed from the changes of the measured rate and force per unit of the parameter,
+/// which the correction subtracts.
 pub(crate) struct Changes {
     /// Mean attitude error over each block, rad per unit of the parameter.
     pub(crate) turn: Planes,

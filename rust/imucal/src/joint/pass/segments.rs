@@ -24,12 +24,13 @@ pub(crate) struct Stretch {
     /// Rotation from the body frame at the midpoint to the start of the move: `v_start = attitude v_here`.
     pub(crate) attitude: Matrix3<f64>,
     pub(crate) rate: Vector3<f64>,
-    /// Attitude error at the midpoint if the rate about each axis has a constant error of one unit since the start of
-    /// the move, s.
+    /// Change of the attitude at the midpoint if one unit is subtracted from the rate since the start of the move, s.
+    /// Column k is for the rate about body axis k.
     pub(crate) turn: Matrix3<f64>,
 }
 
-/// Segments of a move, and the attitude error at the end of the move if the rate has a constant error of one unit.
+/// Segments of a move, and the change of the attitude at the end of the move if one unit is subtracted from the rate
+/// (as in [`Stretch::turn`]).
 pub(crate) struct MoveSegments {
     pub(crate) stretches: Vec<Stretch>,
     pub(crate) end: Matrix3<f64>,

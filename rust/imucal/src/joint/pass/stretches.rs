@@ -36,7 +36,8 @@ pub(super) struct Stretches {
     pub(super) durations_s: Vec<f64>,
     /// For each segment: whether the midpoints of the previous and the next segment are equally far away in time.
     pub(super) are_even: Vec<bool>,
-    /// Factor `1 - 1/n^2` of the second difference. It is needed because the mean is taken over n discrete samples.
+    /// Factor `1 - 1/n^2` of the second difference, for segments of n samples. It is needed because the mean is taken
+    /// over discrete samples.
     pub(super) spread: f64,
 }
 

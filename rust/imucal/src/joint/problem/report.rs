@@ -29,7 +29,8 @@ pub(crate) struct JointFit {
     pub(crate) scales: ResidualScales,
     /// Bias instability and random walk assumed by the weights.
     pub(crate) wander: Option<UnitWander>,
-    /// Residual of |f| at each rest and its standard deviation from noise, m/s^2; `None` for rests that are not used.
+    /// Residual of the norm |f| of the specific force at each rest, and its standard deviation from noise, m/s^2;
+    /// `None` for rests that are not used.
     pub(crate) norms: Vec<Option<(f64, f64)>>,
     /// Gravity directions and rotation of each move.
     pub(crate) moves: Vec<(Ends, Matrix3<f64>)>,

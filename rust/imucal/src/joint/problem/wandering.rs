@@ -26,18 +26,19 @@ const QUIET: f64 = 0.8;
 /// the later epochs determine only changes of the bias.
 const POSE_ERROR_RADPS: f64 = 1.7e-3;
 
-/// Second whitening of the residuals of norms, moves and mean rates. It accounts for two covariances: that of biases
-/// that vary between rests (model.md (28)), and that of rounding errors in the means of the rests (model.md (37)).
+/// Second whitening of the residuals of norms, moves and mean rates. It accounts for three covariances: that of biases
+/// that vary between rests (model.md (28)), that of rounding errors in the means of the rests (model.md (37)), and that
+/// of the pose errors of long rests (model.md (41)).
 pub(crate) struct Wandering {
     /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the biases and errors. D contains the derivatives
-    /// of the whitened residuals with respect to the bias at each rest, or with respect to the errors of its mean rate
+    /// of the whitened residuals with respect to the bias at each rest, and with respect to the errors of its mean rate
     /// and mean force.
     factor: Mat<f64>,
 }
 
 impl Wandering {
-    /// `None` if the biases are constant and the means have no rounding errors. If there are too many rests to
-    /// factorise their covariance, rounding errors and pose errors are neglected.
+    /// `None` if the biases are constant, the means have no rounding errors, and no rest has more than one epoch. If
+    /// there are too many rests to factorise their covariance, rounding errors and pose errors are neglected.
     ///
     /// # Errors
     /// [`Error::Input`] if the biases vary and there are too many rests to factorise their covariance.
@@ -145,8 +146,8 @@ impl Joint<'_> {
         covariance
     }
 
-    /// Adds the covariance of an error that the later epochs of a rest have in common to the covariance of the whitened
-    /// mean rates.
+    /// Adds to `covariance` (of the whitened mean rates) the covariance of the error that the later epochs of a rest
+    /// have in common.
     fn share_poses(&self, linear: &Linear, covariance: &mut Mat<f64>) {
         let variance = (POSE_ERROR_RADPS * self.raw_scale(Sensor::Gyroscope, &linear.model.parameters())).powi(2);
         // The bias may also drift between the first epoch and the later epochs.
@@ -209,7 +210,8 @@ impl Joint<'_> {
             for ((rest, by), axis) in line.by_means.iter().flat_map(|by| [0, 1, 2].map(|axis| (by, axis))) {
                 by_force[(row, 3 * rest + axis)] -= scale * by[axis];
             }
-            // The two components of a move are consecutive rows. Both rows are written when the first row is reached.
+            // The two direction residuals of a move are consecutive rows. Both rows are written when the first row is
+            // reached.
             if let Source::Move(k) = line.source
                 && linear.lines.get(row + 1).is_some_and(|next| next.source == line.source)
             {
@@ -236,9 +238,9 @@ impl Joint<'_> {
         [by_rate, by_force]
     }
 
-    /// Derivatives of a move's two components with respect to the rounding errors of the rates at the rests before and
-    /// after the move. These errors change the rotation over the quiet ends of the move. In the middle of a move, the
-    /// rate passes through many quantisation steps, so rounding errors average out.
+    /// Derivatives of a move's two direction residuals with respect to the rounding errors of the rates at the rests
+    /// before and after the move. These errors change the rotation over the quiet ends of the move. In the middle of a
+    /// move, the rate passes through many quantisation steps, so rounding errors average out.
     fn by_quiet_ends(&self, m: &Move, at_move: &AtMove, model: &Model) -> [(usize, Matrix2x3<f64>); 2] {
         let AtMove { pass, before, after } = at_move;
         let (across, inverse) = (rows_across(&after.up), model.gyroscope.inverse());

@@ -28,8 +28,8 @@ impl Whitening {
     /// `own` contains the variance of the independent error of each residual, which must be positive. `shares` contains
     /// the dependence of each residual on the common errors.
     pub(crate) fn new(own: &[f64], shares: &[Shares], error_count: usize) -> Self {
-        // For each error: the first residual that depends on it. The nonzero entries of a row begin at the column of
-        // this residual.
+        // For each error: the first residual that depends on it. The nonzero entries of row i begin at the first
+        // residual that has an error in common with residual i.
         let mut first_row_of = vec![usize::MAX; error_count];
         let mut rows: Vec<(usize, Vec<f64>)> = Vec::with_capacity(own.len());
         for (i, seen) in shares.iter().enumerate() {

@@ -190,8 +190,8 @@ fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], ke
 fn rates_of(prepared: &Prepared<'_>, linear: &Linear, axis: usize, later: bool) -> (Vec<f64>, Vec<f64>) {
     let rounding = |k: usize| prepared.rests[k].rest.angular_rate.rounding[axis].error_variance;
     let of_rest = |(k, lines): &(usize, [Line; 3])| {
-        // If all rests have the same readings, they have the same rounding error. The variance of the rounding error is
-        // therefore an upper bound of its variance between rests.
+        // Rests with equal readings have equal rounding errors. The variance of the rounding error is therefore an
+        // upper bound of its variance between rests.
         let covariance = rate_covariance(prepared, &linear.model, *k);
         (lines[axis].residual, covariance[(axis, axis)] + rounding(*k))
     };
@@ -211,7 +211,8 @@ impl Scales {
         self.all().into_iter().fold(1.0, f64::max)
     }
 
-    /// Scales at which the chi2 of each kind of residuals equals its degrees of freedom.
+    /// For each kind of residuals, the scale at which its chi2 equals its degrees of freedom, or 1 if the excess is not
+    /// significant (see [`refine`]).
     fn refined(&self, linear: &Linear, solution: &Solution, leverages: &[f64], kept: Option<&Widened>) -> Self {
         let lines = &linear.lines;
         let groups = linear.groups();

@@ -38,7 +38,7 @@ struct Explained {
 }
 
 impl Search<'_> {
-    /// Components in the order of their gain.
+    /// Components in the order in which they are added.
     pub(super) fn run(&self) -> Vec<Component> {
         let kinds = self.noise.kinds;
         let mut best = self.explained(Vec::new(), Vec::new(), (kinds, self.fit(self.z, kinds).0));
@@ -182,9 +182,9 @@ impl Search<'_> {
         end.max(FEWEST.min(weights.len()))
     }
 
-    /// Estimates the amplitudes of these components and the noise parameters in turn. The iteration starts with noise
-    /// of the kinds in `start`, fitted to the data without components. The final noise parameters contain all kinds of
-    /// the model.
+    /// Estimates the amplitudes of these components and the noise parameters in turn. The iteration starts with the
+    /// noise parameters `theta`, which were fitted to the data without components. The first fit has the kinds of noise
+    /// `kinds`. The final noise parameters contain all kinds of the model.
     fn explained(
         &self,
         shapes: Vec<Shape>,

@@ -159,7 +159,7 @@ impl Stencil {
         }
         let mut slopes = Vec::with_capacity(n);
         slopes.extend(one_by_one(0..inside.start));
-        // For all samples in this range, the centred stencil has equal weights.
+        // The centred stencil has the same weights at all samples of this range.
         let boxes = self.at(time_s, inside.start);
         Instructions::Best.run(Slopes { sums, boxes, places: inside.len(), slopes: &mut slopes });
         slopes.extend(one_by_one(inside.end..n));
@@ -176,8 +176,8 @@ impl Stencil {
         self.stride as f64 * self.steps.interval_s
     }
 
-    /// The time since sample `k`, in box widths, is raised to each power and averaged over each box. The boxes begin at
-    /// sample `first`. If there are fewer than five boxes, the polynomial has a lower degree.
+    /// Means over each box (columns) of the powers (rows) of the time since sample `k`, in box widths. The boxes begin
+    /// at sample `first`. If there are fewer than five boxes, the polynomial has a lower degree.
     fn powers(&self, time_s: &[f64], k: usize, first: usize) -> Polynomial {
         let mut powers = Polynomial::identity();
         for (j, mut column) in powers.column_iter_mut().enumerate().take(self.boxes) {

@@ -1,8 +1,8 @@
 use super::*;
 use crate::numerics::lsq::{EXACT, Residuals, minimize, minimize_within};
 
-/// Rosenbrock's valley with walls `steep` times as steep as its floor, and a residual with a kink: `(1 - x, steep (y -
-/// x^2), 3 + kink |x - 1/2|)`.
+/// Rosenbrock's valley with walls `steep` times as steep as its floor, and a residual with a kink:
+/// `(1 - x, steep (y - x^2), 3 + kink |x - 1/2|)`.
 struct Valley {
     steep: f64,
     kink: f64,

@@ -245,9 +245,9 @@ impl Colour {
     /// Converts the factor c of means over 0.25 s to the factor c of long means.
     ///
     /// Low-pass filtered noise is correlated across the boundary of consecutive means, so the differences of these
-    /// means are too small. The factor is therefore too small by the ratio `1 - 1.5 / (pi^2 tau B)`. tau is the
-    /// averaging time, and B is the noise bandwidth, computed from `1 / B = 2 c dt`. Factors of nearly white noise are
-    /// not changed.
+    /// means are too small. The estimated factor is therefore c multiplied by `1 - 1.5 / (pi^2 tau B)`, where c is the
+    /// factor of long means. tau is the averaging time, dt is the sampling interval, and B is the noise bandwidth with
+    /// `1 / B = 2 c dt`. Factors of nearly white noise are not changed.
     fn without_edges(&self, factor: f64) -> f64 {
         let edges = 3.0 / (std::f64::consts::PI.powi(2) * self.samples);
         if factor < FILTERED {

@@ -106,12 +106,12 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
 /// A rest may contain the end of the move before it and the start of the move after it, hidden in noise. This function
 /// removes these parts from the rest. Blocks outside `within` are not used.
 ///
-/// The jerk of a move is bounded, so a move begins with the angle c t^3 and the rate 3 c t^2. The time since the start
-/// of the move is therefore three times the angle divided by the rate. The angle is accumulated from 0.2 s inside the
-/// rest. Angle and rate are evaluated when the angle reaches ten times its noise. The last five sixths of the time
-/// since the start are assigned to the move. In the first sixth, the angle is below a twentieth of its noise. Nothing
-/// is removed if the angle does not increase further, as after a jolt, or if the move began before the first
-/// accumulated block.
+/// The jerk of a move is bounded, so a move begins with the angle c t^3 and the rate 3 c t^2, with a constant c and the
+/// time t since its start. The time since the start of the move is therefore three times the angle divided by the rate.
+/// The angle is accumulated from 0.2 s inside the rest. Angle and rate are evaluated when the angle reaches ten times
+/// its noise. The last five sixths of the time since the start are assigned to the move. In the first sixth, the angle
+/// is below a twentieth of its noise. Nothing is removed if the angle does not increase further, as after a jolt, or if
+/// the move began before the first accumulated block.
 pub(super) fn onset(
     range: Range<usize>,
     within: &Range<usize>,

@@ -20,7 +20,8 @@ pub(super) struct Stretch {
     thirds: Option<[Block; 2]>,
     /// Median of the ratio of variance to noise floor over the windows of the interval.
     scatter: f64,
-    /// Data from which the factor c of coloured noise (model.md (10)) is computed.
+    /// Data from which the factor c is computed, by which the correlation of the noise increases the variance of a mean
+    /// (model.md (10)).
     colour: Colour,
     /// Variance of the rounding error of a mean, squared raw units. It is zero for channels whose noise exceeds their
     /// step.
@@ -64,11 +65,12 @@ impl Stretch {
 /// corresponds to a tilt of 3 deg.
 const MAX_TILT: f64 = 0.05;
 
-/// The factors c of coloured noise (model.md (10)) in a recording. Steady and hand-held rests have different spectra.
+/// The factors c by which the correlation of the noise increases the variance of a mean (model.md (10)), for a
+/// recording. Steady and hand-held rests have different spectra.
 pub(super) struct Steadiness {
-    /// Factor c of coloured noise (model.md (10)) of each channel, for rests without tremor.
+    /// Factor c of each channel, for rests without tremor.
     pub(super) steady_colour: Vector6<f64>,
-    /// Factor c of coloured noise of each channel, for hand-held rests.
+    /// Factor c of each channel, for hand-held rests.
     held_colour: Vector6<f64>,
 }
 
