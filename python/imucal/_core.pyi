@@ -90,7 +90,7 @@ GAP_FOLDS: int
 
 _Array = NDArray[np.float64]
 _Samples = NDArray[np.float64] | NDArray[np.float32] | NDArray[np.int16]
-# What goes into documents as it is.
+# Fields of a document, which are written to JSON unchanged.
 _Fields = dict[str, Any]
 _Step = tuple[Sequence[float], float, float]
 
@@ -890,9 +890,10 @@ class Noise:
     @property
     def findings(self) -> list[Finding]: ...
 
-# Index of the axis, size, standard deviation, gain of twice the log-likelihood.
+# Change of the mean of one axis: index of the axis, size, standard deviation, and increase of twice the
+# log-likelihood.
 _Departure: TypeAlias = tuple[int, float, float, float]
-# Time, sample, and sizes.
+# Step of the mean: its time, s, the index of the first sample after it, and the changes of the axes.
 _NoiseStep: TypeAlias = tuple[float, int, list[_Departure]]
 
 def check_temperature(recording: _Recording) -> Finding | None: ...

@@ -54,8 +54,8 @@ UNITS: Final[dict[str, dict[str, float]]] = {
     "rad/s/(m/s^2)": {"rad/s/(m/s^2)": 1.0, "deg/s/g": _DEG / _G},
     "rad/s/(m/s^2)^2": {"rad/s/(m/s^2)^2": 1.0, "deg/s/g^2": _DEG / _G**2},
 }
-# Units of a sensitivity in counts, for example lsb per deg/s, by the reciprocal SI unit, for example
-# rad/s/lsb. Each unit has the size of its quantity (deg/s) in SI units.
+# Units of a sensitivity in counts, such as lsb/(deg/s). The key is the unit of the reciprocal in SI units,
+# such as rad/s/lsb. The value of each unit is the size of its denominator, such as deg/s, in SI units.
 COUNTS: Final[dict[str, dict[str, float]]] = {
     "m/s^2/lsb": {"lsb/g": _G},
     "rad/s/lsb": {"lsb/(deg/s)": _DEG},

@@ -54,7 +54,7 @@ class Calibration(SensorModel):
     temperature_range_degc    lowest and highest temperature of the recordings, or None
     fit                       course of the estimation
     calibration_set, control_set   figures on the calibration recordings and on the control recordings
-    verdict          `good`, `incomplete` or `poor`, without limits; None if it is not known
+    verdict          `good`, `incomplete` or `poor`, without checks against limits; None if it is not known
     reasons          why the verdict is not good
     """
 
@@ -100,8 +100,8 @@ class Calibration(SensorModel):
     def judged(self) -> tuple[Verdict, tuple[str, ...]]:
         """The verdict with its reasons.
 
-        The verdict is poor if the figures make it poor, even if the file states a better verdict or, as files
-        of older versions, none.
+        The verdict is poor if the figures make it poor, even if the file states a better verdict or no
+        verdict. Files of older versions state none.
         """
         sets = (self.calibration_set, self.control_set)
         return saved_verdict(self.verdict, self.reasons, *sets, has_gyroscope=self.gyroscope is not None)
@@ -161,7 +161,7 @@ class Calibration(SensorModel):
         return correct(self, angular_rate, specific_force)
 
     def apply_recording(self, recording: Recording, *, start_s: float | None = None) -> Recording:
-        """The recording in SI units and the body frame, without all effects except those in `left_in_data`.
+        """The recording in SI units and the body frame, with all effects removed except `left_in_data`.
 
         start_s  time of the first sample of the whole recording, if `recording` is a piece of it; see
                  `takes_pieces`

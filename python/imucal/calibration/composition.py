@@ -53,6 +53,7 @@ MODEL: Final = (
 # Effects of the first calibration whose parameters form a matrix. T2 transforms this matrix.
 G_SENSITIVITY: Final = "gyro_g_sensitivity"
 ANGULAR_ACCELERATION: Final = "gyro_angular_acceleration"
+# Effect of the first calibration with one parameter, a time, which T2 does not change.
 DELAY: Final = "gyro_time_offset"
 
 
@@ -60,7 +61,7 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
     """The calibration that corrects raw samples as `first` followed by `second`.
 
     second   estimated on recordings that `first` has corrected (`imucal apply`)
-    files    the files of both, for the origin of the result
+    files    the files of the two calibrations, which are recorded in the provenance of the result
 
     The body frame is that of `second`, and the raw units and axes are those of `first`. If only one of the
     two has a gyroscope, the result has that gyroscope. The result has no covariance if `second` has no
@@ -146,8 +147,8 @@ def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
         if values.name not in left:
             moved.append(_moved(first, values, accel2, step, second))
             if values.name == G_SENSITIVITY:
-                # The g-sensitivity of the first calibration, times the bias b2 of the second accelerometer,
-                # is a constant rate.
+                # The g-sensitivity of the first calibration, times the accelerometer bias of the second, is a
+                # constant rate.
                 gyro_bias = gyro_bias + values.values.reshape(3, 3) @ accel2.bias
     # A product of lower triangular matrices is lower triangular; other products have no special form.
     triangular = first.frame == second.frame == "triangular" and second.axes == UNCHANGED
@@ -252,7 +253,8 @@ def _covariance(first: Calibration, second: Calibration) -> tuple[FloatArray | N
         return None, ()
     to_second = jacobian(lambda model: _composed(first, model), second)
     covariance = to_second @ from_second @ to_second.T
-    # Names of parameters that only `first` has estimated, of its effects and of its gyroscope.
+    # `places` and `alone` are the indices and names of the parameters that only `first` has estimated: those
+    # of its effects and of its gyroscope.
     estimated = tuple(f"{values.name}_" for values in second.effects)
     base = base_count(first.frame, has_gyroscope=first.gyroscope is not None)
     both = base_count(first.frame, has_gyroscope=second.gyroscope is not None)

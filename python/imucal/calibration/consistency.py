@@ -34,8 +34,8 @@ OPTIONAL: Final = frozenset(
         "reasons",
     }
 )
-# Accepted relative difference between two values of a standard deviation: rounding to three digits, which is
-# common for standard deviations.
+# Accepted relative difference between two values of a standard deviation. It exceeds the rounding to four
+# significant digits (5e-4).
 STD_ROUNDING: Final = 1e-3
 # Accepted difference of a value, as a fraction of its standard deviation. A difference this small has no
 # effect on corrected samples.
@@ -69,7 +69,7 @@ def require_written_again(
 def origins_of(
     written: Mapping[str, Any], parameters: Sequence[Parameter], frame: Frame
 ) -> dict[str, Origin]:
-    """For each field that repeats another field: the path of that field, and the accepted difference."""
+    """For each field that repeats another field: the path of the other field, and the accepted difference."""
     places = _places(written, frame)
     names = [] if written["covariance"] is None else written["covariance"]["names"]
     variances = {name: f"$.covariance.matrix[{k}][{k}]" for k, name in enumerate(names)}

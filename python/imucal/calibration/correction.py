@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 __all__ = ["correct", "correct_recording", "empty_samples", "left_in_data", "takes_pieces"]
 
 # Convergence criterion: largest change of a sample in an iteration, relative to the magnitude of its terms.
-# The value is 16 rounding errors of float64.
+# The value is 16 times the relative rounding error of float64.
 ROUNDING: Final = 16 * np.finfo(np.float64).eps
 # Maximum number of iterations for user-defined effects, which are evaluated on whole recordings.
 MOST_PASSES: Final = 32
 
-# Inputs of a field besides rate and force, each with the column of a recording from which it is computed.
+# Inputs of an effect's field besides rate and force, each with the column from which it is computed.
 COLUMNS: Final = {"time": "time_s", "angular_acceleration": "time_s", "temperature": "temperature_degc"}
 
 

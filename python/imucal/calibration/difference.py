@@ -81,7 +81,8 @@ class Difference:
     changes           every parameter, in the order of the file
     limit_sigmas      limit of a single parameter, in standard deviations
     false_alarm       probability that an unchanged unit is reported as moved
-    chi2, dof, p_value   test of all parameters with a standard deviation together; None without any
+    chi2, dof, p_value   joint test of all parameters with a standard deviation; without such parameters, chi2
+                         and p_value are None
     notes             remarks about the pair
     serial_numbers, provenances   of the first calibration, and of the second
     """

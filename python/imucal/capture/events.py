@@ -58,7 +58,7 @@ class Snapshot:
     request     pose to hold next, in words
     attitude    attitude of the unit in the requested pose, body to world, (3, 3); None without a request
     held_s      time for which the current pose has been held, s, of `hold_s`
-    steadiness  0 (moving) to 1 (as steady as at the best rests)
+    steadiness  0 (moving) to 1 (steady enough to count as a rest)
     poses       number of poses that count, of `wanted`
     rows        predicted standard deviations by group
     missing     description of the motion that is still missing; None if the recording determines all

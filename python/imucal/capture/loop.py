@@ -30,9 +30,9 @@ WAIT_S: Final = 0.05
 ROWS_AT_ONCE: Final = 32
 # Interval between two flushes to the disk, s.
 SYNC_S: Final = 0.5
-# A message reports that the unit sends nothing after this time without a sample. The message is repeated at
-# an interval. Both are in s of the computer's clock.
+# Time without a sample after which a message reports that the unit sends nothing, s of the computer's clock.
 SILENT_S: Final = 1.0
+# Interval at which this message is repeated, s of the computer's clock.
 SILENT_AGAIN_S: Final = 10.0
 # Shortest time between two messages about damaged data, s of the computer's clock.
 DAMAGED_AGAIN_S: Final = 2.0

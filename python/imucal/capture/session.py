@@ -7,8 +7,9 @@ It is independent of a terminal, and its clock is the time of the samples.
         for event in session.feed(rows): ...
         session.snapshot
 
-A pose counts if the compiled library detects a rest of at least `hold_s` in a direction that no earlier pose
-has. These poses depend on the samples only, so a recording can be continued from its file.
+A pose counts if the compiled library detects a rest of at least `hold_s` whose up direction differs from
+those of all earlier poses of the round and of the last pose. These poses depend on the samples only, so a
+recording can be continued from its file.
 """
 
 from __future__ import annotations

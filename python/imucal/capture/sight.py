@@ -22,7 +22,8 @@ __all__ = ["Held", "Sight", "look"]
 # were left too early or have just begun are detected.
 LIVE_REST_S: Final = 0.3
 # The unit counts as at rest now if a rest ends at most this time before the last sample, s. The time allows
-# for the resolution of the ends of rests, 0.05 s, and for one trimmed block.
+# for the resolution of the ends of rests, 0.05 s, and for the block of 0.05 s that is removed from the end of
+# each rest.
 NOW_S: Final = 0.2
 # The displayed steadiness is computed from the last part of the recording with this duration, s. It is also
 # the duration of the windows of rest detection.
@@ -51,7 +52,7 @@ class Sight:
     rests       the rests in order of time
     current     the rest in progress, which is the last of `rests`, or None
     findings    findings of the checks
-    steadiness  0 (moving) to 1 (as steady as at the best rests)
+    steadiness  0 (moving) to 1 (steady enough to count as a rest)
     """
 
     now_s: float
@@ -93,7 +94,10 @@ def _force(recording: Recording) -> FloatArray:
 
 
 def _steadiness(recording: Recording, time_s: FloatArray, seen: _core.Inspection) -> float:
-    """Largest standard deviation at rest, divided by the standard deviation of the last window; at most 1."""
+    """Square root of (threshold of the rest detection / statistic of the last window); at most 1.
+
+    The statistic is the mean over the axes of (standard deviation in the window / noise floor)^2.
+    """
     if seen.threshold is None:
         return 0.0
     first = int(np.searchsorted(time_s, time_s[-1] - WINDOW_S))

@@ -16,8 +16,8 @@ from imucal.recording.recording import Recording
 __all__ = ["Watch"]
 
 # Codes of warnings that are reported during recording, because a person can react to them. The calibration,
-# which uses the whole recording, reports all other warnings. Errors are always reported, with the exceptions
-# below.
+# which uses the whole recording, reports all other warnings. Errors are always reported, except `stuck_axis`
+# before `RESTS_OF_STUCK` rests.
 SAID_WARNINGS: Final = ("accel_saturation", "gyro_saturation", "samples_missing", "samples_duplicated")
 # Findings that are reported again when the number of affected samples has grown. Other errors are repeated
 # after `REMINDED_S`, s.
@@ -39,7 +39,7 @@ SHAKEN_DEG: Final = 10.0
 # If the ratio of the mean angular rate to its rms exceeds this number, the motion counts as a rotation and
 # not as shaking.
 SHAKEN_SHARE: Final = 0.35
-# An axis is clipped at rest if this share of the samples in `SHAKES_S` has the extreme value of the axis,
+# An axis is clipped at rest if at least this share of the samples in `SHAKES_S` has the axis's extreme value,
 # while at most `EQUAL_SHARE` of its other samples equal the sample before. The second condition excludes
 # converters whose step exceeds the noise.
 CLIPPED_SHARE: Final = 0.3
@@ -181,7 +181,7 @@ SHAKING: Final = (
 
 
 def _clipped_at_rest(sight: Sight, recording: Recording) -> str | None:
-    """The message about an axis at which gravity exceeds the range, or None.
+    """The message about an axis on which gravity exceeds the range, or None.
 
     The general check does not report such an axis, because it assumes a range above 1.3 g.
     """

@@ -404,7 +404,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
     },
 }
-# Consequence of the codes of a group, unless it is "error".
+# Kind of the codes of a group. The codes of groups that are not listed here are errors.
 KIND_OF_GROUP: Final = {
     "Reading files": "warning",
     "Verdict poor": "reason",
@@ -412,7 +412,7 @@ KIND_OF_GROUP: Final = {
     "Diagnosis of a fit": "warning",
     "Noise of a unit at rest": "warning",
 }
-# Codes of other groups with which a result is computed.
+# Codes of other groups that are warnings: a result is computed in spite of them.
 WARNINGS: Final = (
     "noise_below_lsb",
     "gyro_common_gain",
@@ -425,7 +425,7 @@ WARNINGS: Final = (
     "seen_by_the_fit",
     "biases_moved",
 )
-# Codes that refuse the recording only from a certain size or kind of fault on.
+# Codes that are errors only if the fault is large or of a certain kind, and warnings otherwise.
 ERRORS_OR_WARNINGS: Final = (
     "sensor_missing",
     "non_finite",

@@ -34,7 +34,7 @@ class Selection:
 
     since: Annotated[str | None, option("--since", metavar="DATE", help="First date.", panel=PANEL)] = None
     until: Annotated[
-        str | None, option("--until", metavar="DATE", help="First date after the last one.", panel=PANEL)
+        str | None, option("--until", metavar="DATE", help="Only before this date.", panel=PANEL)
     ] = None
     station: Annotated[str | None, _text("--station", "Only of this station.")] = None
     operator: Annotated[str | None, _text("--operator", "Only of this operator.")] = None

@@ -22,8 +22,9 @@ LONGEST_SUMMARY = 200
 # Maximum width of the help, characters, even in a wider terminal, because longer lines are hard to read.
 WIDEST_HELP = 110
 SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": WIDEST_HELP}
-# Headings in the help for options that several commands share. They follow the headings of other options.
+# Heading in the help for options that have no heading of their own.
 OPTIONS: Final = "Options"
+# Headings in the help that follow all other headings, in this order.
 LAST_PANELS: Final = ("Output", "Files of other programs")
 
 

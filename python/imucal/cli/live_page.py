@@ -19,7 +19,7 @@ SHARE: Final = 0.2
 
 
 class LivePage:
-    """Writes the page of a store at most every ten seconds, without delaying the run.
+    """Writes the page of a store in a separate process, at most every ten seconds.
 
     store, page, limits   as for `imucal fleet report`
     """

@@ -41,9 +41,9 @@ __all__ = [
     "require_apart",
 ]
 
-# Exit code if there is no result, for example after bad input, and exit code if the verdict is poor or worse
-# than required.
+# Exit code if there is no result, for example after bad input.
 NO_RESULT = 1
+# Exit code if the verdict is poor or worse than required.
 POOR_VERDICT = 2
 # Maximum length of a file name, bytes, on Linux, macOS and Windows.
 LONGEST_FILE_NAME = 255
@@ -137,7 +137,7 @@ class Output:
     def document(self, document: Mapping[str, Any] | Callable[[], Mapping[str, Any]]) -> None:
         """Write the JSON document if it was requested.
 
-        document  the document, or a function that is called for it only if it is written
+        document  the document, or a function that returns it and is called only if the document is written
         """
         if self._json_path is not None:
             self._write(document() if callable(document) else document, self._json_path)

@@ -35,7 +35,7 @@ ATTEMPTS: Final = 20
 class TemporaryFile:
     """A temporary file in a folder that replaces the target file when it is complete.
 
-    descriptor   of the open file, for writing
+    descriptor   file descriptor of the open file, for writing
     """
 
     def __init__(self, folder: Path) -> None:

@@ -77,7 +77,7 @@ class UserEffect:
 
     @property
     def plain(self) -> int:
-        """The number of parameters, because a user-defined effect has only one form."""
+        """Number of parameters of the plain form: all, because a user-defined effect has only one form."""
         return len(self.parameters)
 
     @property

@@ -67,7 +67,7 @@ def disturbances() -> tuple[Disturbance, ...]:
             "accel_bias_random_walk",
             "accelerometer",
             "noise",
-            # 0.02 mg/sqrt(s).
+            # The typical size is 0.02 mg/sqrt(s).
             _axes("m/s^2/s/sqrt(Hz)", 2e-5 * STANDARD_GRAVITY_MPS2),
             "a bias that changes randomly from rest to rest, more over longer intervals",
         ),

@@ -222,12 +222,12 @@ def _value(node: ast.expr, inputs: Mapping[str, FloatArray]) -> Any:
 
 
 def _typical_sizes(effect: FormulaEffect, states: Sequence[State]) -> list[float]:
-    """Sizes of the parameters with which the effect varies by `TYPICAL` in recordings with these states."""
+    """Sizes of the parameters with which each term has the standard deviation `TYPICAL` over these states."""
     return sizes_of(effect, [effect.columns(state) for state in states])
 
 
 def sizes_of(effect: FormulaEffect, fields: Sequence[FloatArray]) -> list[float]:
-    """Sizes of the parameters with which the effect varies by `TYPICAL`.
+    """Sizes of the parameters with which each term has the standard deviation `TYPICAL` over the recordings.
 
     `fields` has one field per recording.
 

@@ -34,8 +34,9 @@ class HeldParameter:
     sigma          standard deviation of the estimate
     prior_share    share of the variance of the estimate that comes from the priors; 1 if the recordings
                    contain no information about the parameter
-    contradiction  difference of prior and recordings in standard deviations of this difference; None if the
-                   recordings determine the parameter less accurately than the spread of MEMS sensors
+    contradiction  difference between the prior value and the estimate from the recordings, in standard
+                   deviations of this difference; None if the recordings determine the parameter less
+                   accurately than the spread of MEMS sensors
     """
 
     name: str

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias, TypeVar
 
 __all__ = ["FittedMove", "FittedRest", "Move", "Rest", "of_library", "used_of"]
 
-# One value per axis; None where a sample of the interval is missing.
+# One value per axis; None where a sample of the rest or move is missing.
 Axes: TypeAlias = tuple[float | None, float | None, float | None]
 T = TypeVar("T")
 
@@ -22,7 +22,9 @@ class Rest:
     start_s, end_s       times of the first and last sample of the rest, s; None in a table of means
     epochs               number of epochs, the parts of a long rest with a separate mean and temperature each;
                          1 if the rest is not split
-    unsteadiness         standard deviation of the samples of the rest, as a multiple of the noise floor
+    unsteadiness         variance of the samples of the rest divided by the variance of the noise floor
+                         (median over the windows), or the drift of the mean force if it is larger; see (11)
+                         in docs/model.md
     mean_specific_force  (3,) mean of the raw samples, in the raw unit
     mean_angular_rate    (3,) mean of the raw samples, in the raw unit
     norm_error_mps2      norm of the corrected specific force minus gravity, m/s^2

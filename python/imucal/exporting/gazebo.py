@@ -1,7 +1,7 @@
 """gz-sensors: the noise of a simulated IMU as an SDF element <imu>.
 
     output = true + N(mean, stddev) + bias
-    bias  <- exp(-dt / tau) bias + N(0, s),  s^2 = dynamic_bias_stddev^2 tau / 2 (1 - exp(-2 dt / tau))
+    bias  <- exp(-dt / tau) bias + N(0, s),  s^2 = dynamic_bias_stddev^2 (tau / 2) (1 - exp(-2 dt / tau))
 
 Source: GaussianNoiseModel::ApplyImpl in GaussianNoiseModel.cc of gz-sensors. `stddev` is the standard
 deviation of one sample, so it is valid for one sampling rate only. The constant bias is written as `mean`,

@@ -1,11 +1,11 @@
 """RealSense: calibration.json of rs-imu-calibration, and the camera's own calibration table.
 
-    corrected = sensitivity raw - bias
+    corrected = S raw - bias
 
-Source: correct_motion_helper in motion-transform.cpp of librealsense. Both files hold the sensitivity column
-by column (float3x3 in float3.h). In calibration.json the bias of the gyroscope is in rad/s, as
-rs-imu-calibration writes it. In the table it is in deg/s, because librealsense multiplies the value in the
-table by pi / 180 (dm_v2_imu_calib_parser::get_intrinsic in ds-calib-parsers.cpp).
+Source: correct_motion_helper in motion-transform.cpp of librealsense. Both files hold S (librealsense's
+`sensitivity`, the inverse of T) column by column (float3x3 in float3.h). In calibration.json the bias of the
+gyroscope is in rad/s, as rs-imu-calibration writes it. In the table it is in deg/s, because librealsense
+multiplies the value in the table by pi / 180 (dm_v2_imu_calib_parser::get_intrinsic in ds-calib-parsers.cpp).
 
 The table is the EEPROM image of 520 bytes that rs-imu-calibration.py writes to the camera: dm_v2_eeprom in
 ds-private.h, three nested tables, each with a header of 16 bytes that has its CRC-32.
@@ -77,7 +77,7 @@ def write_table(calibration: Calibration, noise: NoiseResult | None) -> Written:
     for sensor, per_si in (("accelerometer", 1.0), ("gyroscope", 180 / np.pi)):
         triad = getattr(calibration, sensor)
         correction = inverse(triad)
-        # The entries of the sensitivity column by column, then the bias.
+        # The entries of S column by column, then the bias.
         numbers += [*correction.T.ravel(), *(per_si * (correction @ triad.bias))]
     flags = bytes([NOT_VALID, VALID, 0, 0])
     imu = flags + UNUSED * EXTRINSIC_SIZE + struct.pack("<24f", *numbers) + UNUSED * RESERVED_SIZE

@@ -24,6 +24,7 @@ FIELDS: Final = ("serial", "date", "station", "operator", "batch", "role")
 # Words in file names that state the role of a recording, in upper or lower case.
 CONTROL_WORDS: Final = ("control", "check", "verify")
 RUN_WORDS: Final = ("run", "cal", "calibration", "rec", "recording")
+# Words in file names that state the sensor. They are not part of a serial number.
 SENSOR_WORDS: Final = ("acc", "accel", "accelerometer", "gyro", "gyr", "gyroscope")
 WORD: Final = re.compile(r"[^-_. ]+")
 # In a folder, files with these extensions count as recordings.

@@ -23,7 +23,7 @@ __all__ = ["ABOUT_COLUMNS", "batches_of", "conditions", "documents", "measuremen
 # Number of rows that are in memory at once.
 ROWS_AT_ONCE: Final = 10_000
 # Number of rows of blobs that are fetched at once. Python's garbage collector runs after 700 new tuples. With
-# a list of all rows it would take a third of the time.
+# a list of all rows the collector would take a third of the time of reading.
 BLOBS_AT_ONCE: Final = 500
 # Columns of a table of measurements that precede the columns of figures and parameters.
 ABOUT_COLUMNS: Final = (

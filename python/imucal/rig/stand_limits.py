@@ -39,7 +39,7 @@ LARGEST: Final = {
     "minutes": MAX_DURATION_S / 60.0,
 }
 # Limits of the paper's stand. The paper does not state the acceleration. The value here is that of the
-# paper's random program, which rotates by 240 deg in 2 s.
+# paper's random program, in which a motor rotates by up to 240 deg in 2 s.
 PAPER_DPS: Final = 120.0
 PAPER_DPS2: Final = 480.0
 

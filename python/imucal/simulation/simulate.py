@@ -162,7 +162,7 @@ def repeat(
 def _without_formulas(
     effects: Mapping[str, EffectInput] | Iterable[EffectValues], auxiliary: Auxiliary
 ) -> tuple[Mapping[str, EffectInput] | Iterable[EffectValues], tuple[FormulaEffect, ...]]:
-    """The values with each formula replaced by the name of its effect, and the effects of the formulas."""
+    """The mapping with each key that is a formula replaced by the name of its effect, and these effects."""
     if not isinstance(effects, Mapping):
         return effects, ()
     formulas = {

@@ -22,9 +22,9 @@ __all__ = ["host_instants", "joined_angles"]
 # Relative difference between the rates of two clocks that is accepted without a check. Quartz oscillators
 # differ by less than 200 ppm.
 MAX_SLOPE: Final = 500e-6
-# Largest difference between the relative clock rates of the two halves of a run at which a relative rate
-# beyond `MAX_SLOPE` is accepted. A unit has such a rate if its clock is an RC oscillator, or if it sends no
-# time and does not sample at its nominal rate.
+# Largest difference between the relative clock rate of each half of a run and that of the whole run at which
+# a relative rate beyond `MAX_SLOPE` is accepted. A unit has such a rate if its clock is an RC oscillator, or
+# if it sends no time and does not sample at its nominal rate.
 AGREEING_SLOPE: Final = 2e-3
 # Minimum duration of a run, s, for a rate difference beyond `MAX_SLOPE` to be determined.
 SLOPE_OVER_S: Final = 20.0

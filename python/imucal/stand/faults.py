@@ -1,8 +1,9 @@
 """Faults of a simulated stand or unit, for tests of a production line, which must detect each fault.
 
-slip         the unit slips on its mount by 1 to 3 deg about a random axis, once in the middle of each run
-loose-mount  the mount has play: after every move the unit's attitude changes by a random rotation of 0.5 deg
-             (1 sigma) about each motor's axis
+slip         the unit slips on its mount by 1 to 3 deg about a random axis, once in each run, at a random
+             time between 15 % and 85 % of its duration
+loose-mount  the mount has play: after every move the unit's attitude deviates from the commanded attitude
+             by a new random rotation, 0.5 deg (1 sigma) about each motor's axis
 clipping     the gyroscope saturates at 0.4 to 0.8 of the highest rate of the run
 dead-axis    one of the six axes outputs only its bias, with or without noise
 """
@@ -29,7 +30,7 @@ FAULTS: Final = ("slip", "loose-mount", "clipping", "dead-axis")
 # Range of the angle of a slip, deg, and range of its time as a share of the run's duration.
 SLIP_DEG: Final = (1.0, 3.0)
 SLIP_SHARE: Final = (0.15, 0.85)
-# Standard deviation of the attitude change by play in the mount, deg about each motor's axis.
+# Standard deviation of the attitude deviation by play in the mount, deg about each motor's axis.
 PLAY_DEG: Final = 0.5
 # Limits of the measurement range of a clipping gyroscope, as shares of the highest rate of the run.
 RANGE_SHARE: Final = (0.4, 0.8)
@@ -96,7 +97,7 @@ def _slipping(stand: Stand, program: Program, random: np.random.Generator) -> St
 
 
 def _with_play(program: Program, random: np.random.Generator) -> Program:
-    """The actual motion of a unit whose mount has play: a random rotation is added to every move."""
+    """The actual motion of a unit whose mount has play: each move ends with a new random deviation."""
     steps, before = [], np.zeros(3)
     for step in program.steps:
         moves = any(step.turn_deg)

@@ -48,7 +48,7 @@ MOST_RECOVERIES: Final = 4
 # Number of attempts of a move, if the motors come to rest at a wrong position. After the last attempt the
 # controller is reset.
 MOST_MOVES: Final = 4
-# A motor is at its target if it deviates by at most this angle, deg: two units of the last digit of a report.
+# A motor is at its target if it deviates by at most this angle, deg. Reports have a resolution of 0.001 deg.
 AT_TARGET_DEG: Final = 0.02
 # Largest difference, deg, between a reported offset and the requested offset at which they count as equal. It
 # allows for half a unit of the last digit of a report, and rounding.

@@ -60,7 +60,8 @@ MOTORS: Final = (
     "a motor may be stuck, lose steps, turn in the wrong direction, or have its cable exchanged with that of "
     "another, or the unit came off its mount: turn each motor separately, fasten the unit, and record again"
 )
-# A program excites all axes if its smallest principal variance is at least this share of the largest.
+# A program excites all axes of a sensor if the smallest eigenvalue of the covariance matrix of the sensor's
+# true samples exceeds this share of the largest eigenvalue.
 LEAST_EXCITATION: Final = 0.01
 # Sampling rate of the simulation that evaluates the excitation, Hz.
 IDEAL_HZ: Final = 50.0

@@ -40,8 +40,6 @@ from imucal.cli.working import working
 
 __all__ = ["calibrate"]
 
-# Heading of the options in the help.
-
 
 @reading_options
 def calibrate(

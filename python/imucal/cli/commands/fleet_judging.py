@@ -91,9 +91,8 @@ def spc(
     """Draw control charts of each station, and find shifts common to the units of a station.
 
     The measurement noise of each unit is subtracted from the moving ranges. A chart has the rules of the
-    Western
-    Electric handbook and a moving average (EWMA). The verdict depends only on shifts of a station, or of a
-    station on one day, that are significant over all charts together.
+    Western Electric handbook and a moving average (EWMA). The verdict depends only on shifts of a station, or
+    of a station on one day, that are significant over all charts together.
 
     Example: imucal fleet spc units.sqlite --station north --csv signals.csv
     """

@@ -38,8 +38,8 @@ def clusters_of(effect: str, serials: tuple[str, ...], values: FloatArray) -> li
     values   (n, k) coefficients
 
     The number of clusters minimises the Bayesian information criterion of normal clusters of equal widths.
-    The halves of a normal group do not become clusters, because the entropy of the labels costs more than the
-    smaller width gains.
+    The halves of a normal group do not become clusters, because the labels increase the criterion by more
+    than the smaller width decreases it.
     """
     if len(values) < 2 * FEWEST_UNITS:
         return []

@@ -31,7 +31,8 @@ class Columns:
 
     names, units   names and units of the parameters, then of the figures, whose unit is "ln" (logarithm)
     values         (n, c), NaN for a missing value
-    variances      (n, c) of the measurement noise: the stated variance, plus the repeatability beyond it
+    variances      (n, c) of the measurement noise: the stated variance, plus the variance of repeated
+                   calibrations in excess of it
     """
 
     names: tuple[str, ...]

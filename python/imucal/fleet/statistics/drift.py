@@ -1,6 +1,9 @@
 """Drift of units that were calibrated on several dates: slopes, joint tests, steps, and ageing.
 
-    y_it = value_i + slope_i t + e_it       e_it: stated noise, and the repeatability of the fleet beyond it
+    y_it = value_i + slope_i t + e_it
+
+y_it is the measurement of unit i at time t. The variance of e_it is the stated variance plus the variance of
+the fleet's repeated calibrations in excess of it.
 
 Shifts common to all units of a station on a day are removed first. A unit is reported as drifting if its
 p-value is significant among those of all units, by the false discovery rate of Benjamini and Hochberg.
@@ -32,7 +35,8 @@ FALSE_DISCOVERIES: Final = 0.002
 # A parameter of a drifting unit is reported if its p-value, corrected for the number of parameters, is below
 # this threshold.
 NAMED_BELOW: Final = 0.01
-# A step is reported instead of a slope if chi2 of the fit with the step is smaller by at least this number.
+# A step is reported instead of a slope if chi2 of the fit with the step is smaller than that of the fit with
+# the slope by at least this number.
 STEP_IS_BETTER: Final = 6.0
 
 
@@ -40,7 +44,7 @@ STEP_IS_BETTER: Final = 6.0
 class ParameterDrift:
     """The drift of one parameter of one unit.
 
-    name, unit
+    name, unit               of the parameter
     change, change_std       last minus first value
     slope, slope_std         per month of 30.4 days
     p_value                  p-value of the slope or of the step, corrected for the number of parameters and

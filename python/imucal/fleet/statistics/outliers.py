@@ -217,12 +217,12 @@ def _p_values(squared: FloatArray, removed: FloatArray, marginal: FloatArray) ->
 
     removed, marginal  squared deviations of each column, conditional on the other columns and marginal
 
-    d^2 / c is compared with an F distribution, scaled to the median of the units. Its second degrees of
-    freedom are chosen to reproduce the ratio of the upper 5 % point to the median, so that a fleet with wide
-    tails has few false alarms. For a normal fleet they are infinite, and the distribution is chi-square. The
-    largest deviation of a single column, marginal and conditional on the other columns, is tested in the same
-    way and corrected for the number of columns. This test detects deviations in a single column that are
-    small in the sum over many columns.
+    d^2 / c, where c is the number of columns, is compared with an F distribution, scaled to the median of the
+    units. Its second degrees of freedom are chosen to reproduce the ratio of the upper 5 % point to the
+    median, so that a fleet with wide tails has few false alarms. For a normal fleet they are infinite, and
+    the distribution is chi-square. The largest deviation of a single column, marginal and conditional on the
+    other columns, is tested in the same way and corrected for the number of columns. This test detects
+    deviations in a single column that are small in the sum over many columns.
 
     If more than 5 % of the units of a small fleet are odd, they themselves widen this tail. The marginal
     deviations are therefore also compared with the tail of the deviations of all columns together, of which
@@ -272,5 +272,5 @@ def _ratio(distribution: Any) -> float:
     return float(distribution.ppf(0.95) / distribution.ppf(0.5))
 
 
-# Degrees of freedom of Student's t distribution that are tried for the tail, from nearly normal to wide.
+# Second degrees of freedom of the F distribution that are tried for the tail, from nearly normal to wide.
 TAILS: Final = (500.0, 200.0, 100.0, 50.0, 30.0, 20.0, 15.0, 10.0, 7.0, 5.0, 4.0, 3.0, 2.0)

@@ -19,6 +19,7 @@ MOST_UNITS: Final = 4000
 # used. In the last iterations, all units are used whose d^2 is below this quantile of its distribution.
 HALF: Final = 0.5
 KEPT: Final = 0.975
+# Number of iterations with each of the two shares.
 STEPS: Final = 8
 
 

@@ -27,8 +27,9 @@ __all__ = ["MEDIAN_DEVIATION", "Spread", "spread_of"]
 # With this multiple, a unit beyond about 4 standard deviations is more probably an outlier than a normal
 # unit.
 ODD_WIDTH: Final = 10.0
-# Maximum number of iterations, and relative change of the variance at which the iteration ends.
+# Maximum number of iterations.
 MOST_STEPS: Final = 200
+# Relative change of the variance at which the iteration ends.
 SETTLED: Final = 1e-9
 # Minimum number of units with a value.
 FEWEST_UNITS: Final = 3
@@ -129,7 +130,7 @@ def _fit(y: FloatArray, noise: FloatArray) -> tuple[float, float, float, FloatAr
 
 
 # Lower bound of the variance of a measured value, relative to the robust variance of all values. It prevents
-# a division by zero if exact values of all units are equal.
+# a division by zero if values without noise are equal in all units.
 TINY: Final = 1e-24
 
 
