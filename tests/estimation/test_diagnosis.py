@@ -107,14 +107,29 @@ def test_a_nudged_rest_has_a_small_probability():
 # --- predicted standard deviations ---
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("motion", ["stand", "hand"])
-def test_predicted_sigmas_are_those_that_a_fit_states(motion, seed):
-    program = Program.random(seed=seed) if motion == "stand" else Tumble(seed=seed, tremor_deg=0.05)
-    recording = imucal.simulate(program, unit="paper", rate_hz=RATE_HZ, seed=seed).recording
+MOTIONS = {"stand": Program.random(seed=1), "hand": Tumble(seed=1, tremor_deg=0.05)}
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_predicted_sigmas_are_those_that_a_fit_states(motion):
+    recording = imucal.simulate(MOTIONS[motion], unit="paper", rate_hz=RATE_HZ, seed=1).recording
     ratio = predicted_over_stated(recording, imucal.calibrate(recording))
     assert ratio == pytest.approx(1, abs=0.15)
     assert np.median(ratio) == pytest.approx(1, abs=0.05)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_predicted_sigmas_of_nominal_sensors_are_exact(motion):
+    """The prediction is that of the joint fit at nominal sensors, so only the errors of these remain."""
+    unit = imucal.Unit.named("paper")
+    nominal = imucal.Unit(
+        imucal.Sensor(noise_density=unit.accelerometer.noise_density),
+        imucal.Sensor(noise_density=unit.gyroscope.noise_density),
+    )
+    recording = imucal.simulate(MOTIONS[motion], unit=nominal, rate_hz=RATE_HZ, seed=1).recording
+    result = imucal.calibrate(recording)
+    assert result.fit.joint.inflation == 1.0
+    assert predicted_over_stated(recording, result) == pytest.approx(1, abs=2e-3)
 
 
 def test_predicted_sigmas_in_counts():

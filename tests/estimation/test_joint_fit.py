@@ -8,11 +8,12 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import imucal
+from exact_covariance import normalised, variance_of_white_noise
 
 pytestmark = pytest.mark.slow
 
-# What no standard deviation is finer than, m/s^2 and rad.
-FINEST_NORM, FINEST_DIRECTION = 1e-5, 2e-5
+# What no standard deviation is finer than, m/s^2, rad and rad/s.
+FINEST_NORM, FINEST_DIRECTION, FINEST_RATE = 1e-5, 2e-5, 1e-6
 STANDARD_GRAVITY_MPS2 = 9.80665
 
 
@@ -24,17 +25,16 @@ class Residuals:
         rests = [slice(rest.first, rest.end) for rest in result.rests]
         self.force = np.array([recording.specific_force[rest].mean(axis=0) for rest in rests])
         self.rate = np.array([recording.angular_rate[rest].mean(axis=0) for rest in rests])
-        # The simulated noise is white.
         count = np.array([[rest.stop - rest.start] for rest in rests])
-        variance = [recording.specific_force[rest].var(axis=0, ddof=1) for rest in rests] / count
-        samples = np.array([recording.angular_rate[rest].var(axis=0, ddof=1) for rest in rests])
-        self.rate_sigma = np.sqrt(samples / count)
+        variance = variance_of_white_noise(recording.specific_force, recording.time_s, rests) / count
+        samples = variance_of_white_noise(recording.angular_rate, recording.time_s, rests)
+        self.rate_sigma = np.sqrt(samples / count + FINEST_RATE**2)
         self.before = np.array([m.from_rest for m in self.moves])
         self.after = np.array([m.to_rest for m in self.moves])
 
         # At the solution: two directions across gravity after each move, and the covariance.
-        model = unpacked(packed(result))
-        up, turn = self.directions(model), self.turns(model)
+        model, g_sensitivity = unpacked(packed(result))
+        up, turn = self.directions(model), self.turns(model, g_sensitivity)
         self.across = np.linalg.svd(up[self.after][:, None, :])[2][:, 1:]
         inverse = np.linalg.inv(model.accelerometer.sensitivity)
         plane = np.eye(3) - up[:, :, None] * up[:, None, :]
@@ -55,18 +55,17 @@ class Residuals:
         self.whiten = np.linalg.inv(np.linalg.cholesky(np.diag(own) + shared @ shared.T))
 
     def forces(self, model):
-        triad = model.accelerometer
-        return (self.force - triad.bias) @ np.linalg.inv(triad.sensitivity).T
+        return true_of(model.accelerometer, self.force)
 
     def directions(self, model):
         force = self.forces(model)
         return force / np.linalg.norm(force, axis=1, keepdims=True)
 
-    def turns(self, model):
+    def turns(self, model, g_sensitivity):
         """Rotation of each move, body at the end to body at the start, with a cubic through four samples."""
         time_s = self.recording.time_s
-        triad = model.gyroscope
-        rate = (self.recording.angular_rate - triad.bias) @ np.linalg.inv(triad.sensitivity).T
+        rate = true_of(model.gyroscope, self.recording.angular_rate)
+        rate -= true_of(model.accelerometer, self.recording.specific_force) @ g_sensitivity.T
         mean = (-rate[:-3] + 13 * rate[1:-2] + 13 * rate[2:-1] - rate[3:]) / 24
         step_s = np.diff(time_s)[1:-1, None]
         turn = step_s * mean + step_s**2 / 12 * np.cross(rate[1:-2], rate[2:-1])
@@ -81,13 +80,18 @@ class Residuals:
         return rotation.as_matrix()
 
     def __call__(self, parameters):
-        model = unpacked(parameters)
-        up = self.directions(model)
-        norms = np.linalg.norm(self.forces(model), axis=1) - STANDARD_GRAVITY_MPS2
-        carried = np.einsum("kji,kj->ki", self.turns(model), up[self.before])
+        model, g_sensitivity = unpacked(parameters)
+        up, forces = self.directions(model), self.forces(model)
+        norms = np.linalg.norm(forces, axis=1) - STANDARD_GRAVITY_MPS2
+        carried = np.einsum("kji,kj->ki", self.turns(model, g_sensitivity), up[self.before])
         moves = np.einsum("kci,ki->kc", self.across, carried - up[self.after])
-        rates = (self.rate - model.gyroscope.bias) / self.rate_sigma
+        at_rest = forces @ (model.gyroscope.sensitivity @ g_sensitivity).T + model.gyroscope.bias
+        rates = (self.rate - at_rest) / self.rate_sigma
         return np.concatenate([self.whiten @ np.concatenate([norms, moves.ravel()]), rates.ravel()])
+
+
+def true_of(triad, readings):
+    return (readings - triad.bias) @ np.linalg.inv(triad.sensitivity).T
 
 
 def packed(result):
@@ -95,28 +99,33 @@ def packed(result):
 
 
 def unpacked(parameters):
-    """A calibration of the 21 parameters, in the order of `result.parameters`."""
+    """A calibration of the 21 parameters, in the order of `result.parameters`, and the g-sensitivity."""
     xx, yy, zz, xy, xz, yz = parameters[3:9]
     symmetric = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    gyroscope = imucal.Triad(parameters[12:].reshape(3, 3), parameters[9:12])
-    return imucal.Calibration(imucal.Triad(symmetric, parameters[:3]), gyroscope)
+    gyroscope = imucal.Triad(parameters[12:21].reshape(3, 3), parameters[9:12])
+    g_sensitivity = np.reshape(parameters[21:] if len(parameters) > 21 else np.zeros(9), (3, 3))
+    return imucal.Calibration(imucal.Triad(symmetric, parameters[:3]), gyroscope), g_sensitivity
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_scipy_finds_the_same_minimum_and_the_same_sigmas(seed):
+@pytest.mark.parametrize(("seed", "effects"), [(1, []), (2, ["gyro_g_sensitivity"])])
+def test_scipy_finds_the_same_minimum_and_the_same_covariance(seed, effects):
     recording = imucal.simulate("random", unit="paper", rate_hz=100, seed=seed).recording
-    joint = imucal.calibrate(recording)
+    joint = imucal.calibrate(recording, effects=effects)
     residuals = Residuals(recording, joint)
-    two_stages = imucal.calibrate(recording, joint=False)
+    two_stages = np.zeros(len(joint.parameters))
+    two_stages[:21] = packed(imucal.calibrate(recording, joint=False))
     std = np.array([parameter.std for parameter in joint.parameters])
-    found = least_squares(residuals, packed(two_stages), x_scale=std, method="lm")
-    # Noise is estimated a little differently, and weights with it.
-    assert np.abs((packed(joint) - found.x) / std).max() < 0.1
-    assert np.sqrt(np.linalg.inv(found.jac.T @ found.jac).diagonal()) == pytest.approx(std, rel=0.1)
-    assert joint.fit.joint.chi2 == pytest.approx(2 * found.cost, rel=0.1)
-    assert joint.fit.joint.degrees_of_freedom == len(found.fun) - 21
+    found = least_squares(residuals, two_stages, x_scale=std, method="lm")
+    assert joint.fit.joint.inflation == 1.0
+    assert np.abs((packed(joint) - found.x) / std).max() < 1e-3
+    covariance = np.linalg.inv(found.jac.T @ found.jac)
+    assert normalised(joint.calibration.covariance, covariance) == pytest.approx(
+        normalised(covariance, covariance), abs=1e-3
+    )
+    assert joint.fit.joint.chi2 == pytest.approx(2 * found.cost, rel=1e-3)
+    assert joint.fit.joint.degrees_of_freedom == len(found.fun) - len(std)
     # Another estimate is told apart.
-    assert np.abs((packed(two_stages) - found.x) / std).max() > 0.3
+    assert np.abs((packed(joint) - two_stages) / std).max() > 0.3
 
 
 @pytest.mark.parametrize("seed", [1, 2])

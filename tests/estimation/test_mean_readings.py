@@ -5,6 +5,7 @@ import pyarrow.csv
 import pytest
 
 import imucal
+from exact_covariance import covariance_of_norms, normalised
 
 SIGMA = 0.003
 
@@ -59,6 +60,12 @@ def test_the_nine_parameters_are_within_their_sigma(noise, means, truth):
     if noise == "residuals":
         assert "estimated from the residuals of the 20 rests" in result.reasons[0]
     assert result.calibration.noise == {} and result.calibration.gyroscope is None
+    if noise in ("columns", "unit"):
+        variance = np.full(means.specific_force.shape, SIGMA**2)
+        triad = result.calibration.accelerometer
+        expected = covariance_of_norms(means.specific_force, variance, triad)
+        covariance = result.calibration.covariance
+        assert normalised(covariance, expected) == pytest.approx(normalised(expected, expected), abs=1e-3)
 
 
 def test_the_mean_rates_give_the_bias_of_the_gyroscope_alone(means):
@@ -67,6 +74,8 @@ def test_the_mean_rates_give_the_bias_of_the_gyroscope_alone(means):
     assert [p.name for p in bias] == ["gyro_bias_x", "gyro_bias_y", "gyro_bias_z"]
     for parameter, expected in zip(bias, (0.01, -0.02, 0.03), strict=True):
         assert abs(parameter.value - expected) < 4 * parameter.std
+    of_means = means.angular_rate.std(axis=0, ddof=1) / np.sqrt(len(means))
+    assert [p.std for p in bias] == pytest.approx(of_means)
     assert "scale and misalignment of the gyroscope need moves" in result.summary()
     document = result.to_dict()
     assert document["gyroscope"] is None and len(document["from_means"]["gyro_bias"]) == 3

@@ -38,6 +38,10 @@ def sigma(plan):
     return np.array([parameter.std for parameter in plan.parameters])
 
 
+def minutes_of(program):
+    return sum(step.move_s + step.hold_s for step in program.steps) / 60.0
+
+
 def errors(motion, runs, **options):
     """Error of each of the 21 parameters in simulated runs, and the rests that were found."""
     found, rests = [], []
@@ -72,6 +76,9 @@ def test_the_grid_helps_the_accelerometer_and_leaves_the_gyroscope_open(optimal)
     grid, random, both = optimal.comparison
     assert [row.name for row in optimal.comparison] == ["grid", "random", "grid and random"]
     assert grid.worst["gyro_sensitivity"] is None
+    assert [grid.minutes, random.minutes] == pytest.approx(
+        [minutes_of(imucal.Program.grid()), minutes_of(imucal.Program.random(seed=1))]
+    )
     assert both.minutes == pytest.approx(grid.minutes + random.minutes)
     for group in ("accel_bias", "accel_sensitivity", "gyro_bias"):
         assert both.worst[group].value < min(row.worst[group].value for row in (grid, random))
@@ -79,6 +86,7 @@ def test_the_grid_helps_the_accelerometer_and_leaves_the_gyroscope_open(optimal)
 
 def test_the_optimal_program_reaches_its_targets_in_a_seventh_of_the_papers_time(optimal):
     assert optimal.reached
+    assert optimal.minutes == pytest.approx(minutes_of(optimal.program))
     wishes = {**TARGETS, "accel_sensitivity": 50e-6, "accel_bias": 50e-6 * 9.80665}
     for group, wish in wishes.items():
         assert optimal.worst[group].value <= wish
@@ -116,10 +124,11 @@ def test_an_optimal_program_keeps_the_limits_of_the_stand():
     assert angle[:, 0].min() >= -100.0 - 1e-6 and angle[:, 0].max() <= 140.0 + 1e-6
     assert np.abs(angle[:, 1]).max() <= 200.0 + 1e-6
     assert all(step.hold_s >= 0.4 + 1.0 for step in program.steps)
+    # Each move takes the time that its slowest motor needs, in whole hundredths of a second.
     for step in program.steps[1:]:
-        for turn, rate, acceleration in zip(step.turn_deg, (60, 90, 120), (200, 300, 480), strict=True):
-            assert abs(turn) / step.move_s <= rate * (1 + 1e-9)
-            assert 8 * abs(turn) / step.move_s**2 <= acceleration * (1 + 1e-9)
+        turn = np.abs(step.turn_deg)
+        needed_s = np.max([turn / [60, 90, 120], np.sqrt(8 * turn / [200, 300, 480])])
+        assert -1e-9 <= step.move_s - max(0.3, needed_s) <= 0.01
     # On the way, too: as a simulated stand moves.
     seen = np.rad2deg(imucal.simulate(program, unit="ideal", rate_hz=100, seed=1).recording.stand_rad)
     inside = (
@@ -164,13 +173,21 @@ def test_an_effect_that_is_asked_for_is_seen_better():
     assert np.log(sigma(asked)).mean() < np.log(sigma(blind)).mean()
 
 
-def test_predicted_sigma_of_an_effect_is_that_of_the_joint_fit():
-    plan = quick("random", effects=("gyro_g_sensitivity", "accel_scale_cubic"))
-    run = imucal.simulate(plan.motion, seed=5)
-    result = imucal.calibrate(run.recording, effects=["gyro_g_sensitivity", "accel_scale_cubic"])
+def test_predicted_sigmas_of_nominal_sensors_and_of_effects_are_those_of_the_joint_fit():
+    """The noise is estimated from half an hour of rests, which leaves an error of 1 % in each axis."""
+    paper = unit_of("paper")
+    unit = imucal.Unit(
+        imucal.Sensor(noise_density=paper.accelerometer.noise_density),
+        imucal.Sensor(noise_density=paper.gyroscope.noise_density),
+    )
+    effects = ("gyro_g_sensitivity", "accel_scale_cubic")
+    plan = quick("random", unit=unit, rate_hz=100.0, effects=effects, options={"moves": 30, "hold_s": 60.0})
+    run = imucal.simulate(plan.motion, unit=unit, rate_hz=100.0, seed=5)
+    result = imucal.calibrate(run.recording, effects=effects)
+    assert result.fit.joint.inflation == 1.0
     stated = {p.name: p.std for p in result.parameters}
     for parameter in plan.parameters:
-        assert parameter.std == pytest.approx(stated[parameter.name], rel=0.1), parameter.name
+        assert parameter.std == pytest.approx(stated[parameter.name], rel=0.025), parameter.name
 
 
 def test_targets_that_time_cannot_reach_are_not_reached():
@@ -205,6 +222,7 @@ def test_what_cannot_be_planned_is_refused(arguments, message):
 
 def test_a_motion_without_turns_determines_the_bias_of_the_gyroscope_alone():
     plan = quick(imucal.Static(30.0))
+    assert plan.minutes == 0.5
     assert {p.name for p in plan.parameters if p.std is not None} == {f"gyro_bias_{axis}" for axis in "xyz"}
     # White noise, whose density is one-sided in the datasheet, over the square root of the time.
     assert plan.worst["gyro_bias"].value == pytest.approx(
@@ -212,6 +230,11 @@ def test_a_motion_without_turns_determines_the_bias_of_the_gyroscope_alone():
     )
     with pytest.raises(imucal.InputError, match="no program for a stand"):
         _ = plan.program
+
+
+def test_the_time_by_hand_is_that_of_its_rests_and_moves():
+    plan = quick("tumble", options={"poses": 12, "hold_s": 2.0, "move_s": 1.5})
+    assert plan.minutes == pytest.approx((12 * 2.0 + 11 * 1.5) / 60.0)
 
 
 def test_too_little_time_is_said():
