@@ -55,6 +55,24 @@ def test_where_it_disagrees_in_units_of_noise_and_in_si_units():
     assert gap.to_dict()["where"] == json.loads(json.dumps(gap.where))
 
 
+def test_a_dependence_on_time_is_found_in_time_stamps_that_count_from_1970():
+    effects = {"gyro_bias_warmup": [3e-3, -2e-3, 1e-3]}
+    run = simulated(RUN_SEED, effects=effects).recording
+    later = dataclasses.replace(run, time_s=run.time_s + 1.7e9)
+    found = [imucal.find_gap(each, candidates=["gyro_bias_warmup"]) for each in (run, later)]
+    rates, rates_later = (
+        {
+            d["axis"]: d["share"]
+            for d in gap.where["depends"]
+            if (d["channel"], d["on"]) == ("rest_rate", "time")
+        }
+        for gap in found
+    )
+    assert rates.keys() == {"x", "y", "z"}
+    # A double has a resolution of 2.4e-7 s at these time stamps.
+    assert rates_later == pytest.approx(rates, rel=1e-5)
+
+
 def test_what_acts_in_moves_alone_disagrees_there_alone():
     run, control = pair(effects={"accel_lever_arm": "typical"})
     gap = imucal.find_gap(run, control=control)
