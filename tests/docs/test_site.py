@@ -37,6 +37,8 @@ QUERIES = {
     "g-sensitivity": "faq",
     "phone recording": "phone",
     "accelerometer alone": "one-sensor",
+    "gyroscope alone": "gyroscope-alone",
+    "mean readings": "means",
     "compare with Kalibr": "comparison",
     "imu_tk": "comparison",
     "500 units": "fleet",

@@ -1,6 +1,7 @@
 """Recordings of an accelerometer without a gyroscope: from the file to the verdict, and what is refused."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -146,6 +147,9 @@ def test_the_formats_that_can_be_written_without_a_gyroscope(result):
     assert "raw_rate" not in imucal.export(result.calibration, "c-header").text
     assert "gyro" not in imucal.export(result.calibration, "matlab").text.partition("function")[2]
     assert imucal.export(result.calibration, "ros").same_as.gyroscope is None
+    for format in ("ardupilot", "c-header", "inav"):
+        units = re.search(r"Units: .*", imucal.export(result.calibration, format).text)[0]
+        assert "(accelerometer alone)" in units and "rad/s" not in units and "deg/s" not in units
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])

@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from zlib import crc32
 
 import jsonschema
@@ -40,6 +41,27 @@ def assert_same(calibration, rate, force, *, raw=(RATE, FORCE)):
     found_rate, found_force = calibration.apply(*raw)
     np.testing.assert_allclose(found_rate, rate, rtol=0, atol=1e-12 * max(1.0, np.abs(rate).max()))
     np.testing.assert_allclose(found_force, force, rtol=0, atol=1e-12 * max(1.0, np.abs(force).max()))
+    units = {"accel_unit": calibration.accel_unit, "gyro_unit": calibration.gyro_unit}
+    recording = imucal.Recording(np.arange(len(raw[0])) / 100.0, raw[1], raw[0], **units)
+    assert_same_recording(calibration, recording, rate, force)
+
+
+def assert_same_recording(calibration, rec, rate, force):
+    """The corrections of a recording, in Python and by `imucal apply`, are those of the consumer."""
+    for corrected in (calibration.apply_recording(rec), corrected_by_command(calibration, rec)):
+        for found, expected in ((corrected.angular_rate, rate), (corrected.specific_force, force)):
+            atol = 1e-12 * max(1.0, np.abs(expected).max())
+            np.testing.assert_allclose(found, expected, rtol=0, atol=atol)
+
+
+def corrected_by_command(calibration, rec):
+    """The recording that `imucal apply` writes; Parquet keeps every bit."""
+    with TemporaryDirectory() as folder:
+        paths = [str(Path(folder) / name) for name in ("unit.json", "raw.parquet", "corrected.parquet")]
+        calibration.save(paths[0])
+        imucal.write(rec, paths[1])
+        assert main(["apply", *paths[:2], "-o", paths[2]]) == 0
+        return imucal.read(paths[2])
 
 
 def written(folder, name, text):
@@ -139,9 +161,7 @@ def test_kalibr_size_effect(x, tmp_path):
     seen = force + np.column_stack([centripetal[i][:, i] for i in range(3)])
     gyro = np.tril(S_GYRO) @ ROTATION
     raw = imucal.Recording(np.arange(400) / 100.0, seen @ LOWER.T, rate @ gyro.T)
-    corrected = calibration.apply_recording(raw)
-    np.testing.assert_allclose(corrected.specific_force, force, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(corrected.angular_rate, rate, rtol=0, atol=1e-12)
+    assert_same_recording(calibration, raw, rate, force)
 
 
 def test_kalibr_noise_alone(tmp_path):
@@ -350,7 +370,9 @@ def test_ros_imu_calib(tmp_path):
     calibration = imucal.read_calibration(written(tmp_path, "imu_calib.yaml", text))
     # accel_calib.cpp: loadCalib fills SM_(i/3, i%3), applyCalib is SM_*raw_accel - bias_.
     force = np.array([S_ACCEL @ raw - B_ACCEL for raw in FORCE])
-    np.testing.assert_allclose(calibration.apply(None, FORCE)[1], force, rtol=0, atol=1e-11)
+    alone = imucal.Recording(np.arange(400) / 100.0, FORCE)
+    for found in (calibration.apply(None, FORCE)[1], corrected_by_command(calibration, alone).specific_force):
+        np.testing.assert_allclose(found, force, rtol=0, atol=1e-12 * np.abs(force).max())
     assert "gyroscope" in calibration.provenance.imported.missing
     assert same_after_a_file(calibration, tmp_path).gyroscope is None
     # apply_calib.cpp: the gyroscope minus the mean rate of the first samples.
@@ -564,12 +586,6 @@ PX4_LAYOUTS = {
     "param set": lambda n, v: f"param set {n} {v!r}",
     "param show": lambda n, v: f"x + {n} [12,345] : {v!r}",
 }
-
-
-def assert_same_recording(calibration, rec, rate, force):
-    corrected = calibration.apply_recording(rec)
-    np.testing.assert_allclose(corrected.angular_rate, rate, rtol=0, atol=1e-12 * np.abs(rate).max())
-    np.testing.assert_allclose(corrected.specific_force, force, rtol=0, atol=1e-12 * np.abs(force).max())
 
 
 def plain(values):

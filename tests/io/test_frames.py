@@ -9,16 +9,29 @@ import pytest
 
 import imucal
 
+# What a program does with tables and files, and whether pandas is then imported.
 SCRIPT = """
 import sys
 import numpy as np
 import imucal
 
-made = imucal.Recording(np.arange(20) / 10, np.ones((20, 3)), np.ones((20, 3)))
-imucal.write(made, sys.argv[1])
-read = imucal.read(sys.argv[1])
-imucal.read(read.to_arrow())
-(piece,) = imucal.io.read_pieces(sys.argv[1])
+made = imucal.simulate("random", seed=1, rate_hz=50.0).recording
+for ending in (".csv", ".parquet"):
+    imucal.write(made, sys.argv[1] + ending)
+    read = imucal.read(sys.argv[1] + ending)
+    pieces = list(imucal.io.read_pieces(sys.argv[1] + ending))
+frame = read.to_arrow()
+if "polars" in sys.argv:
+    import polars
+
+    frame = polars.DataFrame(read)
+imucal.inspect(frame)
+result = imucal.calibrate(frame)
+result.calibration.apply_recording(frame)
+if "polars" in sys.argv:
+    from imucal.report import write_calibration_page
+
+    write_calibration_page(sys.argv[1] + ".html", result)
 print("pandas" in sys.modules)
 """
 
@@ -54,9 +67,27 @@ def recording(run):
 
 
 def assert_equal(one, other):
+    """The recordings have the same bits."""
     for column in ("time_s", "specific_force", "angular_rate", "temperature_degc"):
-        np.testing.assert_array_equal(getattr(one, column), getattr(other, column), column)
+        a, b = getattr(one, column), getattr(other, column)
+        assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes()), column
     assert list(one.auxiliary) == list(other.auxiliary)
+    for name, values in one.auxiliary.items():
+        assert values.tobytes() == other.auxiliary[name].tobytes(), name
+
+
+@pytest.fixture
+def extreme():
+    """Numbers whose bits are easily lost: subnormal, largest, negative zero, NaN, and all digits."""
+    numbers = np.random.default_rng(1).normal(size=(8, 3))
+    numbers[:5, 0] = 5e-324, 1.7976931348623157e308, -0.0, np.nan, 0.1 + 0.2
+    return imucal.Recording(
+        1e9 + np.arange(8) / 3,
+        numbers,
+        numbers[::-1],
+        temperature_degc=numbers[:, 1],
+        auxiliary={"supply_v": numbers[:, 2]},
+    )
 
 
 def pandas_frame(recording):
@@ -68,19 +99,31 @@ def polars_frame(recording):
     return pytest.importorskip("polars").DataFrame(recording)
 
 
-@pytest.mark.parametrize(
-    "frame_of",
-    [
-        imucal.Recording.to_arrow,
-        lambda recording: OfAnotherLibrary(recording.to_arrow()),
-        lambda recording: pa.RecordBatchReader.from_stream(recording),
-        pandas_frame,
-        polars_frame,
-    ],
-    ids=["arrow", "interface", "stream", "pandas", "polars"],
-)
-def test_frames_and_recordings_hold_the_same_numbers(recording, frame_of):
-    assert_equal(imucal.read(frame_of(recording)), recording)
+FRAMES = {
+    "arrow": imucal.Recording.to_arrow,
+    "interface": lambda recording: OfAnotherLibrary(recording.to_arrow()),
+    "stream": lambda recording: pa.RecordBatchReader.from_stream(recording),
+    "pandas": pandas_frame,
+    "polars": polars_frame,
+}
+
+
+@pytest.mark.parametrize("library", FRAMES)
+def test_frames_and_recordings_have_the_same_bits(recording, extreme, library):
+    for given in (recording, extreme):
+        assert_equal(imucal.read(FRAMES[library](given)), given)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.int16])
+@pytest.mark.parametrize("library", ["arrow", "pandas", "polars"])
+def test_smaller_types_of_a_frame_keep_their_numbers(library, kind):
+    counts = np.random.default_rng(2).integers(-32768, 32767, (20, 3)).astype(kind)
+    given = imucal.Recording(np.arange(20) / 10, counts, counts, accel_unit="lsb", gyro_unit="lsb")
+    read = imucal.read(FRAMES[library](given))
+    # float32 holds every number of 16 bits.
+    assert read.specific_force.dtype == np.float32
+    np.testing.assert_array_equal(read.specific_force, counts)
+    np.testing.assert_array_equal(read.angular_rate, counts)
 
 
 def test_a_frame_is_taken_where_a_recording_is_expected(run):
@@ -138,17 +181,23 @@ def test_pandas_is_named_where_it_is_missing(recording, monkeypatch):
         recording.to_pandas()
 
 
-def test_reading_and_writing_do_not_import_pandas(tmp_path):
+def imports_pandas(tmp_path, *words, path=None):
+    """What SCRIPT prints, with `path` before the installed packages."""
+    before = "" if path is None else f"import sys; sys.path.insert(0, {str(path)!r})\n"
+    command = [sys.executable, "-c", before + SCRIPT, tmp_path / "run", *words]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_reading_writing_and_calibrating_do_not_import_pandas(tmp_path):
     # Arrow imports pandas wherever it finds it, so there has to be one.
     (tmp_path / "pandas.py").write_text("__version__ = '2.2.0'\n")
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n{SCRIPT}",
-            tmp_path / "run.csv",
-        ],
-        capture_output=True,
-        text=True,
-    )
-    assert done.stdout == "False\n", done.stderr
+    assert imports_pandas(tmp_path, path=tmp_path) == "False\n"
+
+
+@pytest.mark.slow
+def test_polars_and_reports_do_not_import_pandas(tmp_path):
+    for library in ("pandas", "polars", "plotly"):
+        pytest.importorskip(library)
+    assert imports_pandas(tmp_path, "polars") == "False\n"

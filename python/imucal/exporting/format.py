@@ -125,13 +125,7 @@ def header(calibration: Calibration, form: Format, written: Written) -> list[str
         + (f" by imucal {made.imucal_version}" if made.imucal_version else "")
         + (f" from {files}" if files else ""),
         f"Apply: {form.formula}",
-        "Units: raw samples in "
-        + (
-            f"{calibration.accel_unit} (accelerometer alone)"
-            if calibration.gyroscope is None
-            else f"{calibration.accel_unit} and {calibration.gyro_unit}"
-        )
-        + f", corrected samples in {form.units}",
+        _units(calibration, form),
         f"Body frame: {written.frame}",
         *written.notes,
         *(f"Not exported: {loss}" for loss in written.lost),
@@ -140,6 +134,16 @@ def header(calibration: Calibration, form: Format, written: Written) -> list[str
     # Lines are escaped, because a file name may contain a line separator, which would end a comment in YAML
     # or Rust.
     return [shown(line) for line in lines]
+
+
+def _units(calibration: Calibration, form: Format) -> str:
+    if calibration.gyroscope is None:
+        corrected = form.units.replace(" and rad/s", "").replace(" and deg/s", "")
+        return (
+            f"Units: raw samples in {calibration.accel_unit} (accelerometer alone), corrected in {corrected}"
+        )
+    raw = f"{calibration.accel_unit} and {calibration.gyro_unit}"
+    return f"Units: raw samples in {raw}, corrected samples in {form.units}"
 
 
 def line_comments(mark: str) -> Layout:
