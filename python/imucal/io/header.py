@@ -1,7 +1,7 @@
 """Interpretation of the column names of a text file.
 
-The role of a column is inferred from the words of its name. Its unit is taken only from the header, or from
-the documentation of the program if the header identifies the program.
+The role of a column is inferred from the words of its name (`column_words`). Its unit is taken only from the
+header, or from the documentation of the program if the header identifies the program.
 """
 
 from __future__ import annotations
@@ -10,90 +10,15 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple, TypeAlias
-from unicodedata import combining, normalize
 
+from imucal.io.column_words import is_of_other, is_time, role_of, time_unit_in, words_of
 from imucal.io.programs import Program, program_of
 from imucal.io.unit_words import split_unit
 
 __all__ = ["Header", "Triad", "header_of", "names_sensor", "unknown_units"]
 
-ACCEL: Final = {
-    *("a", "ac", "acc", "accel", "accl", "accelerometer", "acceleration", "accelerometers", "accels", "af"),
-    *("specific", "gf", "gforce", "acce", "accs", "accelero", "totalacceleration"),
-    # The word "acceleration" as apps translate it, without accents: German, Spanish, Italian, Portuguese,
-    # Dutch. French has the English word.
-    *("beschleunigung", "aceleracion", "accelerazione", "aceleracao", "versnelling"),
-}
-GYRO: Final = {
-    *(
-        "g",
-        "gy",
-        "gyr",
-        "gyro",
-        "gyros",
-        "gyroscope",
-        "w",
-        "omega",
-        "angular",
-        "rotation",
-        "rate",
-        "ang",
-        "rot",
-    ),
-    *("angvel", "anglvel", "angrate", "turnrate"),
-    *("gyroskop", "drehrate", "winkelgeschwindigkeit", "giroscopio", "gyroscoop"),
-}
-# If a column name contains one of these words, the column belongs to neither the accelerometer (with gravity)
-# nor the gyroscope.
-OTHER: Final = {
-    *(
-        "user",
-        "free",
-        "gravity",
-        "grav",
-        "mag",
-        "magn",
-        "magnet",
-        "magnetic",
-        "magnetometer",
-        "quat",
-        "euler",
-    ),
-    *("quaternion", "roll", "pitch", "yaw", "orientation", "position", "pos", "std", "var", "cov"),
-    *("covariance", "bias", "offset", "absolute", "abs", "norm", "delta", "earth", "world", "nav", "global"),
-    *("status", "flag", "velocity", "inc", "dq", "dv", "angle", "temperature", "temp", "setpoint", "debug"),
-    *(
-        "axisp",
-        "axisi",
-        "axisd",
-        "axisf",
-        "motor",
-        "uncorrected",
-        "north",
-        "east",
-        "down",
-        "attitude",
-        "dgyro",
-    ),
-}
-LINEAR: Final = {
-    *("linear", "lin", "linearacceleration", "linacc", "linaccel"),
-    *("lineare", "lineaire", "lineal"),
-}
-TIME: Final = (
-    r"^(t|time|times|timestamp|timestamps|stamp|ts|sec|secs|seconds|elapsed|epoch|unix|millis|micros|clock|"
-    r"date|datetime|sampletimefine|chiptime|utc|hosttimestamp|nodetimestamp|cts|tow|gpstime|yyyy|uptime|"
-    r"packettime|systime|timeus|timems|loggingtime|ms|us|ns|zeit|temps|tiempo|tempo|tijd)$"
-)
-# Words in names of secondary time columns, which are used only if there is no other time column.
-NOT_TIME: Final = {"zone", "step", "delta", "dt", "diff", "ntp", "gps"}
 # Descriptor of a quantity in the names of MicroStrain, such as `X Accel [x8004]`.
 DESCRIPTOR: Final = r"\s*\[x[0-9A-Fa-f]{4}\]"
-WORD: Final = r"[A-Z]+(?![a-z])|[A-Z]?[a-z']+|[A-Za-z]+|\d+|%"
-# Names that join sensor and axis in one word: ax, gyroX, xAccel, ACCEL_XOUT, AcX, gFz.
-JOINED: Final = (
-    r"^(?:(a|acc|accel|ac|f|gf|g|gy|gyr|gyro|w|omega)([xyz])|([xyz])[-_ ]?(acc|accel|accl|gyro|gyr|rate))$"
-)
 
 
 class Triad(NamedTuple):
@@ -155,11 +80,11 @@ def header_of(
     for name, text in zip(names, described, strict=True):
         bare, unit = split_unit(text)
         bare = re.sub(r"_CAL$|_cal$", "", re.sub(DESCRIPTOR, "", bare.removeprefix(prefix)))
-        words = _words(bare)
-        if _is_time(words, unit):
+        words = words_of(bare)
+        if is_time(words, unit):
             if stamp is not None and name in stamp:
                 continue
-            known = unit[1] if unit and unit[0] == "time" else _time_in_words(words)
+            known = unit[1] if unit and unit[0] == "time" else time_unit_in(words)
             if known is None and program is not None:
                 known = program.times.get(name.strip().lower())
             times.append((name, known))
@@ -167,7 +92,7 @@ def header_of(
         if unit is not None and unit[0] == "temp" and temperature is None:
             temperature = (name, f"temp_{unit[1]}")
             continue
-        role = _role(words, bare, unit)
+        role = role_of(words, bare, unit)
         if role is not None:
             what, axis, key = role
             groups.setdefault((what, key), {}).setdefault(axis, (name, unit[1] if unit else None))
@@ -209,7 +134,7 @@ def names_sensor(names: Sequence[str], what: str) -> bool:
 
     def of(name: str) -> str | None:
         bare, unit = split_unit(name)
-        role = _role(_words(bare), bare, unit)
+        role = role_of(words_of(bare), bare, unit)
         return None if role is None else role[0].removeprefix("plain-")
 
     return any(of(name) == what for name in names)
@@ -227,55 +152,11 @@ def unknown_units(described: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(bare[name] for name in used if bare[name]))
 
 
-def _words(name: str) -> list[str]:
-    """The words of a name in lower case, without accents."""
-    plain = "".join(c for c in normalize("NFKD", name) if not combining(c))
-    return [word.lower() for word in re.findall(WORD, plain)]
-
-
 def _shared_start(names: Sequence[str]) -> str:
     """The common prefix of all names, up to a separator."""
     least, most = min(names, default=""), max(names, default="")
     end = next((i for i, (a, b) in enumerate(zip(least, most, strict=False)) if a != b), 0)
     return least[: max(least.rfind(mark, 0, end) for mark in "_./:") + 1]
-
-
-def _role(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[str, str, str] | None:
-    """Quantity and axis of a column name, and the part of the name that is the same for all three axes."""
-    of = unit[0] if unit else ""
-    if of in ("time", "temp", "angle", "other"):
-        return None
-    joined = re.match(
-        JOINED, re.sub(r"^[^a-z]+|[^a-z]+$", "", bare.lower().rpartition(".")[2].rpartition("/")[2])
-    )
-    if joined:
-        word, axis = (joined[1], joined[2]) if joined[1] else (joined[4], joined[3])
-        rest = bare.lower().replace(joined[0], "")
-        words = [word, *_words(rest)]
-    else:
-        axes = [word[0] for word in words if re.fullmatch(r"[xyz](out|axis)?(l|h)?", word)]
-        if len(axes) != 1:
-            return None
-        axis = axes[0]
-        words = [word for word in words if not re.fullmatch(r"[xyz](out|axis)?(l|h)?", word)]
-    key = " ".join(words)
-    if "velocity" in words and "angular" in words:
-        words = [word for word in words if word != "velocity"]
-    if any(word in OTHER for word in words):
-        return None
-    if any(word in LINEAR for word in words):
-        return ("linear", axis, key) if of != "gyro" else None
-    if of == "accel" and words and words[-1] in ("g", "f"):
-        return "accel", axis, key
-    is_gyro = any(word in GYRO for word in words) and not any(word in ACCEL and word != "a" for word in words)
-    is_accel = any(word in ACCEL for word in words) or (words[:1] == ["f"])
-    if is_gyro and of != "accel":
-        return "gyro", axis, key
-    if is_accel and of != "gyro":
-        return "accel", axis, key
-    if all(word in ("axis", "value", "values", "data", "raw", "sensor") for word in words):
-        return (f"plain-{of}" if of in ("accel", "gyro") else "plain"), axis, key
-    return None
 
 
 def _has(groups: _Groups, what: str) -> bool:
@@ -293,8 +174,8 @@ def _sensors_by_unit(names: Sequence[str], described: Sequence[str], groups: _Gr
             continue
         for at, (name, text) in enumerate(zip(names, described, strict=True)):
             bare, unit = split_unit(text)
-            words = _words(bare)
-            if unit is None or unit[0] != what or any(word in OTHER or word in LINEAR for word in words):
+            words = words_of(bare)
+            if unit is None or unit[0] != what or is_of_other(words):
                 continue
             if list(names[at + 1 : at + 3]) == ["1", "2"]:
                 for axis, column in zip("xyz", names[at : at + 3], strict=True):
@@ -325,16 +206,6 @@ def _index_axes(names: Sequence[str], described: Sequence[str], groups: _Groups)
             groups.setdefault((what, stem), {}).setdefault(axis, (name, unit[1] if unit else None))
 
 
-def _is_time(words: list[str], unit: tuple[str, str] | None) -> bool:
-    if not words or (unit is not None and unit[0] != "time"):
-        return False
-    if words == ["gps", "tow"]:
-        return True
-    return any(re.match(TIME, word) for word in words) and not any(
-        word in NOT_TIME or word in OTHER or word in ACCEL or word in GYRO for word in words
-    )
-
-
 def _stamp(names: Sequence[str]) -> tuple[str, str] | None:
     """The columns with the seconds and the nanoseconds of one time stamp, as in header.stamp of ROS."""
     for seconds, nanoseconds in (("secs", "nsecs"), ("sec", "nanosec")):
@@ -342,16 +213,4 @@ def _stamp(names: Sequence[str]) -> tuple[str, str] | None:
             stem = name.removesuffix(nanoseconds)
             if stem != name and stem[-1:] in ("", ".", "_", "/") and f"{stem}{seconds}" in names:
                 return f"{stem}{seconds}", name
-    return None
-
-
-def _time_in_words(words: list[str]) -> str | None:
-    for unit, spelled in (
-        ("s", ("sec", "secs", "seconds")),
-        ("ms", ("ms", "millis", "milliseconds", "timems")),
-        ("us", ("us", "micros", "microseconds", "timeus")),
-        ("ns", ("ns", "nanos", "nanoseconds")),
-    ):
-        if any(word in spelled for word in words):
-            return unit
     return None

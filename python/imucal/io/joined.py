@@ -15,11 +15,12 @@ from imucal.finding import Finding
 from imucal.io.arrow_values import numpy_of
 from imucal.io.names import SKIP
 from imucal.io.remarks import remark
+from imucal.io.requested_columns import float64
 from imucal.io.sensor import Sensor, Units, require_gravity, time_of_sensor, unit_of_sensor
 from imucal.io.streams import Stream, recording_from_streams
 from imucal.io.table import Table
 from imucal.io.text import read_rows
-from imucal.io.vocabulary import float64, recording_from_table
+from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 from imucal.units import COLUMN_UNITS, TICKS_PER_S
 

@@ -14,9 +14,10 @@ from imucal.io.copies import has_equal_stamps
 from imucal.io.headed import names_given
 from imucal.io.layout import Layout
 from imucal.io.names import is_canonical
+from imucal.io.requested_columns import Clock
 from imucal.io.table import Table, parts
 from imucal.io.text import NotInPartsError, headed_parts
-from imucal.io.vocabulary import Clock, recording_from_table
+from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 
 __all__ = ["Whole", "csv_pieces", "parquet_pieces"]

@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,6 @@ from numpy.typing import NDArray
 
 from imucal.document.source import Source
 from imucal.errors import FormatError, InputError
-from imucal.io.arrow_values import numpy_of, present_of, ticks_of
 from imucal.io.copies import without_copies
 from imucal.io.first_cells import TableCells, is_numeric
 from imucal.io.header import names_sensor
@@ -35,12 +33,13 @@ from imucal.io.names import (
     triad_part,
 )
 from imucal.io.remarks import one_sensor
+from imucal.io.requested_columns import Clock, RequestedColumns, date_ticks_per_s
 from imucal.io.suggestion import columns_suggested, time_suggested
-from imucal.io.table import Table, parts
+from imucal.io.table import Table
 from imucal.recording.recording import Recording, Sensor
 from imucal.units import COLUMN_UNITS, TEMPERATURE_UNITS, TICKS_PER_S, to_degc
 
-__all__ = ["Clock", "column_names", "float64", "recording_from_table"]
+__all__ = ["column_names", "recording_from_table"]
 
 
 def column_names(recording: Recording) -> list[tuple[str, NDArray[Any]]]:
@@ -69,15 +68,6 @@ def column_names(recording: Recording) -> list[tuple[str, NDArray[Any]]]:
     return columns
 
 
-@dataclass
-class Clock:
-    """The time origin of a recording, shared by all of its pieces, and the number of rows read so far."""
-
-    rows: int = 0
-    # First time stamp of the recording, in the unit of the time column.
-    first: Any = None
-
-
 def recording_from_table(
     table: Table, sources: Sequence[Source], rate_hz: float | None = None, clock: Clock | None = None
 ) -> Recording:
@@ -91,21 +81,21 @@ def recording_from_table(
     """
     _refuse_duplicates(table)
     used: set[str] = set()
-    wanted = _Wanted(table, Clock() if clock is None else clock)
+    requested = RequestedColumns(table, Clock() if clock is None else clock)
     alone = _alone(table)
-    accel, accel_unit = (None, None) if alone == "gyroscope" else _triad(wanted, "accel", used)
-    gyro, gyro_unit = (None, None) if alone == "accelerometer" else _triad(wanted, "gyro", used)
-    time_s = _time(wanted, used, rate_hz)
+    accel, accel_unit = (None, None) if alone == "gyroscope" else _triad(requested, "accel", used)
+    gyro, gyro_unit = (None, None) if alone == "accelerometer" else _triad(requested, "gyro", used)
+    time_s = _time(requested, used, rate_hz)
     stand = None
     if any(name.startswith("stand_") and triad_part(name) for name in table.names):
-        stand, _ = _triad(wanted, "stand", used)
-    temperature, scale = _temperature(wanted, used)
+        stand, _ = _triad(requested, "stand", used)
+    temperature, scale = _temperature(requested, used)
     auxiliary = {
-        name: wanted.numbers(name)
+        name: requested.numbers(name)
         for name, column in zip(table.names, table.columns, strict=True)
         if name not in used and name not in SKIP and name and is_numeric(column)
     }
-    wanted.read()
+    requested.read()
     findings = table.findings
     if alone is not None:
         findings = (*findings, one_sensor(table.file, alone, list(auxiliary)))
@@ -146,101 +136,9 @@ def _refuse_duplicates(table: Table) -> None:
         raise FormatError(f"{table.file}: the column {twice[0]} is given twice: rename or remove one")
 
 
-class _Wanted:
-    """The columns of a table that a recording needs. One pass over the table fills all columns.
-
-    The source columns are read in parts, so that source and result are never both completely in memory.
-    """
-
-    def __init__(self, table: Table, clock: Clock) -> None:
-        self.table = table
-        self.clock = clock
-        self.rows = len(table.columns[0]) if table.columns else 0
-        self._columns: list[Any] = []
-        self._takers: list[Callable[[slice, Any], None]] = []
-
-    def numbers(self, name: str, into: NDArray[Any] | None = None, factor: float = 1.0) -> NDArray[Any]:
-        """A column multiplied by `factor`, as float64 or as the type of `into`; empty cells become NaN.
-
-        `read` fills the array later.
-        """
-        out = np.empty(self.rows) if into is None else into
-
-        def take(where: slice, part: Any) -> None:
-            values = float64(part)
-            out[where] = values if factor == 1.0 else values * factor
-
-        self._want(name, take)
-        return out
-
-    def since_first(self, name: str, ticks_per_s: float) -> NDArray[np.float64]:
-        """Array for a time column relative to the first time stamp, s. `read` fills the array later."""
-        out, clock = np.empty(self.rows), self.clock
-
-        def take(where: slice, part: Any) -> None:
-            if _ticks_per_s(part):
-                import pyarrow as pa
-
-                part = part.view(pa.int64())
-            is_whole = _is_whole(part)
-            present = np.ones(len(part), dtype=bool)
-            if is_whole:
-                # The first time stamp is subtracted as an integer, because 1.4e18 ns has more digits than a
-                # float64 can represent.
-                present = present_of(part)
-                values: NDArray[Any] = ticks_of(part).astype(np.int64)
-            else:
-                values = float64(part)
-                present = np.isfinite(values)
-            if clock.first is None and present.any():
-                clock.first = values[present.argmax()]
-            elapsed = values if clock.first is None else values - clock.first
-            out[where] = np.where(present | (not is_whole), elapsed, math.nan) / ticks_per_s
-
-        self._want(name, take)
-        return out
-
-    def read(self) -> None:
-        """Fill all requested arrays."""
-        if self._columns and isinstance(self._columns[0], np.ndarray):
-            self._read_arrays()
-        start = 0
-        for part in parts(self._columns):
-            where = slice(start, start + len(part[0]))
-            for take, values in zip(self._takers, part, strict=True):
-                take(where, values)
-            start = where.stop
-        self.clock.rows += self.rows
-
-    def _read_arrays(self) -> None:
-        """Convert the columns one after the other, and release the memory of each converted column."""
-        self.table.columns.clear()
-        self._columns.reverse()
-        for take in self._takers:
-            column, start, part = self._columns.pop(), 0, None
-            for (part,) in parts([column]):
-                take(slice(start, start + len(part)), part)
-                start += len(part)
-            del column, part
-
-    def _want(self, name: str, take: Callable[[slice, Any], None]) -> None:
-        column = self.table.column(name)
-        if not is_numeric(column) and not (time_unit(name) and _ticks_per_s(column)):
-            _refuse_text(self.table, name, column)
-        self._columns.append(column)
-        self._takers.append(take)
-
-
-def float64(part: Any) -> NDArray[np.float64]:
-    """A numeric column, or a part of a column, as float64, with empty cells as NaN."""
-    # NumPy converts the column, because loading Arrow's function library takes longer than reading a short
-    # file.
-    return np.asarray(numpy_of(part), dtype=np.float64)
-
-
-def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[Any], str]:
+def _triad(requested: RequestedColumns, triad: str, used: set[str]) -> tuple[NDArray[Any], str]:
     """The three columns of a triad, (N, 3) in SI units or counts, and the unit in their names."""
-    table = wanted.table
+    table = requested.table
     found: dict[str, list[tuple[str, str]]] = {axis: [] for axis in AXES[triad]}
     for name in table.names:
         part = triad_part(name)
@@ -268,9 +166,9 @@ def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[Any], s
     used.update(name for name, _ in columns)
     factor = COLUMN_UNITS[triad][unit]
     is_small = factor == 1.0 and all(_fits_float32(table.column(name)) for name, _ in columns)
-    values = np.empty((wanted.rows, 3), np.float32 if is_small else np.float64)
+    values = np.empty((requested.rows, 3), np.float32 if is_small else np.float64)
     for column, (name, _) in enumerate(columns):
-        wanted.numbers(name, values[:, column], factor)
+        requested.numbers(name, values[:, column], factor)
     return values, unit
 
 
@@ -285,8 +183,8 @@ def _fits_float32(column: Any) -> bool:
     return bool(most_bits and kind.bit_width <= most_bits)
 
 
-def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.float64]:
-    table = wanted.table
+def _time(requested: RequestedColumns, used: set[str], rate_hz: float | None) -> NDArray[np.float64]:
+    table = requested.table
     names = [name for name in table.names if time_unit(name) is not None]
     if len(names) > 1:
         raise FormatError(
@@ -299,8 +197,8 @@ def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.
             )
         if not (math.isfinite(rate_hz) and rate_hz > 0):
             raise InputError(f"{table.file}: rate_hz is {rate_hz}: give a positive number")
-        first = wanted.clock.rows
-        return np.arange(first, first + wanted.rows, dtype=np.float64) / rate_hz
+        first = requested.clock.rows
+        return np.arange(first, first + requested.rows, dtype=np.float64) / rate_hz
     if not names:
         # A table of one sensor is a recording, so the proposal does not have the columns of the other sensor.
         found = _found(table, columns_suggested if _alone(table) is None else time_suggested)
@@ -312,15 +210,17 @@ def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.
     name = names[0]
     used.add(name)
     unit = name.removeprefix("time_")
-    of_date = _ticks_per_s(table.column(name)) or table.ticks_per_s
+    of_date = date_ticks_per_s(table.column(name)) or table.ticks_per_s
     if unit == "s" and of_date is None:
-        return wanted.numbers(name)
-    return wanted.since_first(name, of_date or TICKS_PER_S[unit])
+        return requested.numbers(name)
+    return requested.since_first(name, of_date or TICKS_PER_S[unit])
 
 
-def _temperature(wanted: _Wanted, used: set[str]) -> tuple[NDArray[Any] | None, tuple[float, float]]:
+def _temperature(
+    requested: RequestedColumns, used: set[str]
+) -> tuple[NDArray[Any] | None, tuple[float, float]]:
     """The temperature column, or None, and the slope and offset that convert it to degC."""
-    table = wanted.table
+    table = requested.table
     names = [name for name in table.names if temperature_unit(name) is not None]
     if len(names) > 1:
         raise FormatError(f"{table.file}: the temperature is given twice ({', '.join(names)}): remove one")
@@ -328,16 +228,7 @@ def _temperature(wanted: _Wanted, used: set[str]) -> tuple[NDArray[Any] | None, 
         return None, TEMPERATURE_UNITS["degc"]
     name = names[0]
     used.add(name)
-    return wanted.numbers(name), TEMPERATURE_UNITS[name.removeprefix("temp_")]
-
-
-def _ticks_per_s(column: Any) -> float | None:
-    """The ticks per second of a time stamp column (date with time of day); None for other types."""
-    if isinstance(column, np.ndarray):
-        return None
-    import pyarrow as pa
-
-    return TICKS_PER_S[column.type.unit] if pa.types.is_timestamp(column.type) else None
+    return requested.numbers(name), TEMPERATURE_UNITS[name.removeprefix("temp_")]
 
 
 def _found(table: Table, suggested: Callable[..., str] = columns_suggested) -> str:
@@ -345,26 +236,3 @@ def _found(table: Table, suggested: Callable[..., str] = columns_suggested) -> s
     cells = TableCells(table)
     texts = {name: cells.texts(name) for name in table.names}
     return f"found: {', '.join(table.names)}. {suggested(table.names, texts, cells.numbers)}"
-
-
-def _is_whole(column: Any) -> bool:
-    if isinstance(column, np.ndarray):
-        return bool(column.dtype.kind == "i")
-    import pyarrow as pa
-
-    return bool(pa.types.is_integer(column.type))
-
-
-def _refuse_text(table: Table, name: str, column: Any) -> None:
-    """Raises FormatError with the location of the first cell that is not a number."""
-    cells = (cell for (part,) in parts([column]) for cell in part.to_pylist())
-    for row, cell in enumerate(cells):
-        try:
-            float(cell if cell is not None else "nan")
-        except (TypeError, ValueError):
-            text = repr(cell) if isinstance(cell, str) else str(cell)
-            raise FormatError(
-                f"{table.file}: {table.place(row)}, column {name}: {text[:40]} is not a number: "
-                "correct it or leave the cell empty"
-            ) from None
-    raise FormatError(f"{table.file}: the column {name} has the type {column.type}, expected numbers")

@@ -1,0 +1,162 @@
+"""Quantity and axis of one column, inferred from the words of its name."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+from unicodedata import combining, normalize
+
+__all__ = ["is_of_other", "is_time", "role_of", "time_unit_in", "words_of"]
+
+# Words that name the accelerometer and the gyroscope.
+ACCEL: Final = {
+    *("a", "ac", "acc", "accel", "accl", "accelerometer", "acceleration", "accelerometers", "accels", "af"),
+    *("specific", "gf", "gforce", "acce", "accs", "accelero", "totalacceleration"),
+    # The word "acceleration" as apps translate it, without accents: German, Spanish, Italian, Portuguese,
+    # Dutch. French has the English word.
+    *("beschleunigung", "aceleracion", "accelerazione", "aceleracao", "versnelling"),
+}
+GYRO: Final = {
+    *(
+        "g",
+        "gy",
+        "gyr",
+        "gyro",
+        "gyros",
+        "gyroscope",
+        "w",
+        "omega",
+        "angular",
+        "rotation",
+        "rate",
+        "ang",
+        "rot",
+    ),
+    *("angvel", "anglvel", "angrate", "turnrate"),
+    *("gyroskop", "drehrate", "winkelgeschwindigkeit", "giroscopio", "gyroscoop"),
+}
+# If a column name contains one of these words, the column belongs to neither the accelerometer (with gravity)
+# nor the gyroscope.
+OTHER: Final = {
+    *(
+        "user",
+        "free",
+        "gravity",
+        "grav",
+        "mag",
+        "magn",
+        "magnet",
+        "magnetic",
+        "magnetometer",
+        "quat",
+        "euler",
+    ),
+    *("quaternion", "roll", "pitch", "yaw", "orientation", "position", "pos", "std", "var", "cov"),
+    *("covariance", "bias", "offset", "absolute", "abs", "norm", "delta", "earth", "world", "nav", "global"),
+    *("status", "flag", "velocity", "inc", "dq", "dv", "angle", "temperature", "temp", "setpoint", "debug"),
+    *(
+        "axisp",
+        "axisi",
+        "axisd",
+        "axisf",
+        "motor",
+        "uncorrected",
+        "north",
+        "east",
+        "down",
+        "attitude",
+        "dgyro",
+    ),
+}
+# Words that name acceleration without gravity.
+LINEAR: Final = {
+    *("linear", "lin", "linearacceleration", "linacc", "linaccel"),
+    *("lineare", "lineaire", "lineal"),
+}
+# Words that name a time column.
+TIME: Final = (
+    r"^(t|time|times|timestamp|timestamps|stamp|ts|sec|secs|seconds|elapsed|epoch|unix|millis|micros|clock|"
+    r"date|datetime|sampletimefine|chiptime|utc|hosttimestamp|nodetimestamp|cts|tow|gpstime|yyyy|uptime|"
+    r"packettime|systime|timeus|timems|loggingtime|ms|us|ns|zeit|temps|tiempo|tempo|tijd)$"
+)
+# Words in names of secondary time columns, which are used only if there is no other time column.
+NOT_TIME: Final = {"zone", "step", "delta", "dt", "diff", "ntp", "gps"}
+# A word of a column name: capitals, or letters of which the first may be a capital, or digits.
+WORD: Final = r"[A-Z]+(?![a-z])|[A-Z]?[a-z']+|[A-Za-z]+|\d+|%"
+# Names that join sensor and axis in one word: ax, gyroX, xAccel, ACCEL_XOUT, AcX, gFz.
+JOINED: Final = (
+    r"^(?:(a|acc|accel|ac|f|gf|g|gy|gyr|gyro|w|omega)([xyz])|([xyz])[-_ ]?(acc|accel|accl|gyro|gyr|rate))$"
+)
+
+
+def words_of(name: str) -> list[str]:
+    """The words of a name in lower case, without accents."""
+    plain = "".join(c for c in normalize("NFKD", name) if not combining(c))
+    return [word.lower() for word in re.findall(WORD, plain)]
+
+
+def role_of(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[str, str, str] | None:
+    """Quantity and axis of a column name, and the part of the name that is the same for all three axes."""
+    of = unit[0] if unit else ""
+    if of in ("time", "temp", "angle", "other"):
+        return None
+    joined = re.match(
+        JOINED, re.sub(r"^[^a-z]+|[^a-z]+$", "", bare.lower().rpartition(".")[2].rpartition("/")[2])
+    )
+    if joined:
+        word, axis = (joined[1], joined[2]) if joined[1] else (joined[4], joined[3])
+        rest = bare.lower().replace(joined[0], "")
+        words = [word, *words_of(rest)]
+    else:
+        axes = [word[0] for word in words if re.fullmatch(r"[xyz](out|axis)?(l|h)?", word)]
+        if len(axes) != 1:
+            return None
+        axis = axes[0]
+        words = [word for word in words if not re.fullmatch(r"[xyz](out|axis)?(l|h)?", word)]
+    key = " ".join(words)
+    if "velocity" in words and "angular" in words:
+        words = [word for word in words if word != "velocity"]
+    if any(word in OTHER for word in words):
+        return None
+    if any(word in LINEAR for word in words):
+        return ("linear", axis, key) if of != "gyro" else None
+    if of == "accel" and words and words[-1] in ("g", "f"):
+        return "accel", axis, key
+    is_gyro = any(word in GYRO for word in words) and not any(word in ACCEL and word != "a" for word in words)
+    is_accel = any(word in ACCEL for word in words) or (words[:1] == ["f"])
+    if is_gyro and of != "accel":
+        return "gyro", axis, key
+    if is_accel and of != "gyro":
+        return "accel", axis, key
+    if all(word in ("axis", "value", "values", "data", "raw", "sensor") for word in words):
+        return (f"plain-{of}" if of in ("accel", "gyro") else "plain"), axis, key
+    return None
+
+
+def is_of_other(words: list[str]) -> bool:
+    """Whether a word belongs to neither the gyroscope nor the accelerometer with gravity."""
+    return any(word in OTHER or word in LINEAR for word in words)
+
+
+def is_time(words: list[str], unit: tuple[str, str] | None) -> bool:
+    """Whether the words of a column name, and its unit if it has one, are those of a time column."""
+    if not words or (unit is not None and unit[0] != "time"):
+        return False
+    if words == ["gps", "tow"]:
+        return True
+    return any(re.match(TIME, word) for word in words) and not any(
+        word in NOT_TIME or word in OTHER or word in ACCEL or word in GYRO for word in words
+    )
+
+
+def time_unit_in(words: list[str]) -> str | None:
+    """The unit of time that a word of a column name states, or None."""
+    for unit, spelled in (
+        ("s", ("sec", "secs", "seconds")),
+        ("ms", ("ms", "millis", "milliseconds", "timems")),
+        ("us", ("us", "micros", "microseconds", "timeus")),
+        ("ns", ("ns", "nanos", "nanoseconds")),
+    ):
+        if any(word in spelled for word in words):
+            return unit
+    return None
