@@ -102,6 +102,24 @@ def test_a_mistake_is_said_within_two_seconds(name):
 
 
 @pytest.mark.parametrize(
+    ("rate_hz", "lost", "code"),
+    [
+        # At 50 Hz the limit is five sampling intervals, and at 200 Hz it is 0.05 s.
+        (50, 3, "moved_too_early"),
+        (50, 5, "interrupted"),
+        (200, 8, "moved_too_early"),
+        (200, 10, "interrupted"),
+    ],
+)
+def test_a_pose_is_interrupted_by_a_long_gap_of_samples(rate_hz, lost, code):
+    hand = Hand(rate_hz=rate_hz).hold(3.6).turn_to(POSES[1]).hold(2.4).turn_to(POSES[2]).hold(1.0)
+    in_the_move = round((3.6 + 1.5 + 2.4 + 0.3) * rate_hz)
+    rows = np.delete(hand.rows(), slice(in_the_move, in_the_move + lost), axis=0)
+    said = [event.code for event in session_of(rows)[1]]
+    assert [each for each in said if each in ("moved_too_early", "interrupted")] == [code]
+
+
+@pytest.mark.parametrize(
     ("edit", "code", "by_s", "words"),
     [
         # The units of the accelerometer show at once, and those of the gyroscope in the first rotation.

@@ -127,13 +127,6 @@ def test_what_is_hidden_is_named_added_and_gone(name):
     assert gap.gap["after"] <= gap.gap["before"] * 1.005
 
 
-@pytest.mark.slow
-def test_a_random_walk_is_not_given_the_name_of_an_effect():
-    gap = imucal.find_gap(hidden(effects={"gyro_bias_random_walk": [2e-4] * 3}))
-    assert gap.verdict == "stochastic"
-    assert (gap.generic["block"], gap.generic["kernel"]) == ("gyro_bias", "random_walk")
-
-
 def test_faults_of_the_data_come_before_effects():
     gap = imucal.find_gap(hidden(effects={"gyro_saturation": 1.5}))
     assert gap.verdict == "data_fault"

@@ -136,7 +136,7 @@ def gap(
     if found.verdict == "data_fault":
         raise Exit(NO_RESULT)
     remains = found.remainder is not None and found.remainder.matters
-    is_unexplained = found.verdict in ("unknown", "stochastic") and not found.laws
+    is_unexplained = found.verdict == "unknown" and not found.laws
     if is_unexplained or remains:
         raise Exit(POOR_VERDICT)
 
