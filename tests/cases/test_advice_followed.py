@@ -127,6 +127,14 @@ def test_six_means_without_a_way_in(case_file, capsys, tmp_path):
     assert main(["calibrate", str(path), *output]) == 1
     said = " ".join(capsys.readouterr().err.split())
     assert "if each row is the mean of a rest, give --means" in said and "both files" not in said
+    # Without the noise of the means, the biases are estimated, and the noise is asked for.
+    assert main(["calibrate", str(path), "--means", *output]) == 1
+    command = re.search(r": imucal (calibrate --model bias .*)$", " ".join(capsys.readouterr().err.split()))
+    assert main(command[1].split()) == 0
+    said = " ".join("".join(capsys.readouterr()).split())
+    assert (
+        "verdict: incomplete" in said and "give the standard deviation of the means (noise_mps2=...," in said
+    )
     assert main(["calibrate", str(path), "--means", "--noise", "0.02", *output]) == 1
     said = " ".join(capsys.readouterr().err.split())
     assert "6 rests do not determine the accelerometer's misalignment xy, misalignment xz" in said

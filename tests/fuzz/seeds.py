@@ -150,6 +150,18 @@ def _lines(folder, known, time_s):
     yield Seed("realsense", "realsense", folder / "imu_pose.csv")
 
 
+def _packets(folder, known):
+    """Packets of WitMotion: 0x55, kind, eight bytes and their sum; ranges of 16 g and 2000 deg/s."""
+    written = b""
+    for accel, gyro in zip(known.accel, known.gyro, strict=True):
+        for kind, values in ((0x51, accel / 9.80665 / 16), (0x52, np.degrees(gyro) / 2000)):
+            words = np.append(np.round(values * 32768), 2500).astype("<i2")
+            body = bytes([0x55, kind]) + words.tobytes()
+            written += body + bytes([sum(body) & 0xFF])
+    (folder / "wt901.bin").write_bytes(written)
+    yield Seed("witmotion", "witmotion", folder / "wt901.bin", {"rate_hz": 50.0})
+
+
 def _tables(folder):
     known = short_run()
     for name, write in ARRAY_WRITERS.items():
@@ -165,6 +177,12 @@ def _tables(folder):
     }.items():
         parquet.write_table(table, folder / name, **settings)
         yield Seed(name, "parquet", folder / name)
+    # Columns of sensor_msgs/Imu, whose time stamps are in two columns.
+    stamp = {"header.stamp.sec": known.time_ns // 10**9, "header.stamp.nanosec": known.time_ns % 10**9}
+    for what, values in (("angular_velocity", known.gyro), ("linear_acceleration", known.accel)):
+        stamp |= {f"{what}.{axis}": values[:, i] for i, axis in enumerate("xyz")}
+    parquet.write_table(pa.table(stamp), folder / "stamps.parquet")
+    yield Seed("stamps.parquet", "parquet", folder / "stamps.parquet")
     kinds = [("time_s", "f8"), ("accel_mps2", "f4", 3), ("gyro_radps", "f4", 3)]
     rows = np.empty(60, dtype=kinds)
     rows["time_s"], rows["accel_mps2"], rows["gyro_radps"] = columns[0], known.accel, known.gyro
@@ -186,6 +204,7 @@ def _bags_and_logs(folder):
     yield Seed("ulog", "ulog", folder / "flight.ulg")
     dataflash(folder / "flight.bin", ["IMU"], imu(known))
     yield Seed("dataflash", "dataflash", folder / "flight.bin")
+    yield from _packets(folder, known)
 
 
 def _documents(folder):

@@ -8,6 +8,7 @@ import pytest
 if sys.platform != "linux":
     pytest.skip("the cases are limited with means of Linux", allow_module_level=True)
 
+from imucal.io import FORMATS
 from mutations import mutated
 from runner import CONTAINED, FAULT, READ, REFUSED, case, preload
 from seeds import CORPUS, seeds
@@ -25,6 +26,10 @@ def folder(tmp_path_factory):
 def written(folder):
     preload()
     return seeds(folder)
+
+
+def test_every_format_has_a_seed(written):
+    assert set(FORMATS) <= {seed.kind for seed in written}
 
 
 def test_seeds_are_valid(written, folder):

@@ -841,6 +841,7 @@ def witmotion_app(folder):
 
 def test_every_export_of_the_page_has_a_sample_and_the_other_way_round():
     assert [export.name for export in EXPORTS] == list(SAMPLES)
+    assert len(SAMPLES) >= 25
 
 
 @pytest.mark.parametrize("name", SAMPLES)
