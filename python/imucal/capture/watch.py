@@ -57,12 +57,13 @@ BLOCK_S: Final = 0.1
 # Time from the first sample, s, in which a wrong unit of the data cannot be distinguished from a fast
 # rotation.
 FIRST_S: Final = 1.5
-# If the largest gyroscope reading in a rotation is below this share of the mean rate of the vertical, the
-# unit of the data is wrong, because sensor errors are only a few per cent. Rotations with a smaller mean rate
-# than the second number, deg/s, are not tested.
+# The accelerometer gives the mean rate at which the direction of gravity turns in the body frame between two
+# rests. The largest gyroscope reading is at least this rate, except for sensor errors of a few per cent. If
+# it is below this share of the rate, the gyroscope data are in another unit than stated.
 LEAST_SHARE: Final = 0.5
+# Rotations with a smaller mean rate, deg/s, are not tested for the unit of the data.
 LEAST_MEAN_DPS: Final = 15.0
-# Mean rate of the vertical between two rests above which a rotation is too fast, deg/s. It is used for
+# If the direction of gravity turns faster than this mean rate, deg/s, a rotation is too fast. It is used for
 # gyroscopes in raw counts, whose scale is not known yet. The peak rate of a smooth rotation is twice its mean
 # rate.
 FAST_MEAN_DPS: Final = 150.0

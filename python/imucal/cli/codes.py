@@ -246,7 +246,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         "large_residuals": Code(
             "The residuals are far larger than noise explains. The calibration is of another unit, the "
             "units are wrong, or the unit has a large further error.",
-            "Check unit and file; then run [`imucal gap`](gap.md).",
+            "Check that the file is of this unit and in the stated units of measurement; then run "
+            "[`imucal gap run.csv --control control.csv`](gap.md).",
         ),
         "unknown_direction": Code(
             "Noise hides the direction of gravity after a move, so the gyroscope is not judged.",

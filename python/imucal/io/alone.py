@@ -36,7 +36,7 @@ def recording_of_any_text(
 
 
 def _only_sensor(text: Text, *, needs_time: bool) -> Sensor | None:
-    """The sensor of a text that has the columns of one sensor, and no columns of a possible second sensor."""
+    """The only sensor of a file; None if it has none, or columns that may belong to a second."""
     header = layout_header(text.layout)
     try:
         sensor = sensor_of(text)

@@ -106,7 +106,7 @@ class ManualDriver:
         return ()
 
     def events(self) -> Sequence[Event]:
-        """Empty, because the samples show the actions of the person."""
+        """Empty, because events are faults of a controller and how it recovered, and there is none."""
         return ()
 
     def progress(self) -> Progress | None:

@@ -12,9 +12,9 @@
 //! tau is the averaging time, s.
 //!
 //! v is the unit of the sensor. The definitions agree with [`crate::simulate`] and with IEEE Std 952. For a gyroscope,
-//! N is the angle random walk. Quantisation means here that the output of the sensor is an increment of angle or
-//! velocity. Rounding a rate to counts is a different process. Its error is white noise, and its variance per sample is
-//! the square of a count divided by 12. N does not include it.
+//! N is the angle random walk. Quantisation here is the rounding of an angle or a velocity, in a sensor whose output is
+//! an increment of angle or velocity. Rounding a rate to counts is a different process. Its error is white noise, and
+//! its variance per sample is the square of a count divided by 12. N does not include it.
 //!
 //! The values are maximum-likelihood estimates from the power spectrum of a cosine transform, `docs/model.md` (31) and
 //! (32). Their variance reaches the Cramer-Rao bound. The Allan deviations are only for display, and their confidence

@@ -206,9 +206,9 @@ impl<'a> Checked<'a> {
         }
     }
 
-    /// Prepares the residuals of the joint fit without effects for a search, and passes them to `work` with both
-    /// triads. The residuals allow drifts of both sensors within a rest. The temperatures of the recordings are
-    /// replaced by `temperatures_degc`.
+    /// For a search for effects: computes the residuals of the joint fit without effects, and calls `work` with these
+    /// residuals and both triads. The residuals allow drifts of both sensors within a rest. The temperatures of the
+    /// recordings are replaced by `temperatures_degc`.
     pub(crate) fn prepare<T>(
         &self,
         temperatures_degc: &[Option<Vec<f64>>],

@@ -94,7 +94,8 @@ impl WithSimd for SweepCommon<'_> {
 struct SweepAs<'a> {
     weighing: &'a Weighing<'a>,
     common: &'a SweptCommon,
-    /// Rows of the model's columns after the elimination, restricted to the columns of `weighing`.
+    /// Part of the Gram matrix after the sweep that eliminates the model. Its rows belong to the parameters of the
+    /// model, and its columns are those of `weighing`.
     known: SymmetricMatrix,
     /// Index of each column of `weighing` among all candidate columns.
     columns: Vec<usize>,

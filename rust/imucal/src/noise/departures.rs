@@ -5,14 +5,14 @@
 //! z_j = sum over components of a_c s_cj + noise,     noise ~ N(0, mu_j(theta)),     j = 1 to W - 1
 //! ```
 //!
-//! z is the cosine transform of W block means. White noise and a random walk are uncorrelated in z. a_c is the
-//! amplitude of component c, s_cj is the cosine transform of its shape, and mu_j is the expected power for the noise
-//! parameters theta. A component is a step at a time, a ramp between two times, or an exponential approach to a final
-//! value (warm-up). A step has the power spectrum of a random walk. However, the time of a step determines the signs of
-//! its cosines, whereas the signs of the cosines of a random walk are random. Components are added one at a time. After
-//! a component is added, the amplitudes and the noise parameters are estimated again. The added component has the
-//! largest gain of twice the log-likelihood minus its penalty. If no gain exceeds its penalty by at least 16, noise
-//! explains the rest of the record.
+//! z is the cosine transform of W block means. Its elements are uncorrelated for white noise and for a random walk. a_c
+//! is the amplitude of component c, s_cj is the cosine transform of its shape, and mu_j is the expected power for the
+//! noise parameters theta. A component is a step at a time, a ramp between two times, or an exponential approach to a
+//! final value (warm-up). A step has the power spectrum of a random walk. However, the time of a step determines the
+//! signs of its cosines, whereas the signs of the cosines of a random walk are random. Components are added one at a
+//! time. After a component is added, the amplitudes and the noise parameters are estimated again. The added component
+//! has the largest gain of twice the log-likelihood minus its penalty. If no gain exceeds its penalty by at least 16,
+//! noise explains the rest of the record.
 
 mod search;
 

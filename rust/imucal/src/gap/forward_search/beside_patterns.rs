@@ -56,9 +56,9 @@ pub(super) struct Varying {
 }
 
 /// The significant hypotheses of all patterns, without duplicates. Some hypotheses are significant in addition to the
-/// selected effects, others instead of these effects. If there are hypotheses of the first kind, hypotheses of the
-/// second kind are omitted, because they may contain one of the effects. For example, a smooth function of the rate
-/// contains a cubic scale error.
+/// selected effects, others instead of these effects. If there are additional ones, the others are omitted, because
+/// they may describe the same errors as a selected effect. For example, a smooth function of the rate can describe a
+/// cubic scale error.
 fn varying(patterns: &[Pattern]) -> Vec<Varying> {
     let mut all: Vec<Varying> = Vec::new();
     let mut add = |block: Block, kernel: Kernel, width: f64| {
