@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
+from scipy.stats import norm
 
 import imucal
 from gap.law_cases import pose
@@ -32,6 +34,29 @@ def columns(signal, *, rivals=1, seed=3):
 def test_the_form_that_explains_the_residuals_is_selected():
     (found,) = select(columns(0.6, rivals=40))
     assert found.form.variables == W and found.stable == 1.0
+
+
+def nats(given):
+    """Log Bayes factor of the first candidate at the best prior width, minus the log of their number."""
+    outside = np.linalg.svd(given.model)[0][:, given.model.shape[1] :]
+    residual, column = outside.T @ given.residual, outside.T @ given.candidates[0][1][:, 0]
+    noise = max(1.0, np.sqrt(residual @ residual / len(given.residual)))
+    # The model changes the distribution of the residuals along its column only.
+    along = residual @ column / np.linalg.norm(column)
+
+    def gain(width):
+        return norm.logpdf(along, scale=noise * np.hypot(1.0, width)) - norm.logpdf(along, scale=noise)
+
+    best = minimize_scalar(lambda width: -gain(width), bounds=(0.0, 100.0), method="bounded")
+    return -best.fun - np.log(len(given.candidates))
+
+
+@pytest.mark.parametrize(("signal", "exceeds"), [(0.37, False), (0.38, True)])
+def test_evidence_of_a_law_is_that_of_the_normal_distribution_and_needs_eight_nats(signal, exceeds):
+    given = columns(signal, rivals=40)
+    expected = nats(given)
+    assert 7.0 < expected < 9.0 and (expected > 8.0) == exceeds
+    assert [law.nats for law in select(given)] == pytest.approx([expected] if exceeds else [], abs=1e-3)
 
 
 def test_noise_selects_nothing():
