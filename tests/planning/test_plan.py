@@ -190,6 +190,15 @@ def test_predicted_sigmas_of_nominal_sensors_and_of_effects_are_those_of_the_joi
         assert parameter.std == pytest.approx(stated[parameter.name], rel=0.025), parameter.name
 
 
+def test_detection_limits_are_those_of_a_search_in_the_run():
+    plan = imucal.plan("random", options={"moves": 20, "hold_s": 2.0}, rate_hz=100.0)
+    run = imucal.simulate(plan.motion, unit="paper", rate_hz=100.0, seed=plan.seed)
+    found = imucal.find_gap(run.recording).smallest_visible
+    assert {name: limit.value for name, limit in plan.detection_limits.items()} == pytest.approx(
+        {name: limit["value"] for name, limit in found.items()}, rel=1e-6
+    )
+
+
 def test_targets_that_time_cannot_reach_are_not_reached():
     plan = quick("optimal", targets={"accel_sensitivity": "10 ppm"}, minutes=0.5, proposals=300)
     assert not plan.reached
