@@ -1,6 +1,7 @@
 """Simulated runs of the paper's unit: parameters are judged against the truth, in their own stated sigmas.
 
-`convert_frame` of `imucal._core` gives the truth in the frame of the calibration.
+`convert_frame` of `imucal._core` gives the truth in the frame of the calibration, and `in_frame` converts a
+calibration, because the public API has no function for either.
 """
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 
 import imucal
 import imucal._core as _core
+from exact_covariance import normalised
 from imucal import Program, Step
+from imucal.calibration.frame import in_frame
 
 pytestmark = pytest.mark.slow
 
@@ -90,6 +93,11 @@ def test_triangular_frame(seed):
     truth = in_triangular_frame(run.truth.calibration)
     assert np.abs(errors_in_sigma(result, truth)).max() < WORST
     assert np.triu(result.calibration.accelerometer.sensitivity, 1).any() == np.False_
+    # Another program of the propagation: numerical derivatives instead of those of model.md (2).
+    converted = in_frame(imucal.calibrate(run.recording).calibration, "triangular").covariance
+    assert normalised(result.calibration.covariance, converted) == pytest.approx(
+        normalised(converted, converted), abs=1e-4
+    )
 
 
 def test_two_recordings_of_one_unit_are_better_than_one():
