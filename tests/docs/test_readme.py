@@ -55,7 +55,7 @@ def test_readme_has_the_figures_of_the_comparison():
         ("raw-counts.md", 7),
         ("one-sensor.md", 10),
         ("few-poses.md", 5),
-        ("thermal.md", 14),
+        ("thermal.md", 16),
         ("plan.md", 8),
         ("faces.md", 5),
         ("phone.md", 3),

@@ -37,16 +37,23 @@ int main(int argc, char **argv)
     imucal_calibration unit;
     imucal_surroundings at = imucal_surroundings_unknown();
     imucal_derivative state = IMUCAL_DERIVATIVE_START;
-    float in[11], out[7];
+    imucal_temperature memory;
+    float in[11], out[7], last_s = 0.0f;
     FILE *file = fopen(argv[1], "rb");
     size_t size = fread(blob, 1, sizeof blob, file);
     int i, loaded = imucal_calibration_load(&unit, blob, size);
     fclose(file);
+    memset(&memory, 0, sizeof memory);
     imucal_differentiate(&unit, &state, 0.0f, in, out);
     if (loaded != IMUCAL_LOADED) return -loaded;
     while (fread(in, sizeof(float), 11, stdin) == 11) {
         at.temperature_degc = in[6];
         at.time_s = in[7];
+        if (!isnan(in[6])) {
+            imucal_temperature_update(&unit, &memory, in[7] - last_s, in[6]);
+            last_s = in[7];
+            at.temperature_history = &memory;
+        }
         for (i = 0; i < 3; ++i) at.angular_acceleration_radps2[i] = in[8 + i];
         if (argc > 2) {
             int16_t counts[6];
@@ -120,7 +127,7 @@ CASES = [
     (effect, count)
     for effect in catalogue()
     if effect.sensor != "encoder" and "attitude" not in effect.needs
-    for count in sorted({effect.plain, len(effect.parameters)})
+    for count in range(effect.plain, len(effect.parameters) + 1, effect.plain)
 ]
 
 

@@ -9,7 +9,7 @@ use super::forward_search::ForwardSearch;
 use super::stage::{Beside, FitKey, Member, NO_EVIDENCE, Stage};
 use crate::calibrate::{EffectChoice, UserField};
 use crate::error::Error;
-use crate::joint::{self, Linear, Model, Prepared, SHAPE_SHARES, Term, Terms};
+use crate::joint::{self, Linear, Model, Prepared, Term, Terms, start_shares};
 use crate::parameters::BASE;
 
 /// Standard deviation of the prior of an effect's time constant, in multiples of the typical time constant.
@@ -27,7 +27,10 @@ impl<'a> ForwardSearch<'a> {
         members: &[Member],
     ) -> (Vec<EffectChoice>, Vec<UserField<'a>>) {
         let is_member = |name: &str| members.iter().any(|member| member.name == name);
-        let find = |member: &Member| open.iter().find(|choice| choice.effect.name == member.name).copied();
+        let find = |member: &Member| {
+            let choice = open.iter().find(|choice| choice.effect.name == member.name)?;
+            Some(EffectChoice { parameters: member.parameters, ..*choice })
+        };
         let fields = self.user_fields.iter().filter(|field| is_member(field.name)).cloned().collect();
         (members.iter().filter_map(find).collect(), fields)
     }
@@ -43,7 +46,7 @@ impl<'a> ForwardSearch<'a> {
         beside: Beside,
     ) -> Result<Stage, Error> {
         let (own, fields) = self.of_members(open, members);
-        let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
+        let terms = Terms::try_new(&own, &fields, self.inputs(), self.kinds)?;
         let mut start = joint::start_model(prepared, &terms, near[0], near[1]);
         let mut precisions = vec![0.0; terms.count];
         for term in &terms.all {
@@ -65,7 +68,11 @@ impl<'a> ForwardSearch<'a> {
             let member = members.iter().find(|m| m.name == term.name());
             term.effect().and(member).map(|member| member.width)
         };
-        let key = (self.kinds, prepared.moves.len(), members.iter().map(|m| (m.name.clone(), m.width)).collect());
+        let key = (
+            self.kinds,
+            prepared.moves.len(),
+            members.iter().map(|m| (m.name.clone(), m.parameters, m.width)).collect(),
+        );
         let linear = self.fitted(prepared, &terms, &start, width, key)?;
         let own = (&terms, precisions.as_slice());
         let design = match beside {
@@ -129,17 +136,19 @@ impl<'a> ForwardSearch<'a> {
         work: impl FnOnce(&Terms<'_>, &Arc<Linear>) -> Result<T, Error>,
     ) -> Result<T, Error> {
         let is_member = |name: &str| terms.all.iter().any(|term| term.name() == name);
-        let of_catalogue = |term: &Term<'_>| open.iter().find(|choice| choice.effect.name == term.name()).copied();
+        let of_catalogue = |term: &Term<'_>| Some(EffectChoice { effect: term.effect()?, parameters: term.linear });
         let members = terms.all.iter().filter_map(of_catalogue);
         let free = open.iter().filter(|choice| !is_member(choice.effect.name)).copied();
         let (timed, plain): (Vec<_>, Vec<_>) = free.partition(|choice| choice.effect.shape.is_some());
         let (fields, free): (Vec<_>, Vec<_>) = self.user_fields.iter().cloned().partition(|f| is_member(f.name));
         let all_fields: Vec<UserField<'_>> = fields.into_iter().chain(free).collect();
         let choices: Vec<EffectChoice> = members.chain(plain).collect();
-        let mut all = Terms::try_new(&choices, &all_fields, &self.samples, terms.kinds)?;
+        let mut all = Terms::try_new(&choices, &all_fields, self.inputs(), terms.kinds)?;
         let longest_s = prepared.longest_s();
-        for (choice, share) in timed.iter().flat_map(|choice| SHAPE_SHARES.map(|share| (choice, share))) {
-            all.push_frozen(choice.effect, share * longest_s)?;
+        for effect in timed.iter().map(|choice| choice.effect) {
+            for share in start_shares(effect) {
+                all.push_frozen(effect, share * longest_s)?;
+            }
         }
         let mut values = vec![0.0; all.count];
         for term in &terms.all {

@@ -1,7 +1,7 @@
-//! Revision of the selected effects: an alias with a time constant may replace an effect, and superfluous effects are
+//! Revision of the selected effects: an alias may replace an effect, forms are selected, and superfluous effects are
 //! removed. An alias is an effect that causes nearly the same residuals.
 
-use imucal_core::effects::Effect;
+use imucal_core::effects::{Effect, Need};
 
 use super::Score;
 use super::forward_search::{ForwardSearch, LEAST_WIDTH};
@@ -28,9 +28,29 @@ const CLOSE: f64 = 0.9;
 impl Judged {
     /// The effects `members` of a model and this candidate.
     pub(super) fn beside(&self, members: &[Member]) -> Vec<Member> {
-        let own = Member { name: self.score.name.clone(), width: self.width, shape: self.shape, values: Vec::new() };
+        let own = Member {
+            name: self.score.name.clone(),
+            parameters: self.score.parameters,
+            width: self.width,
+            shape: self.shape,
+            values: Vec::new(),
+        };
         members.iter().cloned().chain([own]).collect()
     }
+}
+
+/// A model in which an alias replaces an effect.
+struct Replacement {
+    effect: &'static Effect<f64>,
+    /// Increase of the log evidence, nats.
+    gain: f64,
+    /// Decrease of the deviance.
+    statistic: f64,
+    found: Stage,
+}
+
+fn is_of_history(effect: &Effect<f64>) -> bool {
+    effect.has_need(Need::TemperatureHistory)
 }
 
 impl ForwardSearch<'_> {
@@ -73,10 +93,11 @@ impl ForwardSearch<'_> {
         Some((pick, rivals))
     }
 
-    /// Replaces an effect by an alias with a time constant if the log evidence of the alias is larger by more than
-    /// [`RIVAL_NATS`]. Candidates are scored only at a few trial time constants, so the alias is fitted here. If the
-    /// two log evidences differ by less than [`RIVAL_NATS`], the alias becomes a rival. Returns whether an effect was
-    /// replaced.
+    /// Replaces an effect by an alias if the log evidence of the alias is larger by more than [`RIVAL_NATS`]. Aliases
+    /// with a time constant are compared because candidates are scored only at a few trial time constants. The effects
+    /// of the temperature history (lag, rate and hysteresis) are compared because the temperature effect that joins
+    /// later changes their evidence. Aliases whose log evidence is at most [`RIVAL_NATS`] smaller than the largest one
+    /// become rivals. Returns whether an effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,
@@ -91,54 +112,124 @@ impl ForwardSearch<'_> {
             let Some(own) = open.iter().find(|choice| choice.effect.name == name) else { continue };
             let is_other = |choice: &&EffectChoice| {
                 let other = choice.effect;
-                other.shape.is_some()
+                (other.shape.is_some() || is_of_history(own.effect))
                     && (is_alias(other, own.effect) || is_alias(own.effect, other))
                     && !stage.members.iter().any(|member| member.name == other.name)
             };
-            for other in open.iter().filter(is_other).collect::<Vec<_>>() {
-                let near = [&stage.model.accelerometer, &stage.model.gyroscope];
-                let typical = &other.effect.parameters[..other.effect.plain];
-                let mut members = stage.members.clone();
-                members[k] = Member { name: other.effect.name.to_owned(), width: 1.0, shape: None, values: Vec::new() };
-                // The first fit determines the size of the alias. The prior of the second fit has this size as its
-                // width.
-                let mut fit = || {
-                    let found = self.stage(prepared, near, open, &members, Beside::Nothing).ok()?;
-                    let sizes = found.members[k].values.iter().zip(typical).map(|(v, p)| (v / p.typical).powi(2));
-                    members.clone_from(&found.members);
-                    members[k].width = (sizes.sum::<f64>() / typical.len() as f64).sqrt().max(LEAST_WIDTH);
-                    Some(found)
+            let others = open.iter().filter(is_other);
+            let replacements: Vec<Replacement> = others
+                .filter_map(|other| self.replacement(prepared, open, stage, (k, own.effect, other.effect)))
+                .collect();
+            let Some(score) = path.iter_mut().find(|score| score.name == name) else { continue };
+            let gains: Vec<(String, f64)> =
+                replacements.iter().map(|own| (own.effect.name.to_owned(), own.gain)).collect();
+            let best = replacements.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
+            let mut most = 0.0;
+            if let Some(Replacement { effect, gain, statistic, found }) = best.filter(|own| own.gain > RIVAL_NATS) {
+                let parameters = found.members[k].parameters;
+                let statistic = score.statistic + statistic;
+                *score = Score {
+                    name: effect.name.to_owned(),
+                    log_bayes_factor: score.log_bayes_factor + gain,
+                    statistic,
+                    parameters,
+                    dof: parameters,
+                    p_value: p_value(statistic, parameters + usize::from(effect.shape.is_some())),
+                    rivals: Vec::new(),
                 };
-                let Some(found) = fit().and_then(|_| fit()) else { continue };
-                // Candidates are scored at a fixed time constant. The time constant of the alias is therefore also
-                // fixed for the comparison.
-                let shape = found.place(other.effect.name).map_or(0, |place| place.end - 1);
-                let mut columns = found.design.model.clone();
-                columns.remove(shape);
-                let Some(at_best) = found.design.gram.evidence(&columns) else { continue };
-                let gain = at_best.log - stage.evidence.log;
-                let statistic = stage.evidence.deviance - at_best.deviance;
-                let Some(score) = path.iter_mut().find(|score| score.name == name) else { continue };
-                let other = other.effect.name.to_owned();
-                if gain > RIVAL_NATS {
-                    let statistic = score.statistic + statistic;
-                    *score = Score {
-                        name: other,
-                        log_bayes_factor: score.log_bayes_factor + gain,
-                        statistic,
-                        dof: typical.len(),
-                        p_value: p_value(statistic, typical.len() + 1),
-                        rivals: Vec::new(),
-                    };
-                    *stage = found;
-                    swapped = true;
-                    break;
-                } else if gain > -RIVAL_NATS && !score.rivals.contains(&other) {
+                most = gain;
+                *stage = found;
+                swapped = true;
+            }
+            for (other, gain) in gains {
+                if gain > most - RIVAL_NATS && other != score.name && !score.rivals.contains(&other) {
                     score.rivals.push(other);
                 }
             }
         }
         Ok(swapped)
+    }
+
+    /// The fit of the model in which the effect `other` replaces the effect `own`, which is member `k`. Of an effect of
+    /// the temperature history, the form with the largest evidence is used, up to the number of parameters of `own`.
+    fn replacement(
+        &self,
+        prepared: &Prepared<'_>,
+        open: &[EffectChoice],
+        stage: &Stage,
+        (k, own, other): (usize, &Effect<f64>, &'static Effect<f64>),
+    ) -> Option<Replacement> {
+        let of_form = |parameters: usize| {
+            let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+            let typical = &other.parameters[..parameters];
+            let mut members = stage.members.clone();
+            members[k] = Member { parameters, ..Member::plain(other) };
+            // The first fit determines the size of the alias. This size becomes the width of its prior in the second
+            // fit.
+            let mut fit = || {
+                let found = self.stage(prepared, near, open, &members, Beside::Nothing).ok()?;
+                let sizes = found.members[k].values.iter().zip(typical).map(|(v, p)| (v / p.typical).powi(2));
+                members.clone_from(&found.members);
+                members[k].width = (sizes.sum::<f64>() / typical.len() as f64).sqrt().max(LEAST_WIDTH);
+                Some(found)
+            };
+            let found = fit().and_then(|_| fit())?;
+            let at_best = if is_of_history(own) {
+                found.evidence.clone()
+            } else {
+                // The time constant of the alias is fixed for the comparison, because candidates are also scored at a
+                // fixed time constant.
+                let shape = found.place(other.name).map_or(0, |place| place.end - 1);
+                let mut columns = found.design.model.clone();
+                columns.remove(shape);
+                found.design.gram.evidence(&columns)?
+            };
+            let gain = at_best.log - stage.evidence.log;
+            Some(Replacement { effect: other, gain, statistic: stage.evidence.deviance - at_best.deviance, found })
+        };
+        let most = if is_of_history(own) { stage.members[k].parameters } else { other.plain };
+        let forms = (1..=most).filter(|count| other.has_form(*count));
+        forms.filter_map(of_form).max_by(|a, b| a.gain.total_cmp(&b.gain))
+    }
+
+    /// Selects the form of each effect in the model that has several forms, such as the degree of a temperature effect.
+    /// A form with more parameters is selected if its log evidence is larger by more than [`RIVAL_NATS`]. Candidates
+    /// are scored beside a model in which other effects may be missing, so the form may change when another effect has
+    /// joined. Returns whether a form was changed.
+    pub(super) fn choose_forms(
+        &self,
+        prepared: &Prepared<'_>,
+        open: &[EffectChoice],
+        stage: &mut Stage,
+        path: &mut [Score],
+    ) -> Result<bool, Error> {
+        let mut changed = false;
+        for k in 0..stage.members.len() {
+            let own = stage.members[k].clone();
+            let Some(choice) = open.iter().find(|choice| choice.effect.name == own.name) else { continue };
+            let forms = (1..=choice.parameters).filter(|count| choice.effect.has_form(*count));
+            for parameters in forms.filter(|count| *count != own.parameters) {
+                let mut members = stage.members.clone();
+                // A time constant starts at its estimate.
+                let shape = own.shape.map(|shape| own.values.last().copied().unwrap_or(shape));
+                members[k] = Member { parameters, shape, values: Vec::new(), ..own.clone() };
+                let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+                let Ok(found) = self.stage(prepared, near, open, &members, Beside::Nothing) else { continue };
+                let more = if parameters > stage.members[k].parameters { RIVAL_NATS } else { 0.0 };
+                if found.evidence.log <= stage.evidence.log + more {
+                    continue;
+                }
+                if let Some(score) = path.iter_mut().find(|score| score.name == own.name) {
+                    score.log_bayes_factor += found.evidence.log - stage.evidence.log;
+                    score.statistic += stage.evidence.deviance - found.evidence.deviance;
+                    (score.parameters, score.dof) = (parameters, parameters);
+                    score.p_value = p_value(score.statistic.max(0.0), parameters);
+                }
+                *stage = found;
+                changed = true;
+            }
+        }
+        Ok(changed)
     }
 
     /// Removes an effect if the removal does not reduce the evidence, or does not reduce the likelihood significantly.
