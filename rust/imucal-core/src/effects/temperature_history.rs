@@ -58,6 +58,7 @@ impl<F: RealField + Copy> Effect<F> {
         formula: "(k_i + q_i dT + c_i dT^2) (T_tau - T), tau dT_tau/dt = T - T_tau",
         observable: OBSERVABLE,
         aliases: &[
+            Alias { with: "gyro_bias_temperature", told_apart_by: SEVERAL_RATES },
             Alias { with: "gyro_bias_temperature_rate", told_apart_by: SEVERAL_RATES },
             Alias { with: "gyro_bias_temperature_hysteresis", told_apart_by: SEVERAL_RATES },
         ],
@@ -115,6 +116,7 @@ impl<F: RealField + Copy> Effect<F> {
         formula: "(k_i + q_i dT + c_i dT^2) (T_tau - T), tau dT_tau/dt = T - T_tau",
         observable: OBSERVABLE,
         aliases: &[
+            Alias { with: "accel_bias_temperature", told_apart_by: SEVERAL_RATES },
             Alias { with: "accel_bias_temperature_rate", told_apart_by: SEVERAL_RATES },
             Alias { with: "accel_bias_temperature_hysteresis", told_apart_by: SEVERAL_RATES },
         ],

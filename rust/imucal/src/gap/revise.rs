@@ -112,7 +112,7 @@ impl ForwardSearch<'_> {
             let Some(own) = open.iter().find(|choice| choice.effect.name == name) else { continue };
             let is_other = |choice: &&EffectChoice| {
                 let other = choice.effect;
-                (other.shape.is_some() || is_of_history(own.effect))
+                (is_of_history(own.effect) || (other.shape.is_some() && !is_of_history(other)))
                     && (is_alias(other, own.effect) || is_alias(own.effect, other))
                     && !stage.members.iter().any(|member| member.name == other.name)
             };
