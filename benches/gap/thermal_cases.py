@@ -92,12 +92,29 @@ def hysteresis(random: Random) -> Memory:
     return Memory(sensor, names, lambda degc: of_relays(degc, widths), vector(random), 0.05 * vector(random))
 
 
+def rate(random: Random) -> Memory:
+    """A temperature gradient changes the bias."""
+    sensor = sensor_of(random)
+    names = frozenset({name_of(sensor, "rate")})
+    slope = 0.05 * vector(random)
+    return Memory(sensor, names, lambda degc: RATE_HZ * np.gradient(degc), vector(random), slope)
+
+
 FAMILIES: Final[dict[str, Callable[[Random], Memory]]] = {
     "lag": lag,
     "lead": lead,
+    "rate": rate,
     "hysteresis": hysteresis,
 }
-CLEAN: Final = ("clean", "line in the temperature")
+# Families without a memory, and the degree of the polynomial in the temperature.
+CLEAN: Final = {
+    "clean": 0,
+    "line in the temperature": 1,
+    "quadratic in the temperature": 2,
+    "cubic in the temperature": 3,
+}
+# Temperature difference at which all powers of a polynomial contribute equally, K.
+BEND_K: Final = 10.0
 
 
 def profile(random: Random, time_s: np.ndarray) -> np.ndarray:
@@ -164,9 +181,13 @@ def pose(
             size * (history[:, None] * truth.size + (own - 28.0)[:, None] * truth.slope)
             for history, own in zip(histories, degc, strict=True)
         ]
-    elif family == CLEAN[1]:
-        slope = vector(random) * (2e-4 if sensor == "gyroscope" else 2e-3)
-        errors = [(own - 28.0)[:, None] * slope for own in degc]
+    elif CLEAN[family]:
+        size = BEND_K * (2e-4 if sensor == "gyroscope" else 2e-3)
+        powers = [(power, size * vector(random)) for power in range(1, CLEAN[family] + 1)]
+        errors = [
+            np.sum([((own - 28.0) / BEND_K)[:, None] ** power * term for power, term in powers], axis=0)
+            for own in degc
+        ]
     made = []
     for own_errors in (errors, [None, None]):
         made += [

@@ -1,7 +1,6 @@
 """Lag and hysteresis of the temperature in the search.
 
-The recordings come from `gap.thermal_cases` of the benchmark, which shares no formula with the simulator, and
-from a real sweep.
+The recordings come from `gap.thermal_cases` of the benchmark, which shares no formula with the simulator.
 """
 
 import numpy as np
@@ -9,8 +8,8 @@ import pytest
 
 import imucal
 import imucal._core as _core
-from gap.thermal import asked, error_of, is_right, page
-from gap.thermal_cases import behind, of_relays, pose
+from gap.thermal import asked, error_of, has_degree, is_right, page
+from gap.thermal_cases import CLEAN, behind, of_relays, pose
 
 DEGC = 25.0 + 20.0 * np.sin(np.arange(60_000) / 100.0 / 40.0)
 
@@ -47,9 +46,25 @@ def test_hysteresis_is_named():
     assert "| hysteresis | 100.0 % (1/1;" in page([row])
 
 
-@pytest.mark.parametrize("family", ["clean", "line in the temperature"])
-def test_a_sensor_without_memory_gets_none(family):
-    assert not any("_temperature_" in name for name in asked(family, 0)["named"])
+def test_a_lag_that_predicts_only_beside_the_temperature_is_named():
+    row = asked("lag", 64)
+    assert is_right(row), row
+
+
+# In case 4 a lag as long as the recording explains the line as well.
+@pytest.mark.parametrize(
+    ("family", "index"),
+    [
+        ("clean", 0),
+        ("line in the temperature", 0),
+        ("line in the temperature", 4),
+        ("quadratic in the temperature", 0),
+        ("cubic in the temperature", 0),
+    ],
+)
+def test_a_sensor_without_memory_gets_none(family, index):
+    row = asked(family, index)
+    assert has_degree(row, CLEAN[family]), row
 
 
 def curved(kind, degree):
@@ -80,18 +95,3 @@ def test_the_degree_is_that_of_the_bias(kind, name, degree):
     gap = imucal.find_gap(run, control=control)
     (effect,) = [own for own in gap.effects if own["parameters"]]
     assert (effect["name"], len(effect["parameters"])) == (name, 3 * degree)
-
-
-def sweep(data_file):
-    rows = np.genfromtxt(data_file("tofupilot_thermal/imu_raw_data.csv"), names=True)
-    of = {
-        sensor: np.column_stack([rows[f"imu{sensor}{axis}"] for axis in "xyz"]) for sensor in ("acc", "gyro")
-    }
-    # The time stamps are not those of the sweep, so the rows are the time.
-    return imucal.Recording(
-        np.arange(len(rows)) / 10.0,
-        of["acc"],
-        of["gyro"],
-        temperature_degc=rows["imutemperature"],
-        name="sweep",
-    )

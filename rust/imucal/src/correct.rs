@@ -10,9 +10,10 @@
 //!
 //! The fields of effects depend on other quantities in addition to rate and force. A recording provides the time since
 //! its first sample. If it has a temperature column, it provides the temperature minus [`REFERENCE_TEMPERATURE_DEGC`]
-//! and its history. The derivative of the rate provides the angular acceleration ([`angular_acceleration`]). A recording
-//! provides neither the attitude nor the angles of a stand. The rate of the Earth is not removed, because the attitude is
-//! not known. It is not an error of the gyroscope, because a gyroscope measures the rate relative to the stars.
+//! and its history. The derivative of the rate provides the angular acceleration ([`angular_acceleration`]). A
+//! recording provides neither the attitude nor the angles of a stand. The rate of the Earth is not removed, because the
+//! attitude is not known. It is not an error of the gyroscope, because a gyroscope measures the rate relative to the
+//! stars.
 
 use crate::cancellation::checkpoint;
 use crate::error::Error;

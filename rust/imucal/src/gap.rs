@@ -57,6 +57,7 @@ mod shares;
 mod smooth;
 mod stage;
 mod start;
+mod temperature_memory;
 mod time_course;
 mod verdict;
 mod weighing;

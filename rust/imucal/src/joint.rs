@@ -119,8 +119,9 @@ const SEARCH: f64 = 1e-5;
 /// (23)).
 const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
 /// Start values of the time constant of a temperature lag, as fractions of the same duration. A lag repeats with each
-/// change of the temperature, so short lags are observable in long recordings.
-const LAG_SHARES: [f64; 6] = [0.002, 0.006, 0.02, 0.06, 0.2, 0.6];
+/// change of the temperature, so short lags are observable in long recordings. A lag as long as the recording has
+/// nearly the field of the temperature itself.
+const LAG_SHARES: [f64; 5] = [0.002, 0.006, 0.02, 0.06, 0.2];
 
 /// Effects that depend on the angular acceleration and cause a rotation error over a whole move. They are observable
 /// without the force inside the moves.

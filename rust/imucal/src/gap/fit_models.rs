@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
 
 use super::design::design;
@@ -18,6 +19,9 @@ const SHAPE_WIDTH: f64 = 3.0;
 /// Maximum number of linearisations kept in memory. Each linearisation needs as much memory as the Jacobian of all
 /// moves.
 const MOST_RECENT: usize = 3;
+
+/// Error of a fit in which a lag of the temperature is longer than the recordings.
+const TOO_LONG: &str = "the time constant of the temperature lag is longer than the recordings";
 
 impl<'a> ForwardSearch<'a> {
     /// Catalogue effects and user-defined effects with the names in `members`.
@@ -71,9 +75,12 @@ impl<'a> ForwardSearch<'a> {
         let key = (
             self.kinds,
             prepared.moves.len(),
-            members.iter().map(|m| (m.name.clone(), m.parameters, m.width)).collect(),
+            members.iter().map(|m| (m.name.clone(), m.parameters, m.width, m.shape)).collect(),
         );
         let linear = self.fitted(prepared, &terms, &start, width, key)?;
+        if terms.all.iter().any(|term| is_longer_than_recordings(term, &linear.model, prepared.longest_s())) {
+            return Err(Error::Fit(TOO_LONG.into()));
+        }
         let own = (&terms, precisions.as_slice());
         let design = match beside {
             Beside::Nothing => design(prepared, own, &terms, &linear)?,
@@ -138,7 +145,12 @@ impl<'a> ForwardSearch<'a> {
         let is_member = |name: &str| terms.all.iter().any(|term| term.name() == name);
         let of_catalogue = |term: &Term<'_>| Some(EffectChoice { effect: term.effect()?, parameters: term.linear });
         let members = terms.all.iter().filter_map(of_catalogue);
-        let free = open.iter().filter(|choice| !is_member(choice.effect.name)).copied();
+        let scored = |choice: &EffectChoice| match choice.effect.has_need(Need::TemperatureHistory) {
+            // The plain form suffices to find the effect. The search selects the form after the effect has joined.
+            true => EffectChoice::plain(choice.effect),
+            false => *choice,
+        };
+        let free = open.iter().filter(|choice| !is_member(choice.effect.name)).map(scored);
         let (timed, plain): (Vec<_>, Vec<_>) = free.partition(|choice| choice.effect.shape.is_some());
         let (fields, free): (Vec<_>, Vec<_>) = self.user_fields.iter().cloned().partition(|f| is_member(f.name));
         let all_fields: Vec<UserField<'_>> = fields.into_iter().chain(free).collect();
@@ -160,4 +172,11 @@ impl<'a> ForwardSearch<'a> {
         let parameters = Model { values, ..model.clone() }.parameters();
         work(&all, &Arc::new(prepared.linearise(&all, &parameters)?))
     }
+}
+
+/// Whether the term is a temperature lag whose time constant exceeds the duration of the recordings. The lag is then
+/// nearly the negative temperature, and its time constant is not observable.
+fn is_longer_than_recordings(term: &Term<'_>, model: &Model, longest_s: f64) -> bool {
+    let is_lag = term.has_shape() && term.effect().is_some_and(|effect| effect.has_need(Need::TemperatureHistory));
+    is_lag && model.values[term.first + term.linear] > longest_s
 }

@@ -353,6 +353,12 @@ impl<'a> ForwardSearch<'a> {
             let good = |s: &Judged| s.score.p_value < limit && !skipped.contains(&s.score.name);
             let Some((pick, rivals)) = self.best(prepared, open, &stage, &judged.scores, good) else { break };
             if let Some(gain) = gain(&stage, pick).filter(|gain| !gain.is_sure()) {
+                if let Some(next) = self.with_partner(prepared, open, &stage, pick) {
+                    path.push(Score { rivals, ..pick.score.clone() });
+                    stage = next;
+                    last = Some(judge(&stage));
+                    continue;
+                }
                 skipped.push(pick.score.name.clone());
                 not_predictive.push(NotPredictive {
                     name: pick.score.name.clone(),
@@ -366,6 +372,12 @@ impl<'a> ForwardSearch<'a> {
                 Ok(next) if next.evidence.log > stage.evidence.log => {
                     path.push(Score { rivals, ..pick.score.clone() });
                     stage = next;
+                    if let Some((temperature, score)) = self.temperature_of_history(&stage)
+                        && let Ok(next) = beside(&stage, &temperature.beside(&stage.members))
+                    {
+                        path.push(score);
+                        stage = next;
+                    }
                     // Aliases are compared before a second effect can compensate the residuals of a wrong first effect.
                     let is_swapped = self.swap(prepared, open, &mut stage, &mut path)?;
                     if self.choose_forms(prepared, open, &mut stage, &mut path)? || is_swapped {

@@ -1,12 +1,13 @@
 //! Revision of the selected effects: an alias may replace an effect, forms are selected, and superfluous effects are
 //! removed. An alias is an effect that causes nearly the same residuals.
 
-use imucal_core::effects::{Effect, Need};
+use imucal_core::effects::Effect;
 
 use super::Score;
 use super::forward_search::{ForwardSearch, LEAST_WIDTH};
 use super::score::Judged;
 use super::stage::{Beside, Member, Stage};
+use super::temperature_memory::{is_of_history, largest_chance, log_prior_odds};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::Prepared;
@@ -19,6 +20,8 @@ const RIVAL_NATS: f64 = 3.0;
 /// Maximum p-value of the likelihood ratio between the models with and without an effect. An effect with a larger
 /// p-value is superfluous.
 const SUPERFLUOUS: f64 = 1e-3;
+/// Distance of a trial time constant from the estimate, as a natural logarithm, above which a lag is fitted again.
+const FAR: f64 = 0.7;
 /// Log Bayes factor, nats, above which candidates are fitted to be compared. The linearisation errors of the scores of
 /// such large effects exceed the differences between candidates.
 const VERY_MUCH: f64 = 2000.0;
@@ -44,13 +47,11 @@ struct Replacement {
     effect: &'static Effect<f64>,
     /// Increase of the log evidence, nats.
     gain: f64,
+    /// Increase of the log posterior odds, nats: the gain, and the difference of the log prior odds.
+    odds: f64,
     /// Decrease of the deviance.
     statistic: f64,
     found: Stage,
-}
-
-fn is_of_history(effect: &Effect<f64>) -> bool {
-    effect.has_need(Need::TemperatureHistory)
 }
 
 impl ForwardSearch<'_> {
@@ -66,8 +67,9 @@ impl ForwardSearch<'_> {
         scores: &'j [Judged],
         good: impl Fn(&Judged) -> bool,
     ) -> Option<(&'j Judged, Vec<String>)> {
-        let evidence: Vec<(&Judged, f64)> =
-            scores.iter().map(|judged| (judged, judged.score.log_bayes_factor)).filter(|(_, log)| *log > 0.0).collect();
+        let prior = |judged: &Judged| log_prior_odds(&judged.score.name);
+        let posterior = |judged: &'j Judged| (judged, judged.score.log_bayes_factor + prior(judged));
+        let evidence: Vec<(&Judged, f64)> = scores.iter().map(posterior).filter(|(_, log)| *log > 0.0).collect();
         let may_lead = |of: &[(&'j Judged, f64)]| {
             of.iter().filter(|(judged, _)| good(judged)).max_by(|a, b| a.1.total_cmp(&b.1)).copied()
         };
@@ -75,7 +77,8 @@ impl ForwardSearch<'_> {
         let near = [&stage.model.accelerometer, &stage.model.gyroscope];
         let fitted = |judged: &'j Judged| {
             let members = judged.beside(&stage.members);
-            Some((judged, self.stage(prepared, near, open, &members, Beside::Nothing).ok()?.evidence.log))
+            let found = self.stage(prepared, near, open, &members, Beside::Nothing).ok()?;
+            Some((judged, found.evidence.log + prior(judged)))
         };
         let close = evidence.iter().filter(|(judged, log)| *log > CLOSE * most && good(judged));
         let close: Vec<&Judged> = close.map(|(judged, _)| *judged).collect();
@@ -97,7 +100,8 @@ impl ForwardSearch<'_> {
     /// with a time constant are compared because candidates are scored only at a few trial time constants. The effects
     /// of the temperature history (lag, rate and hysteresis) are compared because the temperature effect that joins
     /// later changes their evidence. Aliases whose log evidence is at most [`RIVAL_NATS`] smaller than the largest one
-    /// become rivals. Returns whether an effect was replaced.
+    /// become rivals. A lag is also fitted from another start value of its time constant, because the value at which it
+    /// was selected depends on the effects that were missing. Returns whether an effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,
@@ -110,22 +114,33 @@ impl ForwardSearch<'_> {
         for k in 0..stage.members.len() {
             let name = stage.members[k].name.clone();
             let Some(own) = open.iter().find(|choice| choice.effect.name == name) else { continue };
+            let lag_s = match is_of_history(own.effect) {
+                true => self.best_lag_s(prepared, open, stage, k),
+                false => None,
+            };
+            let is_far =
+                |lag_s: f64| stage.members[k].values.last().is_some_and(|tau_s| (lag_s / tau_s).ln().abs() > FAR);
+            let is_again = |other: &Effect<f64>| {
+                other.name == own.effect.name && other.shape.is_some() && lag_s.is_some_and(is_far)
+            };
             let is_other = |choice: &&EffectChoice| {
                 let other = choice.effect;
-                (is_of_history(own.effect) || (other.shape.is_some() && !is_of_history(other)))
-                    && (is_alias(other, own.effect) || is_alias(own.effect, other))
-                    && !stage.members.iter().any(|member| member.name == other.name)
+                is_again(other)
+                    || (is_of_history(own.effect) || (other.shape.is_some() && !is_of_history(other)))
+                        && (is_alias(other, own.effect) || is_alias(own.effect, other))
+                        && !stage.members.iter().any(|member| member.name == other.name)
             };
             let others = open.iter().filter(is_other);
             let replacements: Vec<Replacement> = others
-                .filter_map(|other| self.replacement(prepared, open, stage, (k, own.effect, other.effect)))
+                .filter_map(|other| self.replacement(prepared, open, stage, (k, own.effect, other.effect, lag_s)))
                 .collect();
             let Some(score) = path.iter_mut().find(|score| score.name == name) else { continue };
-            let gains: Vec<(String, f64)> =
-                replacements.iter().map(|own| (own.effect.name.to_owned(), own.gain)).collect();
-            let best = replacements.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
+            let all_odds: Vec<(String, f64)> =
+                replacements.iter().map(|own| (own.effect.name.to_owned(), own.odds)).collect();
+            let best = replacements.into_iter().max_by(|a, b| a.odds.total_cmp(&b.odds));
             let mut most = 0.0;
-            if let Some(Replacement { effect, gain, statistic, found }) = best.filter(|own| own.gain > RIVAL_NATS) {
+            if let Some(Replacement { effect, gain, odds, statistic, found }) = best.filter(|own| own.odds > RIVAL_NATS)
+            {
                 let parameters = found.members[k].parameters;
                 let statistic = score.statistic + statistic;
                 *score = Score {
@@ -137,12 +152,12 @@ impl ForwardSearch<'_> {
                     p_value: p_value(statistic, parameters + usize::from(effect.shape.is_some())),
                     rivals: Vec::new(),
                 };
-                most = gain;
+                most = odds;
                 *stage = found;
                 swapped = true;
             }
-            for (other, gain) in gains {
-                if gain > most - RIVAL_NATS && other != score.name && !score.rivals.contains(&other) {
+            for (other, odds) in all_odds {
+                if odds > most - RIVAL_NATS && other != score.name && !score.rivals.contains(&other) {
                     score.rivals.push(other);
                 }
             }
@@ -150,20 +165,22 @@ impl ForwardSearch<'_> {
         Ok(swapped)
     }
 
-    /// The fit of the model in which the effect `other` replaces the effect `own`, which is member `k`. Of an effect of
-    /// the temperature history, the form with the largest evidence is used, up to the number of parameters of `own`.
+    /// The fit of the model in which the effect `other` replaces the effect `own`, which is member `k`. A lag starts
+    /// at the time constant `lag_s`. Of an effect of the temperature history, the form with the largest evidence is
+    /// used, up to the number of parameters of `own`.
     fn replacement(
         &self,
         prepared: &Prepared<'_>,
         open: &[EffectChoice],
         stage: &Stage,
-        (k, own, other): (usize, &Effect<f64>, &'static Effect<f64>),
+        (k, own, other, lag_s): (usize, &Effect<f64>, &'static Effect<f64>, Option<f64>),
     ) -> Option<Replacement> {
         let of_form = |parameters: usize| {
             let near = [&stage.model.accelerometer, &stage.model.gyroscope];
             let typical = &other.parameters[..parameters];
             let mut members = stage.members.clone();
-            members[k] = Member { parameters, ..Member::plain(other) };
+            let shape = lag_s.filter(|_| other.shape.is_some());
+            members[k] = Member { parameters, shape, ..Member::plain(other) };
             // The first fit determines the size of the alias. This size becomes the width of its prior in the second
             // fit.
             let mut fit = || {
@@ -185,7 +202,14 @@ impl ForwardSearch<'_> {
                 found.design.gram.evidence(&columns)?
             };
             let gain = at_best.log - stage.evidence.log;
-            Some(Replacement { effect: other, gain, statistic: stage.evidence.deviance - at_best.deviance, found })
+            let odds = gain + log_prior_odds(other.name) - log_prior_odds(own.name);
+            Some(Replacement {
+                effect: other,
+                gain,
+                odds,
+                statistic: stage.evidence.deviance - at_best.deviance,
+                found,
+            })
         };
         let most = if is_of_history(own) { stage.members[k].parameters } else { other.plain };
         let forms = (1..=most).filter(|count| other.has_form(*count));
@@ -252,7 +276,8 @@ impl ForwardSearch<'_> {
                 let Ok(without) = self.stage(prepared, near, open, &members, Beside::Nothing) else { continue };
                 let dof = stage.place(&stage.members[k].name).map_or(1, |place| place.len());
                 let chance = p_value(without.evidence.deviance - stage.evidence.deviance, dof);
-                if (without.evidence.log >= stage.evidence.log || chance > SUPERFLUOUS)
+                if (without.evidence.log >= stage.evidence.log
+                    || chance > largest_chance(&stage.members, k, SUPERFLUOUS))
                     && worst.as_ref().is_none_or(|(_, best)| without.evidence.log > best.evidence.log)
                 {
                     worst = Some((k, without));

@@ -64,9 +64,9 @@ impl Member {
     }
 }
 
-/// Key of a fit: kinds of residuals, number of moves, and the name, number of parameters and prior width of each
-/// effect. Two fits with equal keys have equal results.
-pub(super) type FitKey = (Kinds, usize, Vec<(String, usize, f64)>);
+/// Key of a fit: kinds of residuals, number of moves, and the name, number of parameters, prior width and start
+/// value of the time constant of each effect. Two fits with equal keys have equal results.
+pub(super) type FitKey = (Kinds, usize, Vec<(String, usize, f64, Option<f64>)>);
 
 /// Columns that are computed in addition to the columns of the model.
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -67,6 +67,15 @@ impl Nodes {
             times.push(time_s / own.len() as f64);
             means.push(degc / own.len() as f64);
         }
+        // The low-passes start at the first temperature, half an interval before the first mean.
+        let known_s = differences.first()?.0;
+        if times.len() > 1 {
+            let (lead_s, step_s) = (times[0] - known_s, times[1] - times[0]);
+            if lead_s > 0.0 && lead_s <= step_s {
+                means.insert(0, means[0] - (means[1] - means[0]) * lead_s / step_s);
+                times.insert(0, known_s);
+            }
+        }
         let mut lag_k = vec![[0.0; TAUS]; times.len()];
         let mut history = Vec::new();
         for pair in (0..TAUS).step_by(2) {
