@@ -207,13 +207,20 @@ def unit_of(unit: Unit | str | os.PathLike[str]) -> Unit:
         profile, _, seed = text.removeprefix("random:").partition(":")
         if not (profile and (seed or "1").isdigit()):
             raise InputError(f"the unit {text!r} is not understood: give random:NAME or random:NAME:SEED")
+        if profile not in unit_names():
+            _require_file(profile)
         return Unit.random(profile, int(seed or "1"))
-    if not Path(text).exists() and Path(text).suffix == "":
+    _require_file(text)
+    return Unit.read(text)
+
+
+def _require_file(unit: str) -> None:
+    """Refuse a word that is neither the name of a unit nor looks like the path of a file."""
+    if not Path(unit).exists() and Path(unit).suffix == "":
         raise InputError(
-            f"the unit {text!r} is not known: give one of {', '.join(unit_names())}, random:NAME:SEED for "
+            f"the unit {unit!r} is not known: give one of {', '.join(unit_names())}, random:NAME:SEED for "
             "one drawn from a spread, or a unit file"
         )
-    return Unit.read(text)
 
 
 def _shipped(name: str) -> Node:
