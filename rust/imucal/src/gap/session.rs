@@ -17,6 +17,7 @@ use crate::calibrate::{CorrectedSamples, Outcome};
 use crate::evaluate::{Evaluation, RestReport};
 use crate::numerics::stats::p_value;
 use crate::recording::Recording;
+use crate::rests::noise_density::variance_by_axis;
 
 /// The changes are estimated only if the control recordings contain at least this number of rests. It is twice the
 /// number of unknowns of each sensor.
@@ -86,7 +87,11 @@ impl SessionStep {
             triad.inverse() * raw * triad.inverse().transpose()
         };
         let force = change_of_norms(&rests, |rest| corrected(accelerometer, rest.mean_specific_force));
-        let rate = change_of_means(&rests, |rest| corrected(gyroscope, rest.mean_angular_rate));
+        let rounding = |rest: &RestReport| {
+            let inverse = if is_corrected { &Matrix3::identity() } else { gyroscope.inverse() };
+            variance_by_axis(inverse, &rest.rate_rounding)
+        };
+        let rate = change_of_means(&rests, |rest| corrected(gyroscope, rest.mean_angular_rate), rounding);
         let with = |change: Change, triad: &Triad<f64>, first: usize| {
             Change { covariance: change.covariance + of_calibration(triad, first), ..change }.significant()
         };
@@ -153,14 +158,22 @@ fn change_of_norms(rests: &[&RestReport], force: impl Fn(&RestReport) -> Vector3
     Some(Change { value, covariance, scatter: Vector3::repeat((sums[0] / free).sqrt()) })
 }
 
-/// Change of the gyroscope's bias: the mean of the corrected rates at the rests. Its variance from the scatter between
-/// rests is doubled, because the mean over the calibration recordings is assumed to have the same variance.
-fn change_of_means(rests: &[&RestReport], rate: impl Fn(&RestReport) -> Vector3<f64>) -> Change {
+/// Change of the gyroscope's bias: the mean of the corrected rates at the rests. The error of the mean consists of the
+/// scatter between rests and of the rounding error, which all rests of a session have in common (model.md (37));
+/// `rounding` is its variance. The variance of the mean is doubled, because the mean over the calibration recordings is
+/// assumed to have the same variance.
+fn change_of_means(
+    rests: &[&RestReport],
+    rate: impl Fn(&RestReport) -> Vector3<f64>,
+    rounding: impl Fn(&RestReport) -> Vector3<f64>,
+) -> Change {
     let count = rests.len() as f64;
     let value = rests.iter().map(|rest| rate(rest)).sum::<Vector3<f64>>() / count;
     let squares: Vector3<f64> = rests.iter().map(|rest| (rate(rest) - value).map(|v| v * v)).sum();
-    let variance = squares / (count - 1.0);
-    Change { value, covariance: Matrix3::from_diagonal(&(2.0 * variance / count)), scatter: variance.map(f64::sqrt) }
+    let (scatter, common) =
+        (squares / (count - 1.0), rests.iter().map(|rest| rounding(rest)).sum::<Vector3<f64>>() / count);
+    let variance = 2.0 * (scatter / count + common);
+    Change { value, covariance: Matrix3::from_diagonal(&variance), scatter: (scatter + common).map(f64::sqrt) }
 }
 
 /// Mean temperature of all recordings; `None` if any recording has no temperature.
