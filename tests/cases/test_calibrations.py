@@ -210,7 +210,8 @@ def test_sigmas_of_rounded_counts_cover_the_truth(case_file, tmp_path):
 
 def ran(folder, *words):
     """The output of a Python program in a folder, with the installed command in its path."""
-    environment = {**os.environ, "PATH": f"{sysconfig.get_path('scripts')}{os.pathsep}{os.environ['PATH']}"}
+    path = f"{sysconfig.get_path('scripts')}{os.pathsep}{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(
         [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True, timeout=HANGS_S
     )

@@ -43,7 +43,9 @@ def limited():
         "import resource as r, sys; from imucal.cli import main; "
         f"r.setrlimit(r.RLIMIT_CPU, ({MOST_S}, {MOST_S})); "
         "code = main(sys.argv[1:]); "
-        "print(max(r.getrusage(who).ru_maxrss for who in (r.RUSAGE_SELF, r.RUSAGE_CHILDREN))); sys.exit(code)"
+        # The largest resident memory of `getrusage` contains that of the process that started this one.
+        "own = next(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM')); "
+        "print(max(int(own), r.getrusage(r.RUSAGE_CHILDREN).ru_maxrss)); sys.exit(code)"
     )
 
     def run(*words):

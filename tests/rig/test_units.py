@@ -240,7 +240,7 @@ def test_a_bad_unit_file_is_refused_by_its_field(change, message, tmp_path):
     ("unit", "message"),
     [
         ("bogus", "the unit 'bogus' is not known: give one of adis16460"),
-        ("random:bogus", "bogus: there is no such file"),
+        ("random:bogus", "the unit 'bogus' is not known: give one of adis16460"),
         ("random:bmi088:x", "give random:NAME or random:NAME:SEED"),
         ("random:ideal", "ideal.json gives no spread"),
         ("none.json", "none.json: there is no such file"),
