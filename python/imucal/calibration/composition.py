@@ -50,10 +50,11 @@ MODEL: Final = (
     "user_effects",
     "axes",
 )
-# Effects of the first calibration whose parameters form a matrix. T2 transforms this matrix.
+# Effects whose parameters form a matrix. In a composition, the sensitivity of the second calibration
+# transforms this matrix of the first calibration.
 G_SENSITIVITY: Final = "gyro_g_sensitivity"
 ANGULAR_ACCELERATION: Final = "gyro_angular_acceleration"
-# Effect of the first calibration with one parameter, a time, which T2 does not change.
+# Effect with one parameter, a time, which a composition does not change.
 DELAY: Final = "gyro_time_offset"
 
 
@@ -93,7 +94,8 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
         ),
         provenance=Provenance(
             tuple(dict.fromkeys((*first.provenance.files, *second.provenance.files))),
-            # No control recording has been corrected by both calibrations.
+            # The field `control_files` is empty, because no control recording has been corrected by both
+            # calibrations.
             (),
             str(_core.__version__),
             second.provenance.date,
@@ -105,7 +107,7 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
 
 
 def _require_composable(first: Calibration, second: Calibration) -> None:
-    # If only one of the calibrations has a gyroscope, the raw units of the gyroscopes are not compared.
+    # The raw unit of the gyroscope matters only if both calibrations have a gyroscope.
     gyro_is_raw = second.gyro_unit == "lsb" and None not in (first.gyroscope, second.gyroscope)
     if second.accel_unit == "lsb" or gyro_is_raw:
         both = "lsb" in (first.accel_unit, first.gyro_unit)
@@ -236,7 +238,8 @@ def _together(first: list[EffectValues], second: tuple[EffectValues, ...]) -> tu
                     f"{values.shape} s in the second: their sum is no effect of the catalogue; correct in "
                     "two steps"
                 )
-            # An effect in its plain form equals the full form with zeros for the further parameters.
+            # Some effects have a plain form with fewer parameters than their full form. The plain form equals
+            # the full form with zeros for its further parameters.
             total = np.zeros(max(len(other.values), len(values.values)))
             total[: len(other.values)] += other.values
             total[: len(values.values)] += values.values
@@ -253,8 +256,8 @@ def _covariance(first: Calibration, second: Calibration) -> tuple[FloatArray | N
         return None, ()
     to_second = jacobian(lambda model: _composed(first, model), second)
     covariance = to_second @ from_second @ to_second.T
-    # `places` and `alone` are the indices and names of the parameters that only `first` has estimated: those
-    # of its effects and of its gyroscope.
+    # `places` and `alone` are the indices and names of the parameters that only the calibration `first` has
+    # estimated, which may be those of its effects and of its gyroscope.
     estimated = tuple(f"{values.name}_" for values in second.effects)
     base = base_count(first.frame, has_gyroscope=first.gyroscope is not None)
     both = base_count(first.frame, has_gyroscope=second.gyroscope is not None)

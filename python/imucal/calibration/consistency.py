@@ -34,17 +34,17 @@ OPTIONAL: Final = frozenset(
         "reasons",
     }
 )
-# Accepted relative difference between two values of a standard deviation. It exceeds the rounding to four
-# significant digits (5e-4).
+# Accepted relative difference between two copies of a standard deviation in a file. It is larger than the
+# error of rounding to four significant digits (5e-4).
 STD_ROUNDING: Final = 1e-3
-# Accepted difference of a value, as a fraction of its standard deviation. A difference this small has no
-# effect on corrected samples.
+# Accepted difference between two copies of a parameter value in a file, as a fraction of its standard
+# deviation. A difference this small has no significant effect on corrected samples.
 SHARE_OF_STD: Final = 0.01
-# Accepted rounding of an entry of the sensitivity, relative to its largest entry, and of a bias or a value of
-# an effect: rounding to nine decimals.
+# Accepted rounding error of values in a file: of an entry of the sensitivity, relative to its largest entry,
+# and of a bias or a value of an effect. It corresponds to nine decimals.
 DECIMALS_ROUNDING: Final = 1e-9
-# Largest accepted magnitude of a negative eigenvalue of the correlation matrix. If the entries are rounded to
-# seven digits, negative eigenvalues are smaller than this.
+# Largest accepted magnitude of a negative eigenvalue of the correlation matrix. Rounding the entries to seven
+# digits can cause negative eigenvalues, but of smaller magnitude.
 CORRELATION_ROUNDING: Final = 1e-5
 
 

@@ -266,7 +266,7 @@ def _of_frames(before: Calibration, after: Calibration) -> str:
 
 
 def _lacks_std(calibration: Calibration, name: str) -> bool:
-    """Whether a parameter of this calibration has no standard deviation; False without the parameter."""
+    """Whether the calibration has a parameter with this name, but no standard deviation of it."""
     return any(p.name == name and p.std is None for p in calibration.parameters)
 
 
@@ -284,7 +284,7 @@ def _without_std(before: Calibration, after: Calibration, names: list[str]) -> l
 
 
 def _names(before: Calibration, after: Calibration) -> tuple[list[str], list[str]]:
-    """All parameters and their units. A time constant (shape) is left out if only one file has its effect."""
+    """All parameters and their units, without time constants (shapes) of effects that only one file has."""
     both = {values.name for values in before.effects} & {values.name for values in after.effects}
     units: dict[str, str] = {}
     for calibration in (before, after):

@@ -11,16 +11,16 @@ from imucal.units import Scale, datasheet
 
 __all__ = ["ParameterRow", "Units", "difference_text", "parameter_row", "sigma_text"]
 
-# Function that returns the scale in which a table shows a parameter with this name and SI unit: `datasheet`
-# or `si` of imucal.units.
+# Function that returns the unit and scale in which a table shows a parameter, given its name and SI unit. It
+# is `datasheet` or `si` of imucal.units.
 Units: TypeAlias = Callable[[str, str], Scale]
-# Number of significant digits of a standard deviation. The value of the parameter is shown with the same
-# number of decimals. Further digits would not be reproducible: rounding errors depend on the processor, and
-# change the result of a fit by a small part of the standard deviations.
+# Number of significant digits of a printed standard deviation. The value of the parameter is printed with the
+# same number of decimals. Further digits would not be reproducible, because rounding errors depend on the
+# processor and change the result of a fit by a small part of the standard deviations.
 SIGMA_DIGITS: Final = 2
-# Significant digits of a value without a standard deviation.
+# Number of significant digits of a printed value without a standard deviation.
 VALUE_DIGITS: Final = 7
-# A value is written without an exponent if its standard deviation is in this range.
+# A value is printed without an exponent if its standard deviation is in this range.
 PLAIN: Final = (1e-6, 1e6)
 
 

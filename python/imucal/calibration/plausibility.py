@@ -35,8 +35,8 @@ SENSITIVITY: Final[dict[tuple[str, str], tuple[float, float]]] = {
     ("accelerometer", "lsb"): (0.4, 3e8),
     ("gyroscope", "lsb"): (1.5, 2e10),
 }
-# Largest accepted bias by raw unit. In counts it is 2^33, half the range of 34 bits, because counts of 32
-# bits may have an offset.
+# Largest accepted bias by raw unit. In counts it is 2^33. Counts of 32 bits are below 2^32, and the factor of
+# two allows for an offset.
 BIAS: Final = {**{unit: most["bias"] for unit, most in LARGEST.items()}, "lsb": 2.0**33}
 # Largest accepted noise density and random walk of a unit at rest, by unit.
 NOISE: Final = {

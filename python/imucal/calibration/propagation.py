@@ -92,7 +92,7 @@ def jacobian(function: Callable[[SensorModel], SensorModel], model: SensorModel)
 
 
 def known_covariance(calibration: Calibration) -> FloatArray | None:
-    """The covariance of all parameters, zero for shapes of effects; None if an entry is not known."""
+    """The covariance of all parameters, zero for time constants of effects; None if it is incomplete."""
     if calibration.covariance is None:
         return None
     names = [parameter.name for parameter in calibration.parameters]

@@ -131,7 +131,7 @@ def _require_report(node: Node) -> None:
 
 
 def _require_scales(node: Node) -> None:
-    """Raise FormatError unless the noise inflation factor of the joint fit is the largest of its scales."""
+    """Raise FormatError unless the noise inflation factor of the joint fit is the largest of `scales`."""
     scales = node.get("scales")
     known = [scales.get(name) for name in SCALES if scales.get(name).value is not None]
     for scale in known:

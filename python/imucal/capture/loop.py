@@ -25,14 +25,14 @@ Ending: TypeAlias = Literal["finished", "ended_by_person", "stopped", "stream_en
 
 # Longest wait for samples in one iteration, s.
 WAIT_S: Final = 0.05
-# Number of rows that the session processes at once. After these rows, newly arrived rows are written to the
-# file. At 100 Hz this is a third of a second.
+# Number of rows that the session processes in one step. After each step, newly arrived rows are written to
+# the file. At 100 Hz this number of rows is a third of a second.
 ROWS_AT_ONCE: Final = 32
 # Interval between two flushes to the disk, s.
 SYNC_S: Final = 0.5
-# Time without a sample after which a message reports that the unit sends nothing, s of the computer's clock.
+# Time without a sample after which a message says that the unit sends no data, s of the computer's clock.
 SILENT_S: Final = 1.0
-# Interval at which this message is repeated, s of the computer's clock.
+# Interval at which the message that the unit sends no data is repeated, s of the computer's clock.
 SILENT_AGAIN_S: Final = 10.0
 # Shortest time between two messages about damaged data, s of the computer's clock.
 DAMAGED_AGAIN_S: Final = 2.0
@@ -86,8 +86,8 @@ class Capture:
             rows = self.source.read(0.0 if len(pending) else WAIT_S)
             now_s = self.clock.now_s()
             if len(rows):
-                # Rows are written to the disk first, because the session may temporarily be slower than the
-                # unit.
+                # Rows are written to the file before the session processes them, because the session may
+                # temporarily be slower than the unit.
                 self.file.append(rows)
                 self._received_s = float(self.session.samples.times_s(rows[-1:])[0])
                 self._back(now_s)
@@ -113,7 +113,7 @@ class Capture:
                 return "ended_by_person" if command == "finish" else "stopped"
 
     def _link_events(self) -> bool:
-        """Report events of the connection. Returns whether the stream has ended permanently."""
+        """Report events of the connection to the unit. Returns whether the data stream has ended for good."""
         for event in self.source.events():
             if event.code == "unit_link_lost" and not self.source.comes_back:
                 return True

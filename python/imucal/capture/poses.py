@@ -16,8 +16,8 @@ from imucal.arrays import FloatArray
 
 __all__ = ["angle_deg", "attitude_with", "next_pose", "pose_words", "standard_poses", "turn_words"]
 
-# Two rests are the same pose if their up directions differ by less than this angle, deg. Adjacent faces and
-# edges of a box differ by 45 deg.
+# Two rests are the same pose if their up directions differ by less than this angle, deg. The closest up
+# directions of the standard poses, those of an edge and a corner of a box, differ by 35 deg.
 SAME_DEG: Final = 20.0
 # A requested pose counts as held if the up direction of the unit is within this angle of the requested up
 # direction, deg.

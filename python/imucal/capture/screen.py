@@ -24,8 +24,8 @@ __all__ = ["CaptureScreen"]
 
 # Interval between two updates of the screen, s.
 EVERY_S: Final = 0.1
-# Timeout for the end of the thread that records, s. A computation with the recorded samples may have to
-# finish first.
+# Maximum time to wait for the end of the recording thread, s. The thread may first have to finish a
+# computation with the recorded samples.
 ENDS_WITHIN_S: Final = 30.0
 # Colours of the large text, by the state of the recording.
 COLOURS: Final = {"waiting": "white on dark_blue", "holding": "black on yellow", "taken": "black on green"}
@@ -36,7 +36,7 @@ MESSAGE_STYLES: Final = {
     "taken": "green",
     "finished": "bold green",
 }
-# Time for which the refusal of a pose is shown in large letters, s of the stream's time.
+# Time for which the reason why a pose is refused is shown in large letters, in s of the samples' time.
 REFUSED_S: Final = 3.0
 # Large text for a refused pose, by code of the refusal.
 REFUSALS: Final = {
@@ -51,7 +51,8 @@ REFUSALS: Final = {
     "silent": "NO DATA",
     "unit_link_lost": "UNPLUGGED",
 }
-# Font of pyfiglet with letters of six lines, which are readable from two metres.
+# Font of the large text, a font of pyfiglet. Its letters are six lines high, which is readable from two
+# metres.
 FONT: Final = "big"
 
 
@@ -75,8 +76,8 @@ class CaptureScreen(App[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         ("u", "undo", "drop the last pose"),
         ("q", "finish", "end and calibrate"),
-        # Textual binds Ctrl+C itself, without showing it in the footer. A binding with priority replaces that
-        # binding.
+        # The library textual has its own binding of Ctrl+C, which it does not show in the footer. A binding
+        # with priority replaces it.
         Binding("ctrl+c", "stop", "interrupt, to continue later", priority=True),
     ]
     ENABLE_COMMAND_PALETTE = False

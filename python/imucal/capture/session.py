@@ -44,7 +44,7 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Order", "Session"]
 
-# Interval between two evaluations of the recording, s of the recording's time.
+# Interval at which the recording so far is evaluated, s of the samples' time.
 EVERY_S: Final = 0.25
 # A recording of up to this number of samples is evaluated every `EVERY_S`. The evaluation takes a small share
 # of a processor. For longer recordings, the interval grows in proportion to the number of samples.
@@ -57,8 +57,8 @@ POSES_WITH_TARGETS: Final = 9
 ATTEMPT_S: Final = 0.6
 # Time at rest after which a repeated pose is refused, s.
 REPEATED_S: Final = 0.7
-# Time after which a message says that a taken pose is still held, and interval between repetitions of the
-# message, s.
+# Times for the message that a pose is complete and the unit is still in it: time in the complete pose before
+# the first message, s, and interval between repetitions of the message, s.
 STAYS_S: Final = 1.5
 STAYS_AGAIN_S: Final = 8.0
 # Samples are missing if a time step exceeds both `GAP_S`, s, and `GAP_STEPS` median time steps.
@@ -136,8 +136,8 @@ class Session:
         """Add samples, (N, columns), and return the new messages. Nothing is added after `done`."""
         events: list[Event] = []
         while len(rows) and not self.done:
-            # Samples are split at the times of the evaluations, so that the result does not depend on how
-            # they arrive.
+            # Samples are split at the times of the evaluations, so that the result does not depend on the
+            # number of samples that arrive at once.
             times_s = self.samples.times_s(rows)
             due = np.flatnonzero(times_s >= self._next_look_s)
             count = int(due[0]) + 1 if len(due) else len(rows)
@@ -193,7 +193,7 @@ class Session:
         )
         return kept, [Event(now_s, "info", "undone", text), *self._ask(now_s, None)]
 
-    # Methods that examine the recording so far.
+    # The following methods evaluate the recording so far.
 
     def _look(self) -> list[Event]:
         now_s = float(self.samples.times_s(self.samples.rows[-1:])[0])
@@ -296,7 +296,7 @@ class Session:
 
     @property
     def _round(self) -> list[Pose]:
-        """The poses of the current round. A new round begins when all directions were held."""
+        """The poses of the current round, which has as many poses as there are listed directions."""
         start = len(self.poses) // len(self._directions) * len(self._directions)
         return self.poses[start:]
 
@@ -320,8 +320,8 @@ class Session:
         """Request the next pose."""
         is_held = [any(angle_deg(pose.up, up) < NEAR_DEG for pose in self._round) for up in self._directions]
         asked = next_pose(self._directions, is_held, current)
-        # `asked` is None if all listed directions were held before the round is complete, because a pose
-        # between two directions counts for both.
+        # A pose between two listed directions counts for both. Therefore all directions may have been held
+        # before the round has its full number of poses. `asked` is then None.
         self._asked = 0 if asked is None else asked
         up = self._directions[self._asked]
         self._attitude = attitude_with(up, self._attitude)

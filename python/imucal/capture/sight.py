@@ -21,12 +21,12 @@ __all__ = ["Held", "Sight", "look"]
 # Minimum duration of a rest during recording, s. It is shorter than for a calibration, so that poses that
 # were left too early or have just begun are detected.
 LIVE_REST_S: Final = 0.3
-# The unit counts as at rest now if a rest ends at most this time before the last sample, s. The time allows
-# for the resolution of the ends of rests, 0.05 s, and for the block of 0.05 s that is removed from the end of
-# each rest.
+# The unit counts as currently at rest if a rest ends at most this time before the last sample, s. The time
+# allows for two details of rest detection: ends of rests have a resolution of 0.05 s, and a block of 0.05 s
+# is removed from the end of each rest.
 NOW_S: Final = 0.2
-# The displayed steadiness is computed from the last part of the recording with this duration, s. It is also
-# the duration of the windows of rest detection.
+# The displayed steadiness of the unit is computed from the last part of the recording with this duration, s.
+# The windows of rest detection have the same duration.
 WINDOW_S: Final = 0.5
 
 

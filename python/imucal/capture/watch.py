@@ -15,12 +15,12 @@ from imucal.recording.recording import Recording
 
 __all__ = ["Watch"]
 
-# Codes of warnings that are reported during recording, because a person can react to them. The calibration,
-# which uses the whole recording, reports all other warnings. Errors are always reported, except `stuck_axis`
-# before `RESTS_OF_STUCK` rests.
+# Codes of the warnings that are already reported during recording, because the person can react to them. All
+# other warnings are reported by the calibration, which uses the whole recording. Errors are always reported,
+# except `stuck_axis` before `RESTS_OF_STUCK` rests.
 SAID_WARNINGS: Final = ("accel_saturation", "gyro_saturation", "samples_missing", "samples_duplicated")
-# Findings that are reported again when the number of affected samples has grown. Other errors are repeated
-# after `REMINDED_S`, s.
+# Codes of the findings that are reported again when the number of affected samples has grown. All other
+# errors are reported again every `REMINDED_S`, s.
 GROWING: Final = ("accel_saturation", "gyro_saturation", "samples_missing", "samples_duplicated")
 REMINDED_S: Final = 20.0
 # Minimum number of rests before an axis can be reported as stuck. With fewer rests, the unit may not have
@@ -28,10 +28,10 @@ REMINDED_S: Final = 20.0
 RESTS_OF_STUCK: Final = 3
 # Shortest time between two messages with the same code, s.
 AGAIN_S: Final = 2.0
-# Time without a rest and without a rotation after which the unit counts as shaking, s.
+# The unit counts as shaking if it has been neither at rest nor rotated for this time, s.
 SHAKES_S: Final = 1.5
-# The unit counts as shaking only if at least this share of the expected samples of the last `SHAKES_S` has
-# arrived.
+# Minimum share of the expected samples of the last `SHAKES_S` that must have arrived for the unit to count as
+# shaking.
 ENOUGH_SHARE: Final = 0.8
 # If the vertical changes by more than this angle during `SHAKES_S`, deg, the motion counts as a rotation and
 # not as shaking.
@@ -39,33 +39,35 @@ SHAKEN_DEG: Final = 10.0
 # If the ratio of the mean angular rate to its rms exceeds this number, the motion counts as a rotation and
 # not as shaking.
 SHAKEN_SHARE: Final = 0.35
-# An axis is clipped at rest if at least this share of the samples in `SHAKES_S` has the axis's extreme value,
-# while at most `EQUAL_SHARE` of its other samples equal the sample before. The second condition excludes
-# converters whose step exceeds the noise.
+# An axis is clipped at rest under two conditions. At least this share of the samples in `SHAKES_S` have the
+# extreme value of the axis, and at most `EQUAL_SHARE` of the other samples equal the previous sample. The
+# second condition excludes converters whose step exceeds the noise.
 CLIPPED_SHARE: Final = 0.3
 EQUAL_SHARE: Final = 0.1
 # A rotation is too fast above this angular rate, deg/s. It is the smallest measurement range of common
 # gyroscopes.
 FAST_DPS: Final = 250.0
-# Angular rate, deg/s, above which the unit of the data must be wrong. The largest range of common gyroscopes
-# is 2000 deg/s, and a hand does not rotate a unit faster.
+# Angular rate, deg/s, above which the stated unit of the gyroscope data must be wrong. The largest range of
+# common gyroscopes is 2000 deg/s, and a hand does not rotate a unit faster.
 LARGEST_DPS: Final = 2200.0
-# Time over which the fastest rotation is searched, s.
+# Length of the last part of the recording in which the fastest rotation is searched, s.
 RECENT_S: Final = 0.5
-# Time at both ends of a rest, s, that is not evaluated, because the ends of a rest in progress are not final.
+# Time at each end of a rest, s, that is not evaluated, because the end of a rest in progress may still
+# change.
 BLOCK_S: Final = 0.1
-# Time from the first sample, s, in which a wrong unit of the data cannot be distinguished from a fast
+# Time after the first sample, s, during which a wrong unit of the data cannot be distinguished from a fast
 # rotation.
 FIRST_S: Final = 1.5
-# The accelerometer gives the mean rate at which the direction of gravity turns in the body frame between two
-# rests. The largest gyroscope reading is at least this rate, except for sensor errors of a few per cent. If
-# it is below this share of the rate, the gyroscope data are in another unit than stated.
+# Between two rests, the direction of gravity rotates in the body frame. The accelerometer gives the mean rate
+# of this rotation, and the largest gyroscope reading must be at least this rate, except for sensor errors of
+# a few per cent. If the largest reading is below this share of the mean rate, the gyroscope data are in
+# another unit than stated.
 LEAST_SHARE: Final = 0.5
-# Rotations with a smaller mean rate, deg/s, are not tested for the unit of the data.
+# Rotations with a smaller mean rate, deg/s, are not used to test the unit of the gyroscope data.
 LEAST_MEAN_DPS: Final = 15.0
-# If the direction of gravity turns faster than this mean rate, deg/s, a rotation is too fast. It is used for
-# gyroscopes in raw counts, whose scale is not known yet. The peak rate of a smooth rotation is twice its mean
-# rate.
+# A rotation is too fast if the direction of gravity rotates faster than this mean rate, deg/s. This limit is
+# used for gyroscopes in raw counts, whose scale is not known yet. The peak rate of a smooth rotation is twice
+# its mean rate.
 FAST_MEAN_DPS: Final = 150.0
 
 
@@ -162,7 +164,7 @@ class Watch:
         if len(sight.rests) <= max(self._rests_seen, 1):
             return []
         before, after = sight.rests[-2:]
-        # The mean rate of the vertical is a lower bound of the rate of the unit.
+        # The mean rotation rate of the vertical is a lower bound of the largest rotation rate of the unit.
         mean = angle_deg(before.up, after.up) / max(after.start_s - before.end_s, 1e-3)
         if has_rate:
             fastest = _fastest_dps(recording, time_s, before.end_s, after.start_s)

@@ -30,8 +30,9 @@ __all__ = ["app", "main"]
 
 # Environment variable that the completion script of a shell sets when it calls `imucal`.
 COMPLETE = "_IMUCAL_COMPLETE"
-# Number of new objects after which Python searches for cycles of references. With its default, 700, such
-# searches take 5 % of the processor time of a calibration, because loading the modules creates many objects.
+# Number of new objects after which Python's garbage collector searches for reference cycles. With the default
+# of 700 objects, these searches take 5 % of the processor time of a calibration, because loading the modules
+# creates many objects.
 OBJECTS_BETWEEN_SEARCHES = 10_000
 # Messages longer than this number of characters are split at each "; " into separate lines.
 MOST_ON_A_LINE = 300
@@ -83,7 +84,7 @@ TASKS: Final[dict[str, dict[str, str]]] = {
 OTHER_NAMES = {"import": "import_calibration", "help": "help_command"}
 # Commands whose module contains a group, `app`, instead of a function.
 GROUPS = ("demo", "fleet", "limits", "stand")
-# Words that users may type instead of a command, each with the command that they probably mean.
+# Words that are not commands but that users may type, each with the command that is probably meant.
 OTHER_WORDS: Final = {
     "batch": "fleet run",
     "record": "capture",
@@ -173,8 +174,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = _unwritable(error)
     if code == INTERRUPTED:
         return _say(f"{ended.what}, no file is incomplete", ended.code)
-    # After a signal, the exit code is the code of the signal, even if an error followed, for example because
-    # the terminal was closed.
+    # If a signal ended the command, its exit code belongs to this signal, even if an error occurred after the
+    # signal, for example because the terminal was closed.
     return code if ended.by is None else ended.code
 
 
@@ -182,7 +183,7 @@ def _run(arguments: list[str]) -> int:
     try:
         if COMPLETE in os.environ:
             _complete(os.environ[COMPLETE])
-        # The context is used instead of `app.main`, because `app.main` prints an empty line at an interrupt.
+        # `app.main` is not called, because it prints an empty line when the user interrupts the command.
         with app.make_context(app.name, arguments) as context:
             app.invoke(context)
     except Exit as end:
@@ -207,7 +208,8 @@ def _complete(instruction: str) -> NoReturn:
 def _unwritable(error: OSError) -> int:
     """Handle an OSError of standard output. Commands convert all other OSErrors to ImucalError."""
     if error.filename is None and error.strerror is not None:
-        # Standard output is replaced by the null device, because the interpreter flushes it again at exit.
+        # Standard output is redirected to the null device. The interpreter flushes standard output again at
+        # exit, which would otherwise fail a second time.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return _failed(error)
 

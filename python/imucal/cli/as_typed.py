@@ -39,11 +39,11 @@ ARGUMENTS: Final = (
     "time_unit",
     "topic",
 )
-# Matches values in quotes or brackets, and plain values. It does not match `...`, which represents a value
-# that the user chooses.
+# Matches the value of an argument in a message: a value in quotes or brackets, or a plain value. It does not
+# match `...`, which stands for a value that the user chooses.
 VALUE: Final = r"'[^']*'|\"[^\"]*\"|\[[^]]*\]|(?!\.\.\.)[\w+-][\w.+/^-]*(?<!\.)"
 ASSIGNED: Final = re.compile(rf"(?<![\w.-])({'|'.join(ARGUMENTS)})( = |=)({VALUE})")
-# Fields of documents that contain messages.
+# Names of the fields that contain messages in JSON documents.
 TEXTS: Final = {"explanation", "message", "missing", "notes", "reasons", "warnings", "way_out"}
 
 

@@ -76,7 +76,7 @@ def show_rests_and_moves(out: Output, rests: Sequence[Rest], moves: Sequence[Mov
 
 
 def show_ranking(out: Output, ranking: Sequence[Mapping[str, Any]]) -> None:
-    """Every candidate effect with its evidence relative to the model without it."""
+    """Every candidate effect with the evidence of the model with this effect relative to that without it."""
     out.table(
         ("candidate", "log Bayes factor", "chi2", "parameters", "p"),
         (

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["gap"]
 
-# Effects that are observable at their typical size in a stand run without temperature and encoder readings.
+# Effects that the demo can hide. At their typical size they are observable in a run on a stand without
+# temperature and encoder readings.
 HIDDEN: Final = (
     "gyro_g_sensitivity",
     "gyro_scale_quadratic",
@@ -54,7 +55,7 @@ def gap(
         runs = [
             imucal.simulate("random", seed=2 * seed + k, rate_hz=RATE_HZ, effects=[hidden]) for k in (0, 1)
         ]
-        # The angles of the stand are removed, because most users do not have them.
+        # The stand angles are removed from the recordings, because the recordings of most users contain none.
         run, control = (
             replace(made.recording, stand_rad=None, name=f"{name}.csv")
             for name, made in zip(("run", "control"), runs, strict=True)

@@ -15,8 +15,8 @@ __all__ = ["INTERRUPTED", "Ended", "as_interrupts"]
 INTERRUPTED: Final = 128 + signal.SIGINT
 # Names of the handled signals. Windows has no SIGHUP.
 HANDLED: Final = ("SIGTERM", "SIGHUP")
-# Further signals within this time, s, are ignored. A closing terminal and its shell both send SIGHUP, and the
-# second signal must not interrupt the stopping of the motors.
+# After the first signal, further signals within this time, s, are ignored. A closing terminal and its shell
+# both send SIGHUP, and the second signal must not interrupt the stopping of the motors.
 GRACE_S: Final = 5.0
 
 

@@ -30,7 +30,7 @@ DYNAMIXEL = "Dynamixel motors"
 EXTERNAL = "External driver"
 START = "Start of the motors"
 UNIT = "The unit's data"
-# Drivers to which the options under each heading apply.
+# For each heading of the help, the drivers to which the options under this heading apply.
 OF_PANEL = {
     SIMULATED: ("simulated",),
     GRBL: ("grbl",),

@@ -11,9 +11,9 @@ from typing import Final
 __all__ = ["pasteable"]
 
 EXAMPLE: Final = "Example: "
-# Marks a paragraph that the help formatter must not re-wrap.
+# Mark of click for a paragraph of the help that must not be re-wrapped.
 KEPT_AS_IT_IS: Final = "\b\n"
-# Width of an example, characters. The help is 80 columns wide and indented by two.
+# Maximum line length of an example, characters. The help has 80 columns, and its text is indented by two.
 WIDTH: Final = 76
 INDENT: Final = "    "
 # Matches a word of a shell command. A quoted word may contain spaces.

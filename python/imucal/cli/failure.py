@@ -22,10 +22,10 @@ from imucal.errors import ImucalError, NotEnoughMotionError
 
 __all__ = ["TRACEBACK", "command_offered", "is_fault", "message_of", "no_result_told", "refusal_told"]
 
-# Environment variable. If it is set, a bug ends the command with a traceback.
+# Environment variable. If it is set, an internal error ends the command with a traceback.
 TRACEBACK: Final = "IMUCAL_TRACEBACK"
-# OFFERED matches the name of a smaller model that a message proposes. WITH_MODEL lists the commands with the
-# option --model.
+# OFFERED matches a smaller model that the message of an error proposes, such as model='orthogonal'.
+# WITH_MODEL lists the commands that have the option --model.
 OFFERED: Final = r"\bmodel='(\w+)'"
 WITH_MODEL: Final = ("calibrate", "gap")
 
@@ -65,7 +65,7 @@ def _foreseen(error: BaseException) -> str | None:
     if isinstance(error, MemoryError):
         return "not enough memory: give a shorter recording"
     if isinstance(error, OSError) and error.strerror is not None:
-        # An OSError here is an error of standard output. All other OSErrors have been converted to
+        # This OSError can only be an error of standard output, because commands convert all other OSErrors to
         # ImucalError.
         what = "standard output cannot be written" if error.filename is None else error.filename
         return f"{what}: {error.strerror}"
@@ -92,7 +92,7 @@ def _fault(error: BaseException) -> str:
 
 @contextlib.contextmanager
 def no_result_told(options: Mapping[str, Any]) -> Iterator[None]:
-    """Write the error that ends this block to the file of --json. `options` are the command's options."""
+    """If an error ends this block, write it to the file of --json, one of the command's `options`."""
     path = options.get("json")
     before = Output.documents
     try:
@@ -100,8 +100,8 @@ def no_result_told(options: Mapping[str, Any]) -> Iterator[None]:
     except (Exit, SystemExit):
         raise
     except BaseException as error:
-        # If the result has already been written, an interrupt does not replace the result. An ImucalError
-        # replaces it, because it means that an output file could not be written.
+        # After the result has been written, an interrupt does not replace it by the error. An ImucalError
+        # does, because it then means that another output file could not be written.
         is_told = Output.documents > before and (path == "-" or not isinstance(error, ImucalError))
         if path is not None and not is_told and not _is_read(path, options.values()):
             _write(path, error)
@@ -115,9 +115,9 @@ def refusal_told(arguments: Sequence[str]) -> Iterator[None]:
         yield
     except Exception as error:
         path = _json_in(arguments)
-        # If the value of --json is missing, the parser takes the next word as its value, which may be a data
-        # file. Therefore the document is written only if the file does not exist or contains an earlier
-        # result.
+        # If the user forgot the value of --json, the next word is taken as its value, and this word may be
+        # the name of a data file. Therefore the document is written only if the file does not exist or
+        # contains an earlier result.
         if path is not None and hasattr(error, "format_message") and _may_be_replaced(path):
             words = [part for word in arguments for part in word.split("=", 1)]
             if not _is_read(path, words):
@@ -140,7 +140,8 @@ def _is_read(path: str, given: Iterable[Any]) -> bool:
     named = [os.path.realpath(value) for value in values if isinstance(value, (str, Path))]
     # The journal of an interrupted run, OUTPUT.journal, may contain samples.
     journals = [f"{name}.journal" for name in named]
-    # One of the occurrences is the value of --json itself.
+    # The value of --json itself is among these names, so a count of 1 means that no other argument has this
+    # path.
     return [*named, *journals].count(os.path.realpath(path)) > 1
 
 
@@ -164,7 +165,8 @@ def _may_be_replaced(path: str) -> bool:
 
     try:
         with Path(path).open("rb") as file:
-            # Only files that start like a JSON object are read completely, because a recording may be large.
+            # A file is read completely only if it starts like a JSON object, because it may be a large
+            # recording.
             document = json.load(file) if file.read(1) == b"{" and file.seek(0) == 0 else None
     except (OSError, ValueError, RecursionError):
         return False

@@ -22,7 +22,7 @@ LONGEST_SUMMARY = 200
 # Maximum width of the help, characters, even in a wider terminal, because longer lines are hard to read.
 WIDEST_HELP = 110
 SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": WIDEST_HELP}
-# Heading in the help for options that have no heading of their own.
+# Heading in the help for options that do not state a heading.
 OPTIONS: Final = "Options"
 # Headings in the help that follow all other headings, in this order.
 LAST_PANELS: Final = ("Output", "Files of other programs")
@@ -152,7 +152,7 @@ class Commands(_Help, click.Group):
             tasks.setdefault(lazy.task, []).append((name, lazy.summary))
         for name, item in self.commands.items():
             tasks.setdefault("Commands", []).append((name, item.get_short_help_str(LONGEST_SUMMARY)))
-        # The column of names has the same width for all tasks.
+        # The column of command names has the same width in all sections, so that the sentences are aligned.
         widest = max((len(name) for rows in tasks.values() for name, _ in rows), default=0)
         for task, rows in tasks.items():
             with formatter.section(task):
@@ -176,8 +176,8 @@ class Commands(_Help, click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the group's own function and the command."""
-        # Errors are written to the file of --json for groups, too, because `imucal demo` runs without a
-        # subcommand.
+        # Errors of a group are also written to the file of --json, because `imucal demo` is a group that runs
+        # without a subcommand.
         with no_result_told(ctx.params):
             return super().invoke(ctx)
 

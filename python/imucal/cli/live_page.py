@@ -11,10 +11,11 @@ from typing import Final
 
 __all__ = ["RELOAD_S", "LivePage"]
 
-# Interval, s, at which the browser reloads the page, and minimum interval between two writes of the page.
+# Interval at which the browser reloads the page, and minimum interval between two writings of the page, s.
 RELOAD_S: Final = 10.0
-# Largest share of the time of a run that is spent on writing the page. The share is limited because writing
-# occupies a processor that the run could use. Writing a page of 100,000 units takes a minute.
+# Largest share of the time of a run during which the page may be written. The share is limited because
+# writing occupies a processor that the run could use. Writing the page of a store with 100,000 units takes a
+# minute.
 SHARE: Final = 0.2
 
 
@@ -40,14 +41,15 @@ class LivePage:
             self._next_s = self._started_s + max(RELOAD_S, (now_s - self._started_s) / SHARE)
         if self._process is None and now_s >= self._next_s:
             self._started_s = now_s
-            # Output is discarded, because the command fails while the store has no calibration.
+            # Output of the process is discarded. It is an error message as long as the store has no
+            # calibration.
             self._process = subprocess.Popen(
                 [*self._words, "--reload", f"{RELOAD_S:g}"],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
-                # The process gets a separate session, so that Ctrl-C in a terminal reaches only the run. The
-                # run then ends this process.
+                # The process gets a separate session, so that Ctrl-C in a terminal reaches only the run,
+                # which then ends this process.
                 start_new_session=True,
             )
 

@@ -71,7 +71,8 @@ Control = Annotated[
     option("--control", metavar="REC", help="Recording not used for the fit; may be repeated."),
 ]
 Gravity = Annotated[float, option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")]
-# Options for gravity and clock of a calibration. Without them, standard values are assumed.
+# Options for local gravity and the clock in a calibration. Without them, standard gravity and an exact clock
+# are assumed.
 GravityOption = Annotated[
     float | None,
     option(
@@ -233,7 +234,8 @@ def options_of(parameter: str, group: Any) -> Callable[[Callable[..., None]], Ca
             command(**{parameter: given}, **values)
 
         parameters = [given.replace(kind=inspect.Parameter.KEYWORD_ONLY) for given in kept] + options
-        # The command line parameters are derived from the signature and the annotations set here.
+        # The module `parameters` derives the command line parameters from the signature and annotations that
+        # are set here.
         with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         with_options.__annotations__ = {given.name: given.annotation for given in parameters}
         return with_options

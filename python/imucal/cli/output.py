@@ -72,7 +72,8 @@ def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str
             continue
         _require_place(option, Path(path))
         real = os.path.realpath(path)
-        # Devices and pipes are permitted, because writing to them overwrites nothing.
+        # Several outputs may be the same device or pipe, because writing to a device or pipe overwrites
+        # nothing.
         if real in taken and (Path(real).is_file() or not Path(real).exists()):
             raise InputError(
                 f"{taken[real]} and {option} are both {path}, so one would overwrite the other: give two "
@@ -116,7 +117,7 @@ class Output:
     units       units of parameters and figures
     """
 
-    # Number of documents written in this process. If the number is 0, the file of --json may be from an
+    # Number of JSON documents written by this process. If it is 0, an existing file of --json may be from an
     # earlier run.
     documents: ClassVar[int] = 0
 

@@ -13,8 +13,8 @@ from imucal.errors import InputError
 
 __all__ = ["install_completion", "show_completion"]
 
-# By shell: file of the completion script in the home folder, start file of the shell, and line that loads the
-# script.
+# For each shell: path of the completion script in the home folder, start file of the shell, and the line in
+# the start file that loads the script.
 PLACES: Final[dict[str, tuple[str, str | None, str]]] = {
     "bash": (".bash_completions/imucal.sh", ".bashrc", "source {path}"),
     "zsh": (".zfunc/_imucal", ".zshrc", "fpath+=~/.zfunc; autoload -Uz compinit; compinit"),

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Stage", "working"]
 
-# Time after which the display appears, s. Shorter commands do not load rich.
+# Time after which the progress display appears, s. Commands that end earlier do not load the library rich.
 DELAY_S = 1.0
 
 
@@ -83,7 +83,7 @@ def working(stage: str, steps: int | None = None) -> Iterator[Stage]:
         yield current
     finally:
         timer.cancel()
-        # Wait for the timer, which may just be starting the display.
+        # The timer thread may just be starting the display. It must end before the display is stopped.
         timer.join()
         current.stop()
 

@@ -17,8 +17,8 @@ from imucal.errors import FormatError
 
 __all__ = ["ROUNDING", "Origin", "agree", "require_agreement", "require_fields"]
 
-# Largest relative difference of two numbers that counts as rounding. It allows for files written with seven
-# digits.
+# Largest relative difference between two numbers that counts as rounding. It allows for files whose numbers
+# were rounded to seven digits.
 ROUNDING: Final = 1e-6
 
 

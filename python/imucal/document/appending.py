@@ -22,6 +22,6 @@ def lock(file: int) -> None:
     try:
         import fcntl
     except ImportError:
-        # Windows has no fcntl, so another recording process is not detected there.
+        # Windows has no fcntl, so a second process that writes to the file is not detected on Windows.
         return
     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

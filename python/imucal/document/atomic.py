@@ -28,8 +28,8 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """
     try:
         given = Path(path)
-        # Pipes and devices are opened by the given path and not by the target of a link. If standard output
-        # is a pipe, the link target of /dev/stdout is not a usable path.
+        # A pipe or device is opened by the given path, even if this path is a symbolic link such as
+        # /dev/stdout. If standard output is a pipe, the target of this link is not a usable path.
         if given.exists() and not given.is_file() and not given.is_dir():
             with given.open("wb") as device:
                 yield device

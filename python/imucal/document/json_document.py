@@ -34,8 +34,8 @@ def to_json(document: Any) -> str:
         if not math.isfinite(number):
             raise InputError(f"{path} is {number}: it is not written, JSON holds finite numbers only")
     text = _escaped(json.dumps(document, indent=2, ensure_ascii=False))
-    # The pattern contains line breaks. It cannot match text in a string, because a JSON string contains no
-    # raw line break.
+    # Lists of numbers are written on one line. The pattern contains line breaks, so it cannot match text
+    # inside a JSON string, which contains no raw line break.
     return re.sub(
         r"\[\n\s*([-+\d.eE]+(?:,\n\s*[-+\d.eE]+)*)\n\s*\]",
         lambda match: "[" + re.sub(r",\n\s*", ", ", match[1]) + "]",
@@ -50,20 +50,21 @@ def write_json(document: Any, path: str | os.PathLike[str]) -> None:
 
 def read_json(path: str | os.PathLike[str]) -> Node:
     """Read a JSON document. Raises FormatError if the file is not JSON."""
-    # This import is in the function, because it loads the readers of all formats, which users of arrays do
-    # not need.
+    # The import is in this function, because it loads the readers of all formats, which a program that passes
+    # arrays does not need.
     from imucal.document.source import open_file
 
     file = open_file(path)
-    # Messages show the path as given and not only the file name, because many files are called
-    # calibration.json.
+    # Messages contain the path as given, because the file name alone, often calibration.json, does not
+    # identify the file.
     given = file.source.path
 
     def refuse(constant: str) -> None:
         raise FormatError(f"{given}: {constant} is no JSON number: finite numbers are needed")
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        # Fields with the same name are refused. The json module would silently keep the last of them.
+        # Two fields with the same name are an error. The json module would silently keep the second field
+        # only.
         found = dict(pairs)
         if len(found) < len(pairs):
             names = [name for name, _ in pairs]

@@ -42,8 +42,8 @@ def without_nan(value: Any) -> Any:
 
 def _without_nan(value: Any) -> Any:
     if isinstance(value, list):
-        # Most values are short lists of floats. They are handled here without a function call per float,
-        # which would take most of the time.
+        # Most values are short lists of floats. For these lists, no function is called per float, because the
+        # calls would take most of the time.
         finite = math.isfinite
         return [
             (item if finite(item) else None) if type(item) is float else _without_nan(item) for item in value

@@ -21,12 +21,12 @@ except ImportError:  # Windows has no fcntl; users remove left files by hand.
 
 __all__ = ["TemporaryFile"]
 
-# Start of the name of a temporary file. The name does not contain the name of the target, which may already
-# have the 255 bytes that file systems allow.
+# Prefix of the name of a temporary file. The name of the target is not part of it, because that name may
+# already have the maximum length of 255 bytes.
 PREFIX: Final = ".imucal-"
 SUFFIX: Final = ".tmp"
-# Age, s, above which a temporary file without a lock counts as left by a killed process. A younger file may
-# not be locked yet.
+# A temporary file without a lock counts as left by a killed process if it is older than this time, s. The
+# process that has just created a younger file may not have locked it yet.
 LEFT_BEHIND_S: Final = 60.0
 # Maximum number of attempts to link a complete file to its name while other processes write the same target.
 ATTEMPTS: Final = 20
@@ -78,8 +78,8 @@ class TemporaryFile:
                 linked.replace(target)
                 return
             except (FileExistsError, FileNotFoundError):
-                # The intermediate name exists, because another process writes the same target at the same
-                # time.
+                # The intermediate name already exists, or was just removed, because another process writes
+                # the same target.
                 if attempt == ATTEMPTS - 1:
                     raise
                 time.sleep(0.01 * attempt)
@@ -88,8 +88,8 @@ class TemporaryFile:
         """Link the unnamed file to a name in its folder."""
         folder = os.open(self._folder, os.O_RDONLY)
         try:
-            # The folder is given by its descriptor. Without a descriptor, Python does not follow the link in
-            # /proc.
+            # The folder is given by its descriptor, because otherwise `os.link` does not follow the symbolic
+            # link in /proc.
             os.link(f"/proc/self/fd/{self.descriptor}", path.name, dst_dir_fd=folder, follow_symlinks=True)
         finally:
             os.close(folder)
@@ -108,7 +108,7 @@ class TemporaryFile:
         if fcntl is not None:
             with suppress(OSError):
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        # The permissions are set to the default, because mkstemp lets only the current user read the file.
+        # The default permissions are set, because a file of mkstemp can be read by the current user only.
         mask = os.umask(0)
         os.umask(mask)
         with suppress(OSError):

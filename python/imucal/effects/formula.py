@@ -42,8 +42,8 @@ SENSORS: Final = {
     "accel": "accelerometer",
     "accelerometer": "accelerometer",
 }
-# Inputs of an expression besides columns of the recording. The names w, f and dw without an axis stand for
-# the component along the axis on which the effect acts.
+# Names of the quantities, other than columns of the recording, that an expression may contain. The names w, f
+# and dw without an axis mean the component along the axis on which the effect acts.
 INPUTS: Final[Mapping[str, str]] = {
     **{f"w{axis}": "angular rate, rad/s" for axis in ("", "_x", "_y", "_z")},
     **{f"f{axis}": "specific force, m/s^2" for axis in ("", "_x", "_y", "_z")},
@@ -65,7 +65,7 @@ FUNCTIONS: Final[Mapping[str, int]] = {
 }
 OPERATORS: Final = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
 COMPARISONS: Final = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
-# Maximum length of a formula in characters, and maximum nesting depth. A formula that fits on one line is far
+# Maximum number of characters of a formula, and maximum nesting depth. Formulas that fit on one line are far
 # below both limits.
 MOST_CHARACTERS: Final = 500
 MOST_NESTED: Final = 50

@@ -24,8 +24,8 @@ UNITS: Final = {"gyroscope": "rad/s", "accelerometer": "m/s^2"}
 # Typical rms error of an effect, rad/s and m/s^2: 0.05 deg/s and 1 mg, as for the bias effects of the
 # catalogue.
 TYPICAL: Final = {"gyroscope": 8.7e-4, "accelerometer": 9.8e-3}
-# Assumed angular rate of a typical rotation, rad/s. If a gyroscope is in counts, its scale is not known, and
-# the typical sizes of effects are computed with this rate.
+# Assumed angular rate of a typical rotation, rad/s. If gyroscope samples are in counts of unknown scale, they
+# are scaled to this rate before typical sizes of effects are computed.
 TURN_RADPS: Final = 1.0
 OPERATIONS: Final[Mapping[type[ast.AST], Callable[..., Any]]] = {
     ast.Add: np.add,
@@ -155,7 +155,8 @@ class _Field:
         terms = _terms(self.formula)
         field = np.zeros((len(state.time_s), 3, len(terms)))
         for k, (_, axis, factor) in enumerate(terms):
-            # Floating-point warnings are suppressed, because the caller reports values that are not finite.
+            # NumPy's warnings, such as for a division by zero, are suppressed, because the caller reports
+            # values that are not finite.
             with np.errstate(all="ignore"):
                 field[:, axis, k] = _value(factor, _inputs(state, axis, self.formula))
         return field
@@ -222,7 +223,7 @@ def _value(node: ast.expr, inputs: Mapping[str, FloatArray]) -> Any:
 
 
 def _typical_sizes(effect: FormulaEffect, states: Sequence[State]) -> list[float]:
-    """Sizes of the parameters with which each term has the standard deviation `TYPICAL` over these states."""
+    """The sizes of the parameters at which each term of the formula has the standard deviation `TYPICAL`."""
     return sizes_of(effect, [effect.columns(state) for state in states])
 
 
@@ -247,7 +248,7 @@ def sizes_of(effect: FormulaEffect, fields: Sequence[FloatArray]) -> list[float]
 
 
 def _rough_state(recording: Recording) -> State:
-    """The state from uncorrected samples. Counts are scaled by gravity and by the assumed rate of a turn."""
+    """The state from uncorrected samples. Counts are scaled by gravity and by the rate `TURN_RADPS`."""
     require_sensors(recording, "accelerometer", "gyroscope")
     force, rate = np.asarray(recording.specific_force, float), np.asarray(recording.angular_rate, float)
     if recording.accel_unit == "lsb":

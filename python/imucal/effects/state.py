@@ -15,7 +15,7 @@ from imucal.recording.recording import Recording
 __all__ = ["State"]
 
 # Angular rate above which a unit counts as moving, rad/s (6 deg/s). It is above the noise and bias of usual
-# gyroscopes and below the rates of turns by hand.
+# gyroscopes, and below the rates of rotations by hand.
 MOVING_RADPS: Final = 0.1
 
 

@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 __all__ = ["calibrate", "result_of"]
 
-# Largest accepted number of folds. More folds are useless, because recordings have fewer moves than this
-# number.
+# Largest accepted number of folds of the cross-validation. More folds are useless, because recordings have
+# fewer moves than this number.
 MOST_FOLDS: Final = 1000
 # Largest accepted value of `max_iterations`. If a fit has not converged after this number of iterations, more
 # iterations do not help.

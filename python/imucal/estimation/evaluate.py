@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from imucal.limits.judgement import Judgement
     from imucal.limits.limits import Limits
 
-# Parts of the model that a calibration of another program may lack. If such a part is missing, the corrected
-# samples have errors.
+# Names of the parts that a calibration of another program may lack and whose absence causes errors of the
+# corrected samples.
 ERRORS: Final = frozenset(
     {"gyroscope", *(f"{s}_{part}" for s in ("accel", "gyro") for part in ("bias", "scale", "misalignment"))}
 )
@@ -60,7 +60,7 @@ class PropagatedGravity:
 
 @dataclass(frozen=True, slots=True)
 class JudgedRecording:
-    """Name of a recording, and the files from which it was read."""
+    """A recording on which a calibration was evaluated: its name, and the files from which it was read."""
 
     name: str
     files: tuple[Source, ...]
@@ -199,8 +199,8 @@ def _covariance(calibration: Calibration) -> FloatArray | None:
         or list(calibration.covariance_names[:base]) != names
     ):
         return None
-    # Errors of gravity and of the clock affect the calibration and the control recordings equally and cancel
-    # in the residuals. Therefore the covariance due to these errors is subtracted.
+    # Errors of the assumed gravity and of the clock affect the calibration and the control recordings
+    # equally, so they cancel in the residuals. Therefore the covariance due to these errors is subtracted.
     values = np.array([parameter.value for parameter in calibration.parameters[:base]])
     common = calibration.references.covariance_of_base(calibration.gravity_mps2, values)
     return calibration.covariance[:base, :base] - common
@@ -243,7 +243,7 @@ def evaluation_of(
 
 
 def _not_stated(calibration: Calibration) -> Iterator[str]:
-    """Notes on parts that a calibration of another program lacks, because they may cause large residuals."""
+    """Notes on missing parts of another program's calibration, because these may cause large residuals."""
     imported = calibration.provenance.imported
     errors = [part for part in imported.missing if part in ERRORS] if imported is not None else []
     if imported is not None and errors:

@@ -166,7 +166,8 @@ def _calibrated(recording: Recording, gravity_mps2: float, min_rest_s: float) ->
     Only a complete calibration shows reliably whether the recording determines all parameters.
     """
     try:
-        # Saturated samples are already reported as findings, so the calibration excludes them.
+        # Moves and rests with saturated samples are excluded here and not refused, because saturation is
+        # already reported as a finding.
         return calibrate(recording, gravity_mps2=gravity_mps2, min_rest_s=min_rest_s, exclude_saturated=True)
     except ImucalError as error:
         return str(error)
@@ -175,7 +176,7 @@ def _calibrated(recording: Recording, gravity_mps2: float, min_rest_s: float) ->
 def _of_accelerometer(
     recording: Recording, calibrated: CalibrationResult | str
 ) -> tuple[PredictedSigma, ...]:
-    """Standard deviations of an accelerometer alone; all are None if the calibration fails."""
+    """Standard deviations of the parameters of an accelerometer alone; all None if the calibration fails."""
     if isinstance(calibrated, CalibrationResult):
         return tuple(PredictedSigma(p.name, p.std, p.unit) for p in calibrated.parameters)
     nominal = Calibration(Triad(np.eye(3), np.zeros(3)), None, accel_unit=recording.accel_unit)
@@ -183,7 +184,7 @@ def _of_accelerometer(
 
 
 def _not_determined(missing: str) -> set[str]:
-    """Parameters named in the message of NotEnoughMotionError, such as "accelerometer's bias x"."""
+    """Names of the parameters that the message of NotEnoughMotionError lists, as "accelerometer's bias x"."""
     names = set()
     for sensor, listed in re.findall(r"not determine the (accel|gyro)\w*'s ([^:]*)", missing):
         for kind, axes in re.findall(r"(bias|scale|misalignment) ([xyz]+)\b", listed):

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias, TypeVar
 
 __all__ = ["FittedMove", "FittedRest", "Move", "Rest", "of_library", "used_of"]
 
-# One value per axis; None where a sample of the rest or move is missing.
+# Type of a quantity with one value per axis. A value is None if a sample of the rest or move is missing.
 Axes: TypeAlias = tuple[float | None, float | None, float | None]
 T = TypeVar("T")
 

@@ -61,7 +61,7 @@ class UserEffectSource:
     def brief_means(
         self, before: _core.Estimate, after: _core.Estimate, of_control: bool
     ) -> tuple[list[RateAndForce], list[RateAndForce], list[UserField]]:
-        """Means over 0.1 s, corrected by two calibrations, and the effect fields of the second one."""
+        """Means over 0.1 s, corrected by each of two calibrations, and effect fields of the second one."""
         recordings = [_brief(recording) for recording in (self.control if of_control else self.recordings)]
         better = self._calibration(after)
         first = self._calibration(before) if self.given is None else self.given

@@ -70,7 +70,7 @@ FORMATS: Final[dict[str, Format]] = {
     )
 }
 
-# Figures of merit of an evaluation, which are compared between the exported model and the whole calibration.
+# Figures of merit that are compared between the exported model and the whole calibration.
 COST: Final = ("gravity_direction_rms_deg", "gravity_norm_rms_mps2")
 
 
@@ -213,8 +213,8 @@ def export(
     try:
         written = form.write(along_columns(calibration), noise)
     except InputError:
-        # If a format contains no rotation, the body frame must be along the columns of the recordings. This
-        # is possible only if both sensors have the same axis remapping.
+        # If a format has no field for a rotation, its body frame must be along the columns of the recordings.
+        # This is only possible if both sensors have the same axis remapping.
         axes = Axes.parse(calibration.axes)
         if calibration.axes == UNCHANGED or not axes.are_alike:
             raise

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BASALT", "ENTRIES"]
 
-# In Basalt's arrays, the entries of the matrix S follow the three biases. They are listed here as (row,
-# column), in their order: column by column, and for the accelerometer only the lower triangle.
+# Row and column of each entry of the matrix S, in the order of Basalt's arrays, where the entries follow the
+# three biases. They are stored column by column. For the accelerometer only the lower triangle is stored.
 ENTRIES: Final = {
     "calib_accel_bias": ((0, 0), (1, 0), (2, 0), (1, 1), (2, 1), (2, 2)),
     "calib_gyro_bias": tuple((i, j) for j in range(3) for i in range(3)),

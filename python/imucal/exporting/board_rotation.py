@@ -19,7 +19,7 @@ from imucal.errors import InputError
 
 __all__ = ["board_rotation"]
 
-# Roll, pitch and yaw in deg; the index is the number of the orientation.
+# Roll, pitch and yaw, deg, of each orientation. The index in this list is the value of AHRS_ORIENTATION.
 ORIENTATIONS: Final = (
     *((0, 0, yaw) for yaw in range(0, 360, 45)),
     *((180, 0, yaw) for yaw in (0, 45, 90, 135)),

@@ -22,7 +22,7 @@ def guarded(content: Sequence[str], prefix: str, what: str) -> list[str]:
     kind.
     """
     start = f"{prefix}_{what}".upper()
-    # The hash is part of a macro's name because the preprocessor can compare only integers, not strings.
+    # The hash of the content is part of the name of a macro, because the preprocessor cannot compare strings.
     identity = f"{start}_{hashlib.sha256(repr(content).encode()).hexdigest()[:16].upper()}"
     return [
         f"#ifndef {start}_H",

@@ -131,8 +131,8 @@ def header(calibration: Calibration, form: Format, written: Written) -> list[str
         *(f"Not exported: {loss}" for loss in written.lost),
         *([] if written.lost else ["Not exported: nothing, this file contains the whole correction"]),
     ]
-    # Lines are escaped, because a file name may contain a line separator, which would end a comment in YAML
-    # or Rust.
+    # Lines are escaped, because the name of a file in the header may contain a line separator, which would
+    # end a comment in YAML or Rust.
     return [shown(line) for line in lines]
 
 

@@ -38,9 +38,9 @@ OPERATORS: Final[Mapping[type[ast.AST], str]] = {
     ast.Gt: ">",
     ast.GtE: ">=",
 }
-# Functions of formulas that have another name in nalgebra's RealField, each with its name in RealField.
+# Functions of formulas whose name in the trait RealField of nalgebra differs, each with that name.
 RUST_METHODS: Final = {"log": "ln"}
-# Functions of formulas that have another name in libm, each with its name in libm.
+# Functions of formulas whose name in the C library libm differs, each with that name.
 LIBM: Final = {"abs": "fabs", "min": "fmin", "max": "fmax"}
 
 
@@ -118,8 +118,8 @@ class _Writer:
             case ast.UnaryOp(op=op, operand=operand):
                 return f"({OPERATORS[type(op)]}{self.written(operand)})"
             case ast.BinOp(left=ast.Name() as base, op=ast.Pow(), right=ast.Constant(value=2)):
-                # Only the square of a name is written as a product. Other expressions use `pow`, because the
-                # length of a product would double with each nested square.
+                # The square of a single variable is written as a product. Squares of other expressions use
+                # `pow`, because as products their length would double with each nested square.
                 return f"({self.written(base)} * {self.written(base)})"
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
                 return f"pow{self.suffix}({self.written(left)}, {self.written(right)})"

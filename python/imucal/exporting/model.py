@@ -41,9 +41,9 @@ FRAMES: Final[dict[Frame, str]] = {
 
 
 def inverse(triad: Triad) -> FloatArray:
-    """The inverse of the sensitivity, (3, 3), bit for bit the matrix that imucal-core applies on a device."""
+    """The inverse of the sensitivity, (3, 3), bit-identical to the one that imucal-core computes."""
     unit = Triad(triad.sensitivity, np.zeros(3))
-    # The correction of the three unit vectors gives the columns of the inverse.
+    # Without bias, the corrections of the three unit vectors are the columns of the inverse.
     columns, _ = _core.correct(Calibration(unit, unit), np.eye(3), np.zeros((3, 3)))
     found: FloatArray = columns.T.copy()
     return found
@@ -102,8 +102,8 @@ def rotated(calibration: Calibration, frame: Frame) -> tuple[Calibration, FloatA
     if _is_in(frame, old):
         return replace(linear(calibration), frame=frame), np.eye(3)
     gyroscope = calibration.gyroscope
-    # The accelerometer alone defines the frame, so the identity can replace the sensitivity of a missing
-    # gyroscope.
+    # The identity replaces the sensitivity of a missing gyroscope. It has no influence, because the frame is
+    # defined by the accelerometer alone.
     accel, gyro = _core.convert_frame(old, np.eye(3) if gyroscope is None else gyroscope.sensitivity, frame)
     moved = replace(
         linear(calibration),

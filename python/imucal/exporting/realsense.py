@@ -77,7 +77,7 @@ def write_table(calibration: Calibration, noise: NoiseResult | None) -> Written:
     for sensor, per_si in (("accelerometer", 1.0), ("gyroscope", 180 / np.pi)):
         triad = getattr(calibration, sensor)
         correction = inverse(triad)
-        # The entries of S column by column, then the bias.
+        # The order in the table: the entries of S column by column, then the bias.
         numbers += [*correction.T.ravel(), *(per_si * (correction @ triad.bias))]
     flags = bytes([NOT_VALID, VALID, 0, 0])
     imu = flags + UNUSED * EXTRINSIC_SIZE + struct.pack("<24f", *numbers) + UNUSED * RESERVED_SIZE

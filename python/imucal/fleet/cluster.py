@@ -13,8 +13,8 @@ from imucal.fleet.worker import Work, do
 __all__ = ["DaskPool"]
 
 EXTRA: Final = "needs Dask: pip install 'imucal-rs[fleet]'"
-# Number of submitted tasks per worker thread. Several tasks are submitted, so that no thread has to wait for
-# its next task.
+# Number of tasks per worker thread that are submitted in advance, so that no thread has to wait for its next
+# task.
 PER_THREAD: Final = 3
 # Timeout of the connection to a scheduler, s. It is sufficient even for a busy network.
 CONNECT_S: Final = 30
@@ -54,7 +54,7 @@ class DaskPool:
         self._futures: dict[Any, Work] = {}
 
     def submit(self, work: Work) -> None:
-        """Submit work. The worker imports the class of the work, so imucal must be installed there."""
+        """Submit work. Workers import the class of the work, so they need an installation of imucal."""
         # Tasks are not retried. If a task kills its worker, the scheduler would give the task to further
         # workers, and the task would kill them, too.
         future = self._client.submit(do, work, pure=False, retries=0)
@@ -109,7 +109,7 @@ class DaskPool:
 
         The scheduler gives its other tasks to other workers.
         """
-        # A worker without a nanny process cannot be restarted, so its thread stays occupied.
+        # A worker that runs without Dask's nanny process cannot be restarted. Its thread then stays occupied.
         with suppress(Exception):
             self._client.restart_workers(list(self._client.who_has([future])[future.key]), timeout=RESTART_S)
 

@@ -101,8 +101,8 @@ class Options:
         wrong = [name for name in OF_A_JOB if name in self.calibrate]
         if wrong:
             raise InputError(f"{wrong[0]} is no option of a run of many units: leave it out")
-        # Arguments that equal their defaults are removed. They do not change the result, so they must not
-        # change the key.
+        # Arguments that equal their defaults are removed, so that a job has the same key whether or not they
+        # are given.
         defaults = {name: of.default for name, of in signature(calibrate).parameters.items()}
         given = {
             name: value

@@ -28,10 +28,10 @@ class Ended:
     how: str = ""
 
 
-# Work and its answer, or `Ended`.
+# Work, and its answer or `Ended`.
 Done = tuple[Any, Any]
-# Number of tasks in the pool per process. One task runs and the other waits, so that no process has to wait
-# for the parent.
+# Number of tasks in the pool per process. While one task runs, the other waits, so that the process can start
+# it without waiting for the parent process.
 PER_PROCESS: Final = 2
 # Time, s, to wait for the exit code of a process whose pipes are closed.
 ENDS_S: Final = 0.2
@@ -172,7 +172,7 @@ class LocalPool:
         """End a process. Returns its exit code if it has ended by itself."""
         with self._lock:
             self._running.discard(child)
-        # A process whose pipe is closed is about to end. Its exit code gives the reason.
+        # The pipe of the process is closed, so the process is about to end. Its exit code gives the reason.
         code: int | None = None
         with suppress(subprocess.TimeoutExpired):
             code = child.wait(ENDS_S)

@@ -48,8 +48,8 @@ def is_manifest(path: str | os.PathLike[str]) -> bool:
             head = file.readline(1000).decode("utf-8-sig", "replace")
     except OSError:
         return False
-    # One of the two required names is sufficient, so that a manifest without the other name gets the message
-    # about the missing column.
+    # A file with only one of the two required columns also counts as a manifest. It is then refused with a
+    # message about the missing column.
     return bool({"serial", "files"} & {name.strip().strip('"') for name in head.split(",")})
 
 

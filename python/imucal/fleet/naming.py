@@ -128,7 +128,7 @@ def _by_words(file: str) -> dict[str, str | None]:
     rest = [word for word in words if word.lower() not in (*CONTROL_WORDS, *RUN_WORDS, *SENSOR_WORDS)]
     if not rest:
         return {"serial": path.absolute().parent.name, "role": roles[0] if roles else None}
-    # Separators between the words of a serial number, as in A-17, are kept.
+    # A serial number may consist of several words, as A-17. The separators between its words are kept.
     start, end = stem.index(rest[0]), stem.rindex(rest[-1]) + len(rest[-1])
     return {"serial": stem[start:end], "role": roles[0] if roles else None}
 

@@ -24,11 +24,11 @@ __all__ = [
     "measured_of",
 ]
 
-# Codes of failures that need not occur again in a later run, because a file was missing or changed during the
+# Codes of failures that may be absent in a later run, because a file was missing or was changed during the
 # run.
 TRANSIENT: Final = ("file_missing", "file_changed")
-# Compression level of documents. Compared with level 6, level 1 takes a fifth of the time, and its output is
-# a tenth larger.
+# Compression level of the stored documents. Level 1 takes a fifth of the time of level 6, and its output is
+# larger by a tenth.
 LEVEL: Final = 1
 
 
@@ -96,7 +96,8 @@ def measured_of(result: CalibrationResult, gap: Any = None) -> Measured:
     if calibration.covariance is not None:
         matrix = _in_order(calibration.covariance, calibration.covariance_names, names)
         covariance = matrix[np.triu_indices(len(names))].tobytes()
-        # The covariance matrix is left out of the document if its stored triangle has the same order.
+        # The covariance is stored as the upper triangle of a matrix in the order of `names`. If the document
+        # has the same order, its copy of the matrix is omitted.
         if calibration.covariance_names == names and np.array_equal(matrix, matrix.T):
             document["covariance"]["matrix"] = None
     temperature = calibration.temperature_range_degc

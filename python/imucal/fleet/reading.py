@@ -22,8 +22,9 @@ __all__ = ["ABOUT_COLUMNS", "batches_of", "conditions", "documents", "measuremen
 
 # Number of rows that are in memory at once.
 ROWS_AT_ONCE: Final = 10_000
-# Number of rows of blobs that are fetched at once. Python's garbage collector runs after 700 new tuples. With
-# a list of all rows the collector would take a third of the time of reading.
+# Number of rows with blobs that are fetched at once. It is below 700, the number of new tuples after which
+# Python's garbage collector runs. If all rows were fetched at once, the collector would take a third of the
+# reading time.
 BLOBS_AT_ONCE: Final = 500
 # Columns of a table of measurements that precede the columns of figures and parameters.
 ABOUT_COLUMNS: Final = (
@@ -116,7 +117,7 @@ def measurements(
 
     Raises InputError if the rows differ in the units of their parameters.
     """
-    # All statements of the transaction read the same rows, even while a run is writing.
+    # In one transaction, all statements read the same state of the store, even while a run is writing.
     connection.execute("BEGIN")
     try:
         return _measurements(connection, where, arguments, covariances=covariances)
@@ -147,7 +148,7 @@ def _measurements(
         for column, part in zip(packed, zip(*block, strict=True), strict=True):
             column.extend(part)
     by_id = numbers[:, np.argsort(numbers[0])]
-    # The row, in order of identifiers, of each row of the result.
+    # For each row of the result, its position in the rows that are sorted by identifier.
     place = np.searchsorted(by_id[0], ids)
     names_of_figures = _names(connection, figure_kinds)
     figure_names = tuple(dict.fromkeys(name for each in names_of_figures.values() for name in each))

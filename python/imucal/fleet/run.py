@@ -139,7 +139,8 @@ class _Run:
         self._halves: deque[Task] = deque()
         self._suspects: deque[Task] = deque()
         self._in_pool = 0
-        # Keys of the jobs in the pool. They are needed because a manifest may list a recording twice.
+        # Keys of the jobs in the pool. With these keys, a recording that a manifest lists twice is computed
+        # only once.
         self._pending: set[str] = set()
 
     def of(self, jobs: Iterable[Job]) -> Tally:
@@ -184,7 +185,7 @@ class _Run:
         if not isinstance(answer, Ended):
             self._put(answer)
             if len(answer) < len(task):
-                # The task ended at a job that exceeded the time limit.
+                # One job exceeded the time limit and ended the task. The jobs after it form a new task.
                 self._halves.append(Task(task.jobs[len(answer) :], task.options))
         elif len(task) > 1:
             half = len(task) // 2
@@ -212,9 +213,9 @@ class _Run:
         waiting: list[Job | KeyedJob] = []
         jobs = iter(jobs)
         while block := list(islice(jobs, PER_TASK)):
-            # If the store is new, all jobs are new. The parent process then need not read the files to
-            # compute keys. With a time limit the parent computes the keys, because a process that exceeds the
-            # limit returns none.
+            # If the store is new, all jobs are new, so the parent process need not read the files to compute
+            # keys. With a time limit the parent computes the keys, because a process that exceeds the limit
+            # returns no key.
             is_new = self._options.time_limit_s is None and self._store.is_new
             waiting += block if is_new else self._new_ones(block)
             size = self._task_size()

@@ -38,7 +38,8 @@ __all__ = [
 APPLICATION: Final = 0x494D5546
 # Time, s, for which a process waits while another process writes to the store.
 BUSY_S: Final = 60.0
-# Bytes of a store that are read through a memory map, which spares SQLite a copy of each page.
+# Maximum size of the memory map through which SQLite reads a store, bytes. Through the map, SQLite reads
+# pages without copying them.
 MAPPED_BYTES: Final = 1 << 31
 
 _PAIRS: Final = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
@@ -108,7 +109,7 @@ def _first(connection: sqlite3.Connection) -> None:
 
 
 def _second(connection: sqlite3.Connection) -> None:
-    """Version 2: the figures of a result also as one blob, which is read faster than separate columns."""
+    """Version 2: adds the figures of a result as one blob, which is read faster than separate columns."""
     connection.execute("ALTER TABLE results ADD COLUMN figure_names INTEGER REFERENCES names (id)")
     connection.execute("ALTER TABLE results ADD COLUMN figure_values BLOB")
     columns = (*TEMPERATURES, *FIGURES)
@@ -132,8 +133,8 @@ def packed_figures(figures: Mapping[str, float | None]) -> tuple[str, bytes]:
     return json.dumps(list(figures)), values.tobytes()
 
 
-# Each function migrates the tables from the previous version. The number of functions is the version of the
-# tables in this package.
+# Function k of this list, from 1, converts the tables of version k - 1 to version k. The number of functions
+# is the current version of the tables.
 MIGRATIONS: Final[tuple[Callable[[sqlite3.Connection], None], ...]] = (_first, _second)
 
 
@@ -149,7 +150,8 @@ def connect_writing(
     connection = _open(path, f"{_uri(path)}?mode=rwc")
     try:
         connection.execute("PRAGMA journal_mode = WAL")
-        # With FULL, committed data are on the disk when the commit returns, and survive a power failure.
+        # With this setting, committed data are on the disk when the commit returns, and survive a power
+        # failure.
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("PRAGMA foreign_keys = ON")
         # Two processes may open a new store at the same time. One creates the tables while the other waits.

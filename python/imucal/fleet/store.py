@@ -61,7 +61,8 @@ RESULT_COLUMNS: Final = (
     *("other_figures", "other_parameters", "names", "parameter_values", "sigmas"),
     *("figure_names", "figure_values"),
 )
-# Columns of a manifest that describe a job and not its files. A later manifest may correct their values.
+# Columns of a manifest that describe the measurement and not its files. A later manifest may correct the
+# stored values.
 ABOUT: Final = ("date", "station", "operator", "batch", "role")
 
 
@@ -71,7 +72,8 @@ def _insert(table: str, columns: Sequence[str]) -> str:
 
 INSERT_JOB: Final = _insert("jobs", JOB_COLUMNS) + " ON CONFLICT (key) DO NOTHING"
 INSERT_RESULT: Final = _insert("results", RESULT_COLUMNS)
-# If a recording has several jobs, with different options or versions, the last job is the current job.
+# A recording has several jobs if it was computed with different options or versions of imucal. The last job
+# is the current job.
 SET_CURRENT: Final = """UPDATE jobs SET current = id = (
     SELECT id FROM jobs WHERE recording = :r ORDER BY stored_at DESC, id DESC LIMIT 1) WHERE recording = :r"""
 
@@ -120,7 +122,7 @@ class Store:
 
     @property
     def is_new(self) -> bool:
-        """Whether the store was empty when it was opened, and no other process has added jobs since."""
+        """Whether the store was empty when it was opened, and no other process has changed it since."""
         with self._failing():
             return bool(self._was_empty) and self._version_by_others() == self._others
 
@@ -291,7 +293,7 @@ class Store:
                 yield
                 self._connection.execute("COMMIT")
             except BaseException:
-                # A failed statement may have ended the transaction.
+                # The rollback may fail, because the failed statement may already have ended the transaction.
                 with suppress(sqlite3.Error):
                     self._connection.execute("ROLLBACK")
                 # The cache is cleared, because it may contain identifiers of rows that were rolled back.

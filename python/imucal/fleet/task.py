@@ -166,7 +166,8 @@ def _keyed_by_sources(job: Job, options: Options, recordings: Sequence[Recording
     found = {source.path: source.sha256 for recording in recordings for source in recording.sources}
     files = (*job.files, *job.control)
     if not all(path in found for path in files):
-        # The sources of a folder are its files, so the hash of the folder is computed separately.
+        # If the job names a folder, the recording has the hashes of the files in the folder. The hash of the
+        # folder itself is then computed separately.
         return keyed(job, options.text)
     return keyed_by(job, options.text, tuple(found[path] for path in files))
 

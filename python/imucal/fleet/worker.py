@@ -44,7 +44,8 @@ def do(work: Work) -> Any:
     return work.run()
 
 
-# Freed memory, bytes, that a process keeps for its next recording.
+# Maximum amount of freed memory, bytes, that a process keeps for its next recording and does not return to
+# the operating system.
 KEPT: Final = 128 << 20
 # Parameter numbers of the function `mallopt` of the GNU C library, from malloc.h.
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
@@ -88,7 +89,8 @@ def serve() -> None:
     # Interrupts are ignored, because the parent ends its processes when the user interrupts it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     replies = os.fdopen(os.dup(1), "wb")
-    # Standard output is redirected, because messages printed by libraries must not reach the stream.
+    # Standard output is redirected to standard error, because text that libraries print must not be mixed
+    # with the messages to the parent.
     os.dup2(2, 1)
     given = sys.stdin.buffer
     while True:

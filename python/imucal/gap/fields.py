@@ -1,4 +1,4 @@
-"""Fields of the result of a search. They are separate from `Gap`, so that `text` can import them."""
+"""Fields of the result of a search. They are separate from the class `Gap`, so that `text` can use them."""
 
 from __future__ import annotations
 

@@ -78,7 +78,8 @@ def find_gap(
     """
     if calibration is not None:
         require_calibration(calibration)
-        # Effects are defined in the symmetric body frame.
+        # Effects are defined in the symmetric body frame, so the given calibration is converted to this
+        # frame.
         calibration = in_frame(calibration, "symmetric")
     gravity = (
         gravity_mps2
@@ -142,7 +143,7 @@ def _require_list(candidates: Sequence[str] | None) -> None:
 def _without_formulas(
     candidates: Sequence[str] | None, recordings: Sequence[Recording]
 ) -> tuple[Sequence[str] | None, tuple[FormulaEffect, ...]]:
-    """The candidates, in which formulas are replaced by names of effects, and the effects of the formulas."""
+    """Names of the candidates, and the effects that are defined by the formulas among the candidates."""
     if candidates is None:
         return None, ()
     effects = formula_effects([name for name in candidates if is_formula(name)], recordings)

@@ -30,8 +30,8 @@ FASTER_DPS: Final = (30.0, 120.0, 240.0)
 MOVES_AT_A_RATE: Final = 14
 # Step between rests on a circle, deg.
 CIRCLE_DEG: Final = 15.0
-# Half of the temperature range of a thermal cycle, K. The cycle is centred at the mean temperature of the
-# recordings.
+# Half of the temperature range of the suggested thermal cycle, K. The cycle is centred at the mean
+# temperature of the present recordings.
 HALF_RANGE_K: Final = 15.0
 
 
@@ -73,8 +73,8 @@ def suggestions(recordings: Sequence[Recording], needs: frozenset[str]) -> Itera
             "turns at rates of up to 240 deg/s, if the gyroscope's range allows", _at_rates(FASTER_DPS)
         ),
     ]
-    # Effects that depend on the heading are searched in a single recording, because the change of the heading
-    # between recordings is unknown.
+    # Effects that depend on the heading are searched in the new recording alone, because the change of the
+    # heading between two recordings is unknown.
     alone = "attitude" in needs
     if alone:
         turned = Program((*_headings(), *again.steps))

@@ -25,12 +25,12 @@ __all__ = [
     "session_of",
 ]
 
-# If chi2 per degree of freedom of a given calibration is larger than in a new fit without effects by more
-# than this factor, the parameters of the unit have changed. The calibration is then reported as outdated.
+# A given calibration is reported as outdated if its chi2 per degree of freedom exceeds that of a new fit
+# without effects by more than this factor. The parameters of the unit have then changed.
 FAR_WORSE: Final = 2.0
 
-# Temperature is considered as the cause of a bias change only if the mean temperature changes by at least
-# this number between sessions, K.
+# A change of temperature is considered as the cause of a bias change between sessions only if the mean
+# temperatures differ by at least this number, K.
 LEAST_CHANGE_K: Final = 1.0
 # chi2 per degree of freedom above which noise does not explain residuals. It corresponds to residuals of
 # twice the noise.
@@ -38,7 +38,7 @@ ABOVE_NOISE: Final = 4.0
 # A temperature coefficient is implausible if it exceeds this multiple of its typical size.
 MOST_TIMES_TYPICAL: Final = 5.0
 
-# Parts of the model (blocks) of generic hypotheses that are biases, each with its SI unit.
+# Generic hypotheses vary one part (block) of the model. These blocks are biases, each with its SI unit.
 BIASES: Final = {"gyro_bias": "rad/s", "accel_bias": "m/s^2"}
 # Phrases that describe how a bias or a scale varies, by the kernel of the generic hypothesis.
 PATTERNS: Final = {
@@ -148,8 +148,8 @@ def generic_of(found: _core.GenericFinding | None) -> dict[str, Any] | None:
     """The generic hypothesis with a description for users; None if the search has found none."""
     if found is None:
         return None
-    # A variation of a gyroscope scale, or of an accelerometer bias with the rate, acts within moves. The
-    # listed rests are then the rests before these moves.
+    # A variation of a gyroscope scale acts within moves, and so does a variation of an accelerometer bias
+    # with the rate. In these two cases, the listed rests are the rests before the moves.
     inside = found.block == "gyro_scale" or (found.block, found.kernel) == ("accel_bias", "rate")
     rms, unit = found.rms, ""
     if found.block in BIASES:
@@ -215,7 +215,7 @@ def _three(values: Sequence[float], unit: str) -> str:
 
 
 class _Coefficient(NamedTuple):
-    """The largest temperature coefficient that would explain a change of biases, and its typical size, SI."""
+    """The largest temperature coefficient needed to explain a change of biases, and its typical size, SI."""
 
     effect: str
     unit: str

@@ -29,10 +29,10 @@ from imucal.recording.recording import Recording, as_recordings, samples_of_both
 
 __all__ = ["MoveResiduals", "MoveSignals", "OwnMotion", "RestResiduals", "own_motion"]
 
-# Duration of the parts of the rests before and after a move that `MoveSignals` includes, s.
+# `MoveSignals` includes parts of the rests before and after the move. This is the duration of each part, s.
 MARGIN_S: Final = 1.0
-# The rate of a move is the median over the samples whose rate exceeds this share of the maximum rate. The
-# samples of acceleration and deceleration are therefore excluded.
+# The rate of a move is the median over the samples whose rate exceeds this share of the maximum rate. This
+# excludes the samples during acceleration and deceleration.
 PLATEAU: Final = 0.7
 # Minimum cosine of the angle between the rotation axis and a body axis for a move to count as a rotation
 # about this body axis: 0.85 is 32 deg.
@@ -40,7 +40,7 @@ ALONG: Final = 0.85
 # A move counts as a rotation about one axis if its rotation angle is at least this share of the sum of the
 # angles between samples. Otherwise the rotation axis changes during the move.
 FIXED: Final = 0.98
-# Maximum cosine of the angle between the rotation axis and the vertical: 0.5 is 60 deg.
+# Maximum cosine of the angle between the rotation axis and the vertical for a move to be used: 0.5 is 60 deg.
 VERTICAL: Final = 0.5
 STAND: Final = ("stand_1_rad", "stand_2_rad", "stand_3_rad")
 
@@ -206,7 +206,7 @@ def _corrected(
 def _signals(
     corrected: Sequence[_Corrected], moves: Sequence[tuple[bool, Move]], gravity: float
 ) -> MoveSignals | None:
-    """The signals of the move whose residual without the effects is the largest multiple of its noise."""
+    """Signals of the move with the largest ratio of residual to noise in the model without the effects."""
     worst, place = 0.0, None
     for is_control, move in moves:
         error, sigma = move.direction_error_deg, move.direction_sigma_deg
@@ -333,7 +333,7 @@ def _move_row(
         return None
     rate = float(np.median(rates[speed >= PLATEAU * speed.max(), axis]))
     about = about * np.sign(about[axis])
-    # Duration of a rotation by the same angle at this constant rate, s.
+    # Duration that a rotation by the angle of the move would have at this constant rate, s.
     seconds = float(turned[axis]) / rate
     errors = []
     for own in (of.before, of.after):
@@ -342,7 +342,8 @@ def _move_row(
         own_rates = np.asarray(own.angular_rate, dtype=float)[move.first : move.last + 1]
         rotation = _core.integrate(time, np.ascontiguousarray(own_rates))
         predicted = _into_end(rotation, start / np.linalg.norm(start))
-        # A rate error e that acts for the time dt changes the predicted gravity p by p x e dt.
+        # A rate error e during the time dt changes the predicted gravity direction p by the cross product p x
+        # e dt.
         errors.append(float(np.cross(predicted, end / np.linalg.norm(end)) @ about) / seconds)
     return of.is_control, axis, rate, errors[0], errors[1]
 

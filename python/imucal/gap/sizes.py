@@ -8,9 +8,9 @@ from imucal.units import SHOWN
 
 __all__ = ["for_people", "p_text"]
 
-# Upper limit, s, of times that are shown in ms; longer times are shown in s.
+# Times up to this limit, s, are shown in ms, and longer times in s.
 DELAY_S: Final = 0.1
-# Probability below which text gives only this bound.
+# Below this probability, a text states only that the probability is below this bound.
 LEAST_P: Final = 1e-12
 
 

@@ -11,7 +11,7 @@ from imucal.gap.sizes import for_people, p_text
 
 __all__ = ["explanation", "sentences"]
 
-# Code of a finding about the recordings that the summary prints before the effects.
+# Code of the finding that the summary prints before the effects: coarse rounding.
 BEFORE_EFFECTS: Final = "noise_below_lsb"
 # Names of the kinds of residuals for users.
 KINDS: Final = {
@@ -25,19 +25,19 @@ KINDS: Final = {
     "stand_rest": "attitude at rest relative to the stand",
     "stand_move": "attitude in moves relative to the stand",
 }
-# Names of kinds of residuals without an axis, if they differ from those in `KINDS`.
+# Names of kinds of residuals in texts that do not state an axis, if these names differ from those in `KINDS`.
 WITHOUT_AXIS: Final = {"move_direction": "direction after moves", "move_force": "force during moves"}
 # Predicted residuals are printed if they exceed this multiple of their noise.
 LEAST_TIMES_NOISE: Final = 0.05
-# Names in texts of the variables that explain residuals, if they differ from the names in JSON documents.
+# Variables that explain residuals and whose names in texts differ from those in JSON documents.
 EXPLAINED_BY: Final = {"gravity": "gravity direction"}
 # Maximum number of kinds of residuals that are printed.
 MOST_CHANNELS: Final = 4
 # An improvement factor is printed if the lower end of its 95 % interval is at least this value.
 LEAST_IMPROVEMENT: Final = 1.05
-# The summary prints either the control figure or the kind of residual that improves most. Both improvements
-# are measured in multiples of the noise. The summary prints the control figure if its improvement is at least
-# this share of the improvement of the residual.
+# The summary states one improvement, that of the control figure or that of the kind of residual that improves
+# most. Both improvements are measured in multiples of the noise. The control figure is chosen if its
+# improvement is at least this share of the improvement of the residual.
 LEAST_SHARE_OF_CONTROL: Final = 0.1
 
 
@@ -83,7 +83,7 @@ def sentences(gap: GapFields) -> Iterator[str]:
         yield (
             f"{where}: {figure['metric']} {figure['before']:.4g} before{refitted}, "
             f"{figure['after']:.4g} after, floor {figure['floor']:.3g}: "
-            # If the closed share is negative, the difference is within the scatter of the two figures.
+            # A negative closed share means that the difference is within the scatter of the two figures.
             + (
                 "the difference is not significant"
                 if figure["closed"] < 0
@@ -170,8 +170,8 @@ def _finding(gap: GapFields) -> str:
     )
     figure = _by_the_effects(gap.gap)
     row = max(gap.where["channels"], key=_drop) if gap.where else None
-    # If the figures hardly improve, the effect acts during moves or on the stand. Residuals are then printed
-    # instead of figures.
+    # If the control figures hardly improve, the effect acts during moves or on the stand. The improvement of
+    # a kind of residual is then printed instead.
     if (
         figure is not None
         and verified is not None
@@ -200,7 +200,7 @@ def _finding(gap: GapFields) -> str:
 
 
 def _by_the_effects(figure: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-    """The figure with `before` taken from a refit without effects, if a given calibration was refitted."""
+    """The figure. If a given calibration was refitted, `before` is that of the refit without effects."""
     if figure is None or figure.get("refitted") is None:
         return figure
     before, after, floor = figure["refitted"], figure["after"], figure["floor"]
@@ -229,7 +229,7 @@ def _drop(row: Mapping[str, Any]) -> float:
 def _size(effect: Mapping[str, Any]) -> str:
     """The largest parameter with its standard deviation, as text."""
     units = {p["unit"] for p in effect["parameters"]}
-    # A time constant does not measure the size of an effect.
+    # Time constants are left out, because a time constant is not the size of an effect.
     sizes = [p for p in effect["parameters"] if p["unit"] != "s" or units == {"s"}]
     largest = max(sizes, key=lambda p: abs(p["value"]))
     value, unit = for_people(abs(largest["value"]), largest["unit"])
@@ -242,7 +242,7 @@ def _size(effect: Mapping[str, Any]) -> str:
 def _change(change: Mapping[str, float], unit: str) -> str:
     (before, name), (after, _) = for_people(change["before"], unit), for_people(change["after"], unit)
     words = f"{before:.2g} -> {after:.2g} {name}"
-    # The factor is omitted if the improvement is not significant.
+    # The improvement factor is omitted if the improvement is not significant.
     if change["factor_low"] < LEAST_IMPROVEMENT:
         return words
     return f"{words} (by a factor of {change['factor_low']:.2g} to {change['factor_high']:.2g})"

@@ -23,9 +23,10 @@ from imucal.gap.result import Gap
 
 __all__ = ["gap_of"]
 
-# Probability that an effect with the size of its detection limit is named first. It was 194 of 280 cases of
-# the benchmark (docs/results/gap.md). The detection limit is for 90 % power of the chi2 test. The probability
-# is lower, because the effect must also have more evidence than its rivals.
+# Probability that an effect whose size equals its detection limit is named first. In the benchmark this
+# happened in 194 of 280 cases (docs/results/gap.md). At the detection limit the chi2 test has a power of 90
+# %. The probability of the right name is lower, because the effect must also have more evidence than its
+# rivals.
 NAMED_AT_LIMIT: Final = 0.7
 # Kinds of residuals on control or held-out data, in the order of the library.
 UNSEEN_KINDS: Final = ("rest_norm", "move_direction", "rest_rate")
@@ -121,7 +122,7 @@ def _result(question: Question, fit: _core.GapFit) -> CalibrationResult:
 
 
 def _faults(faults: Sequence[Finding]) -> tuple[dict[str, Any], ...]:
-    """Faults of the data in the format in which effects are listed, each fault once."""
+    """Faults of the data, each listed once, with the same fields as listed effects."""
     codes = dict.fromkeys(fault.code for fault in faults)
     return tuple({"name": code, "sensor": None, "parameters": ()} for code in codes)
 

@@ -112,8 +112,8 @@ def read_calibration(
     try:
         found = reader.read(contents, wanted)
     except InputError as error:
-        # Values of a file that do not form a valid triad, such as a singular matrix, are an error of the
-        # file.
+        # An InputError about an invalid sensitivity, such as a singular matrix, means that the values in the
+        # file are invalid, so it is converted to a FormatError.
         if str(error).startswith("the sensitivity"):
             raise FormatError(f"{names}: {error}") from None
         raise
@@ -176,7 +176,7 @@ def _with_bias(found: Found, sensor: Literal["accel", "gyro"], bias: ArrayLike |
     if not alone and f"{sensor}_bias" not in found.missing:
         raise InputError(f"{name} states the bias of the {sensor} sensor: leave out {sensor}_bias")
     changed: dict[str, Any] = {field: Triad(triad.sensitivity, values)}
-    # If the files do not describe the sensor at all, its scale and misalignment are missing, too.
+    # If the files do not describe the sensor at all, its scale and misalignment are also listed as missing.
     others = (f"{sensor}_scale", f"{sensor}_misalignment") if alone else ()
     return replace(
         found,
@@ -212,7 +212,7 @@ def _calibration(
         user_effects=found.user_effects,
         noise=found.noise,
         temperature_range_degc=found.temperature_range_degc,
-        # The calibration is usable, but its residuals are not known.
+        # The verdict is incomplete, because the calibration is usable but its residuals are not known.
         verdict="incomplete",
         reasons=(
             f"this is a calibration of {reader.program}, which imucal has not evaluated on any recording"

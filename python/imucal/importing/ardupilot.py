@@ -26,7 +26,8 @@ from imucal.importing.source_format import Content, Found, Reader, Wanted
 
 __all__ = ["ARDUPILOT"]
 
-# Number of each sensor in the names of its parameters; the first sensor has no number.
+# Number of each sensor in the names of its parameters, such as INS_ACC2OFFS_X. The first sensor has no
+# number.
 NUMBERS: Final = ("", "2", "3")
 # Value of INS_TCAL_ENABLE with which ArduPilot applies the thermal terms. With the value 2 ArduPilot
 # estimates the terms.

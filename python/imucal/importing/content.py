@@ -17,8 +17,8 @@ from imucal.io.extra import library
 
 __all__ = ["content_of"]
 
-# Maximum size of a calibration file, bytes. Parameter files of autopilots have 50 kB and calibrations with
-# cameras 1 MB, so a larger file is a recording.
+# Maximum size of a calibration file, bytes. Parameter files of autopilots have about 50 kB, and calibrations
+# with cameras up to 1 MB. A larger file is probably a recording.
 LARGEST_BYTES: Final = 4 << 20
 # Matches a line with a YAML field. A text with such a line is parsed as YAML.
 YAML_FIELD: Final = re.compile(r"^\s*[A-Za-z_][\w ]*:(\s|$)", re.MULTILINE)
@@ -46,8 +46,8 @@ def content_of(path: str | os.PathLike[str]) -> Content:
     document = None
     if text.lstrip().startswith("{"):
         document = read_json(path)
-    # Files with parameters or settings are not parsed as YAML. Consoles of autopilots write lines above the
-    # parameters that look like YAML.
+    # Files with parameters or settings of an autopilot are not parsed as YAML, because a console may write
+    # lines above the parameters that look like YAML.
     elif YAML_FIELD.search(text) and not has_parameters(text) and not has_settings(text):
         document = Node(_yaml(text, name), "$", name)
     return Content(name, text, document, file.source, file.content)

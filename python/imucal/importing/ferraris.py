@@ -24,7 +24,7 @@ from imucal.importing.source_format import Content, Found, Reader, Wanted
 
 __all__ = ["FERRARIS"]
 
-# Names of raw units in the other package that mean counts.
+# Names by which the package mad-lab-fau/imucal states that the raw unit is counts.
 COUNTS: Final = ("a.u.", "a.u", "lsb", "counts")
 
 
@@ -39,7 +39,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
     assert document is not None
     accelerometer, accel_unit = _triad(document, "a", "accelerometer", "acc", "m/s^2", wanted.accel_unit)
     gyroscope, gyro_unit = _triad(document, "g", "gyroscope", "gyr", "rad/s", wanted.gyro_unit)
-    # K_ga has the raw unit of the gyroscope per unit of the calibrated force.
+    # The unit of K_ga is the raw unit of the gyroscope per unit of the calibrated force.
     per_force = per_si_unit("accelerometer", _unit(document, "acc_unit", "m/s^2"))
     raw_gyro = _unit(document, "from_gyr_unit", "a.u.") if wanted.gyro_unit is None else wanted.gyro_unit
     per_raw = 1.0 if raw_gyro in COUNTS else per_si_unit("gyroscope", raw_gyro)

@@ -14,7 +14,8 @@ from imucal.importing.source_format import Content
 
 __all__ = ["NOISE", "block_of", "imu_blocks", "noise_of", "rotation_in"]
 
-# Names of noise figures (continuous time) in these files, and the names in a calibration file.
+# For each noise figure (continuous time): its name in files of Kalibr and OpenVINS, and its name in a
+# calibration file of imucal.
 NOISE: Final = {
     "accelerometer_noise_density": "accel_noise_density_mps2_per_sqrt_hz",
     "accelerometer_random_walk": "accel_random_walk_mps3_per_sqrt_hz",

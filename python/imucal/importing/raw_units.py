@@ -11,8 +11,9 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["UNITS", "in_si", "per_si_unit"]
 
-# Units of raw samples by sensor. The number is the size of the SI unit in this unit. The SI unit is first.
-# When a recording is read, samples in these units are converted to SI units.
+# Units of raw samples by sensor, the SI unit first. The number is the value of one SI unit in this unit, so
+# samples in SI units are samples in this unit divided by it. When a recording is read, its samples are
+# converted to SI units.
 UNITS: Final[dict[str, dict[str, float]]] = {
     "accelerometer": {"m/s^2": 1.0, "g": 1 / STANDARD_GRAVITY_MPS2, "mg": 1e3 / STANDARD_GRAVITY_MPS2},
     "gyroscope": {"rad/s": 1.0, "deg/s": math.degrees(1.0), "mdeg/s": 1e3 * math.degrees(1.0)},

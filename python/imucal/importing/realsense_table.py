@@ -33,9 +33,8 @@ __all__ = ["REALSENSE_TABLE"]
 # Position of the flags of the IMU's table: after the headers of the image, of the module and of the table.
 FLAGS: Final = 3 * HEADER_SIZE
 NUMBERS: Final = FLAGS + 4 + EXTRINSIC_SIZE
-# If the number of the bias in the table is at most this number, a note says that the bias may be in rad/s.
-# Gyroscopes of these cameras have biases up to 1 deg/s, and the number of such a bias in rad/s is below this
-# limit.
+# If the gyroscope bias in the table is numerically at most this value, a note says that it may be in rad/s
+# instead of deg/s. Gyroscopes of these cameras have biases of up to 1 deg/s, which is 0.017 rad/s.
 IN_RADIANS: Final = 0.02
 
 

@@ -16,8 +16,8 @@ from imucal.recording.recording import Recording
 
 __all__ = ["alone", "recording_of_any_text"]
 
-# A file with at least this number of unrecognised columns may contain a second sensor, because a sensor has
-# three axes.
+# If a file has at least this number of unrecognised columns, these columns may be the three axes of a second
+# sensor.
 SECOND_SENSOR = 3
 NO_UNITS = Units(None, None, None)
 

@@ -39,8 +39,8 @@ BUFFER = 1 << 20
 CSV, PARQUET = ".csv", ".parquet"
 # Number of rows in each row group of a written Parquet file. It is Arrow's default.
 ROWS_WRITTEN = 1 << 20
-# Number of rows that are formatted as CSV at once. The number is small, because one integral value slows down
-# the formatting of the whole block.
+# Number of rows that are formatted as one block of CSV. Blocks are small, because a single integral value in
+# a column makes the formatting of its whole block slower.
 ROWS_OF_TEXT = 1 << 16
 
 # Names and values of columns, in the order in which they are written.
@@ -141,11 +141,11 @@ def _with_points(name: str, column: Any) -> Any:
     # different number when read as float64.
     column = compute.cast(column, pa.float64())
     whole = compute.equal(column, compute.round(column))
-    # Columns of raw counts, and columns without an integral value, need no ".0".
+    # No ".0" has to be appended in columns of raw counts and in columns without an integral value.
     if name.endswith("_lsb") or not compute.any(whole).as_py():
         return column
     text = compute.cast(column, pa.string())
-    # The pattern matches integers only. It does not match numbers with an exponent or infinities.
+    # ".0" is appended to integers only, and not to numbers with an exponent or to infinities.
     pointed = compute.replace_substring_regex(compute.filter(text, whole), "^(-?[0-9]+)$", r"\1.0")
     return compute.replace_with_mask(text, whole, pointed)
 

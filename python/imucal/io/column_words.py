@@ -81,9 +81,9 @@ TIME: Final = (
 )
 # Words in names of secondary time columns, which are used only if there is no other time column.
 NOT_TIME: Final = {"zone", "step", "delta", "dt", "diff", "ntp", "gps"}
-# A word of a column name: capitals, or letters of which the first may be a capital, or digits.
+# Matches one word of a column name: a sequence of capitals, a capitalised or lower-case word, or a number.
 WORD: Final = r"[A-Z]+(?![a-z])|[A-Z]?[a-z']+|[A-Za-z]+|\d+|%"
-# Names that join sensor and axis in one word: ax, gyroX, xAccel, ACCEL_XOUT, AcX, gFz.
+# Matches names in which sensor and axis are one word: ax, gyroX, xAccel, ACCEL_XOUT, AcX, gFz.
 JOINED: Final = (
     r"^(?:(a|acc|accel|ac|f|gf|g|gy|gyr|gyro|w|omega)([xyz])|([xyz])[-_ ]?(acc|accel|accl|gyro|gyr|rate))$"
 )

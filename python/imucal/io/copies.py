@@ -13,7 +13,7 @@ from imucal.recording.recording import Recording
 
 __all__ = ["has_equal_stamps", "without_copies"]
 
-# Number of time stamps that are compared at once. They fit into the processor's cache.
+# Number of time stamps that are compared at once. This number fits into the processor's cache.
 STAMPS_AT_ONCE: Final = 1 << 14
 
 

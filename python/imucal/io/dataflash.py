@@ -31,12 +31,13 @@ from imucal.recording.recording import Recording
 
 __all__ = ["read_dataflash"]
 
-# Message names. Before version 4.1 the name contained the instance: IMU2, IMU3, ACC1, ACC2, ...
+# Names of messages with samples. Before ArduPilot 4.1, the name contained the instance of the sensor: IMU2,
+# IMU3, ACC1, ACC2, ...
 MESSAGE = re.compile(r"(IMU|ACC|GYR)([1-9]?)")
 ACCEL, GYRO = ("AccX", "AccY", "AccZ"), ("GyrX", "GyrY", "GyrZ")
 # Type of the messages that contain parameters, and name of the parameter for the rotation of the board.
 PARAMETER, ORIENTATION = "PARM", "AHRS_ORIENTATION"
-# Field of the sensor temperature; it was called Temp before version 4.1.
+# Names of the field with the sensor temperature: T, and Temp before ArduPilot 4.1.
 TEMPERATURE = ("T", "Temp")
 # Expected unit of each field, in the notation of FMTU messages.
 UNITS = {**dict.fromkeys(ACCEL, "m/s/s"), **dict.fromkeys(GYRO, "rad/s")}
@@ -97,7 +98,8 @@ def read_dataflash(
 def _complaints() -> Iterator[io.StringIO]:
     """Captures the output of pymavlink, which prints a message for every damaged part that it skips."""
     printed = io.StringIO()
-    # The fast indexer is switched off, because it bypasses sys.stdout.
+    # The fast indexer of pymavlink is switched off, because its messages bypass sys.stdout and could not be
+    # captured.
     before = os.environ.get("PYMAVLINK_FAST_INDEX")
     os.environ["PYMAVLINK_FAST_INDEX"] = "0"
     try:

@@ -140,7 +140,8 @@ def _with_days(ns: NDArray[np.int64], number: Any, found: set[str], parts: Any) 
     for day, month in ((first, other), (other, first)):
         if month.max(initial=1) <= 12:
             readings.append(_days(year, month, day) * DAY_NS + ns)
-    # If both orders of day and month are possible, the order with the shorter total time span is used.
+    # A date such as 03/04/2026 may have the day or the month first. If both readings are possible for all
+    # dates, the reading with the shorter total time span is used.
     return min(readings or [ns], key=lambda each: np.ptp(each) if len(each) else 0)
 
 
@@ -150,7 +151,7 @@ def _days(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int
 
 
 def _past_midnight(ns: NDArray[np.int64], empty: NDArray[np.bool_], turn_ns: int) -> NDArray[np.int64]:
-    """Times of day without jumps at midnight: after a much later time, a time is of the next day."""
+    """Times of day, continued over midnight: a time much earlier than the previous is of the next day."""
     known = np.flatnonzero(~empty)
     turns = np.cumsum(np.diff(ns[known], prepend=ns[known[:1]]) < -turn_ns // 2)
     ns = ns.copy()

@@ -119,8 +119,8 @@ def read_headed(text: Text, columns: str | Sequence[str] | None, rate_hz: float 
             "every column in its order (columns=..., --columns time_s,accel_x_g,...), '-' for a column to "
             "ignore"
         )
-    # If the name of the time column is the only canonical name, such as time_us, the header is still
-    # interpreted to find the sensors.
+    # If only the time column has a canonical name, such as time_us, the columns of the sensors are found by
+    # interpreting the header.
     by_names = any(triad_part(name) for name in layout.names) or (
         any(map(is_canonical, layout.names)) and not layout_header(layout).accel
     )
@@ -249,7 +249,8 @@ def certain_time(
     if has_rate:
         return None, None
     if header.stamp is not None and np.any(head.numbers(header.stamp[0]) > 0):
-        # The joined stamp is in ns. It takes precedence over the time at which a message was received.
+        # The seconds and nanoseconds of the message are joined to one time stamp in ns. It is used instead of
+        # the time at which the message was received.
         return (header.stamp[0], "time_ns"), None
     time = time_of(header, head)
     return None if time is None else time

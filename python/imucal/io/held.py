@@ -12,8 +12,8 @@ from imucal.recording.recording import Recording
 
 __all__ = ["LONGEST_HELD_S", "hold_temperature"]
 
-# Maximum time for which a temperature reading is held, s. During warm-up the temperature changes by a few
-# 0.01 K in this time.
+# Maximum time for which a temperature reading is held, s. Even during warm-up the temperature changes only by
+# some hundredths of a kelvin in this time.
 LONGEST_HELD_S: Final = 10.0
 
 

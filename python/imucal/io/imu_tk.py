@@ -19,7 +19,8 @@ from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 
 __all__ = ["read_imu_tk"]
 
-# Number of samples that are tested for whole numbers, because only whole numbers can be counts.
+# Number of samples that are tested for being whole numbers. If they are not whole, the samples cannot be
+# counts.
 FIRST: Final = 2000
 
 

@@ -42,7 +42,7 @@ def serve(request: dict[str, Any]) -> None:
         else:
             write_error(error, stream)
         stream.flush()
-    # Exit without the clean-up code of libraries, because it can crash after a damaged file.
+    # `os._exit` skips the clean-up code of the libraries, which can crash after a damaged file was read.
     os._exit(0)
 
 
@@ -55,7 +55,8 @@ def limit_process(memory_bytes: int, processor_s: int) -> None:
     limits = {
         resource.RLIMIT_CORE: 0,
         resource.RLIMIT_CPU: processor_s,
-        # The file size is limited because a bag with compressed files is decompressed to a temporary file.
+        # The size of written files is limited, because rosbags decompresses a bag with compressed files to a
+        # temporary file.
         resource.RLIMIT_FSIZE: memory_bytes,
     }
     with suppress(OSError, ValueError, IndexError):

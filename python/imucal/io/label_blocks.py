@@ -56,8 +56,8 @@ def rows_of_blocks(lines: list[str]) -> tuple[list[str], int]:
         blocks[-1].update(cells)
         sizes[-1] += 1
     names = Counter(tuple(block) for block in blocks).most_common(1)[0][0]
-    # The most frequent sequence of columns is used, because the first block may start in the middle of a
-    # sample.
+    # The most frequent sequence of columns counts as a complete block. The first block may be incomplete,
+    # because a log can start in the middle of a sample.
     rows = [",".join(block[name] for name in names) for block in blocks if block.keys() == set(names)]
     other += sum(size for block, size in zip(blocks, sizes, strict=True) if block.keys() != set(names))
     return [",".join(names), *rows], other

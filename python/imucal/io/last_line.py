@@ -11,8 +11,8 @@ from imucal.io.remarks import lines_left_out
 
 __all__ = ["LastLine"]
 
-# Number of rows, before the last row, with which the last row is compared. If its last field has fewer
-# decimals than in these rows, it may have been cut off.
+# The last row is compared with this number of rows before it. If its last field has fewer decimals than the
+# last fields of these rows, the last row may have been cut off.
 COMPARED_ROWS: Final = 20
 
 

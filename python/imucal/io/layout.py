@@ -17,11 +17,12 @@ from imucal.io.unit_words import unit_of
 
 __all__ = ["HEAD", "Layout", "is_number", "is_value", "layout_of", "plain_text", "split_line"]
 
-# Patterns are texts: `re` compiles a pattern at its first use, and most files need few of them.
+# Most patterns in this module are texts, which `re` compiles at their first use, because most files need few
+# of the patterns.
 
 # Size of the start of a file in which header and first row are searched, bytes.
 HEAD: Final = 1 << 16
-# Number of lines before the first row in which the header is searched.
+# The header is searched in this number of lines before the first row.
 HEADER_LINES: Final = 50
 # Number of lines from which the separator and the number of columns are determined. They are the last lines
 # of the first `HEAD` bytes.
@@ -268,8 +269,8 @@ def _first_row(
         numbers = sum(is_value(field, decimal) for field in filled)
         return numbers > 0 and 2 * numbers >= len(filled)
 
-    # The usual number of fields is determined from the last lines, so that only the lines up to the first row
-    # need to be split.
+    # The usual number of fields is determined from the last lines. Of the other lines, only those up to the
+    # first row then have to be split into fields.
     last = [split_line(line.text, separator) for line in lines[-SAMPLE_LINES:]]
     widths = Counter(len(fields) for fields in last if is_row(fields))
     if not widths:

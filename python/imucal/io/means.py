@@ -11,8 +11,8 @@ from imucal.recording.means import Means
 
 __all__ = ["read_means"]
 
-# Arbitrary sampling rate. The reader needs a rate, because the rows of the table have no time. The time that
-# results is not used.
+# Arbitrary sampling rate. The rows of the table have no time, and the reader of recordings then needs a rate.
+# The resulting times are not used.
 ANY_RATE_HZ: Final = 1.0
 
 

@@ -18,7 +18,7 @@ ZIP: Final = b"PK\x03\x04"
 # First bytes of a compound file, the format of .xls and .doc.
 OLD_SPREADSHEET: Final = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 # Protection against decompression bombs. LARGEST_RATIO is the largest accepted ratio of decompressed to
-# compressed size. Any ratio is accepted up to the decompressed size ALWAYS_ALLOWED, bytes.
+# compressed size. If the decompressed size is at most ALWAYS_ALLOWED, bytes, any ratio is accepted.
 LARGEST_RATIO, ALWAYS_ALLOWED = 40, 200_000_000
 TEXT_ENDINGS: Final = (".csv", ".txt", ".tsv", ".dat", ".log", ".asc")
 

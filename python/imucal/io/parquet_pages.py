@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, Final
 __all__ = ["require_plausible_pages", "require_plausible_rows"]
 
 # The values of a file may have at most MEMORY_BYTES plus MEMORY_PER_BYTE times the size of the file, bytes.
-# Constant columns can be compressed by any factor, so MEMORY_BYTES is large enough for hours of such columns.
+# Constant columns can be compressed by any factor. MEMORY_BYTES is enough for hours of such columns.
 MEMORY_BYTES: Final = 100_000_000
 MEMORY_PER_BYTE: Final = 1000
 # Largest accepted page, bytes. Programs write pages of about 1 MB.
@@ -68,7 +68,8 @@ def _require_chunk(file: BinaryIO, chunk: Any, size: int) -> None:
     if not lowest <= first <= end <= size:
         raise ValueError(f"the column {name} is at the bytes {first} to {end} of {size}")
     position = first
-    # Arrow stops reading at the last value, which can be before the end of the chunk.
+    # Only pages up to the last value are checked, because Arrow stops reading there, which can be before the
+    # end of the chunk.
     values = 0
     while position < end and values < chunk.num_values:
         file.seek(position)
@@ -96,7 +97,8 @@ class _Header:
                 else:
                     self.compressed = number
             elif field in (5, 8) and kind == STRUCT:
-                # The header of a data page (version 1 or 2), whose field 1 is the number of values.
+                # This structure is the header of a data page (version 1 or 2). Its field 1 is the number of
+                # values.
                 for inner, inner_kind in self._fields():
                     if inner == 1 and inner_kind == I32:
                         self.values = max(self._signed(), 0)

@@ -60,7 +60,8 @@ def _piece(table: Table, source: Source, rate_hz: float | None, clock: Clock) ->
     try:
         piece = recording_from_table(table, [source], rate_hz, clock)
     except FormatError:
-        # The whole file is read instead, because its error message contains the line number.
+        # The file is read again as a whole, because the error message of the reader of whole files contains
+        # the line number.
         raise NotInPartsError(table.file) from None
     if rate_hz is None and has_equal_stamps(piece.time_s):
         # Rows that were written twice can be detected and counted only in the whole recording.

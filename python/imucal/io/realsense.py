@@ -28,10 +28,10 @@ HARDWARE: Final = "HW Timestamp (ms)"
 HOST: Final = "Host Timestamp(ms)"
 VALUES: Final = ("3DOF_x", "3DOF_y", "3DOF_z")
 STREAMS: Final = {"Accel": "the accelerometer", "Gyro": "the gyroscope"}
-# Largest relative difference between the elapsed times of two clocks that have the same unit.
+# Two clocks count as having the same unit if their elapsed times differ by at most this relative difference.
 SAME_UNIT: Final = 0.1
-# Lines of a stream that do not consist of numbers are skipped. If their share is larger than this number, the
-# file is refused.
+# Lines of a stream that do not consist of numbers are skipped. The file is refused if their share of all
+# lines exceeds this number.
 MOST_GARBLED: Final = 0.01
 
 

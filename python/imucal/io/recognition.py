@@ -97,7 +97,8 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
     if start[:1] == b"\x55" and _are_packets(path):
         return "witmotion"
     if path.suffix.lower() == ".mat" and b"\0\0" in (start[:2], start[2:4]):
-        # A MAT-file of level 4 starts with a 32-bit integer below 5000; other .mat files here are text.
+        # A MAT-file of level 4 starts with a 32-bit integer below 5000, of which two bytes are zero. Other
+        # .mat files that reach this line are text.
         return "matlab"
     if path.suffix.lower() in ENDINGS:
         return ENDINGS[path.suffix.lower()]

@@ -68,8 +68,8 @@ class RequestedColumns:
             is_whole = _is_whole(part)
             present = np.ones(len(part), dtype=bool)
             if is_whole:
-                # The first time stamp is subtracted as an integer, because 1.4e18 ns has more digits than a
-                # float64 can represent.
+                # The first time stamp is subtracted before the conversion to float64, because a time stamp
+                # such as 1.4e18 ns has more digits than a float64 can represent.
                 present = present_of(part)
                 values: NDArray[Any] = ticks_of(part).astype(np.int64)
             else:

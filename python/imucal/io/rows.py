@@ -21,11 +21,11 @@ from imucal.io.table import Table
 
 __all__ = ["cleaned_columns", "without_blank_rows"]
 
-# Rows with a field that is not a number, for example after an error on a serial line, are skipped. If their
-# share is larger than this number, the file is refused.
+# Rows with a field that is not a number, for example after an error on a serial line, are skipped. The file
+# is refused if their number, divided by the number of valid rows, exceeds this ratio.
 MOST_GARBLED: Final = 0.01
-# Lines of text between the rows are skipped. If their number, divided by the number of rows, is larger than
-# this ratio, the file is refused.
+# Lines of text between the rows are skipped. The file is refused if their number, divided by the number of
+# valid rows, exceeds this ratio.
 MOST_TEXT: Final = 1.0
 # Arrow's maximum block size, bytes. With this size Arrow infers the column types from the whole file.
 LARGEST_BLOCK: Final = 2**31 - 1
@@ -172,7 +172,7 @@ def _valid_text(buffer: Any) -> Any:
 
 
 def _numbers(name: str, column: Any, decimal: str) -> tuple[Any, Any]:
-    """A text column converted to numbers (dates are unchanged), and the mask of cells that are neither."""
+    """A text column as numbers (a column of dates is unchanged), and the mask of cells that are invalid."""
     import numpy as np
     import pyarrow as pa
     from pyarrow import compute

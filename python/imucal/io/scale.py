@@ -21,22 +21,22 @@ __all__ = ["Reading", "accel_reading", "epoch_unit", "gravity_g", "gyro_reading"
 GRAVITY_G: Final = (0.7, 1.4)
 # Median magnitude, g, below which acceleration does not include gravity.
 NO_GRAVITY_G: Final = 0.3
-# Counts per deg/s in datasheets: MPU-60x0, ICM and BMI series (16.4 times powers of two), LSM6 and L3G
-# (inverse of mdps per count), BNO055 (16).
+# Resolutions of gyroscopes from datasheets, counts per deg/s: 16.4 times powers of two (MPU-60x0, ICM and BMI
+# series), 16 (BNO055), and the inverse of the resolution in mdps per count (LSM6 and L3G).
 COUNTS_PER_DPS: Final = (
     *(16.4, 32.8, 65.6, 65.5, 131.0, 131.072, 262.4, 16.384, 32.768, 65.536, 262.144, 16.0, 14.375),
     *(1000 / 4.375, 1000 / 8.75, 1000 / 17.5, 1000 / 35.0, 1000 / 70.0),
 )
-# Typical noise per sample of a MEMS gyroscope, rad/s, and the largest plausible factor by which the noise
-# differs from it. If the factor is larger, the assumed unit of the column is unlikely. For comparison, rad/s
-# and deg/s differ by a factor of 57.
+# Typical noise per sample of a MEMS gyroscope, rad/s. If the noise of a column in an assumed unit differs
+# from it by more than UNLIKELY_FACTOR, the assumed unit is unlikely. For comparison, rad/s and deg/s differ
+# by a factor of 57.
 USUAL_NOISE_RADPS: Final = 0.05 * DEGREE_RAD
 UNLIKELY_FACTOR: Final = 12.0
 # Largest rate that MEMS gyroscopes measure, rad/s.
 LARGEST_RATE_RADPS: Final = 4100 * DEGREE_RAD
 # Plausible range of sampling rates, Hz.
 RATES_HZ: Final = (5.0, 40_000.0)
-# Number of samples per block; the noise is estimated from the quietest blocks.
+# Number of samples of a block. The noise is estimated from the quietest blocks.
 BLOCK: Final = 20
 # Range of time stamps that are accepted as a date, s since 1970: years 2001 to 2100.
 EPOCH_S: Final = (1.0e9, 4.2e9)
@@ -119,7 +119,7 @@ def time_reading(values: Any) -> Reading:
     rates = {unit: ticks / step for unit, ticks in TICKS_PER_S.items()}
     fitting = [unit for unit, rate in rates.items() if RATES_HZ[0] <= rate <= RATES_HZ[1]]
     shown = ", ".join(f"{rates[unit]:.4g} Hz as {unit}" for unit in rates if 0.01 < rates[unit] < 1e7)
-    # Fractional values indicate s, because counters in ms or us are integers.
+    # Times with fractions are assumed to be in s, because counters in ms or us are integers.
     is_whole = bool(len(steps)) and _is_whole(np.asarray(values, dtype=np.float64))
     fitting = [unit for unit in fitting if (unit == "s") != is_whole or len(fitting) == 1]
     return Reading(fitting[0] if fitting else None, f"time: steps of {step:.4g}, {shown}")
@@ -162,8 +162,8 @@ def _counts_per_dps(values_dps: FloatArray) -> float | None:
     distinct = np.unique(np.abs(finite[finite != 0]))
     if len(distinct) < 4:
         return None
-    # Values with at most two decimals, such as 0.25, are not tested, because rounded values can be multiples
-    # of a scale by coincidence.
+    # If all values have at most two decimals, such as 0.25, no scale is returned, because rounded values can
+    # be multiples of a scale by coincidence.
     if np.allclose(distinct * 100, np.round(distinct * 100), atol=1e-9):
         return None
     smallest = float(distinct[0])

@@ -32,8 +32,8 @@ PAIR: Final = re.compile(
     r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w:.])"
     r"(?:\s?(m/s\^?2|m/s²|m/s/s|mg|g|rad/s|mdps|deg/s|dps|°/s|°C|degC|us|ms|s)(?=[\s,;|}]|$))?"
 )
-# Fields of the sentences, from the VN-100 user manual (registers 27 and 54): yaw, pitch and roll, followed by
-# vectors with three components each.
+# Fields of the known sentences, from the VN-100 user manual (registers 27 and 54). The fields that are not
+# read, `-`, are attitude, magnetic field and pressure.
 _ACCEL: Final = [f"accel_{axis}_mps2" for axis in "xyz"]
 _GYRO: Final = [f"gyro_{axis}_radps" for axis in "xyz"]
 SENTENCES: Final = {

@@ -15,7 +15,8 @@ from imucal.io.table import Stored, Table
 
 __all__ = ["NANOSECONDS", "joined_stamps"]
 
-# Name of the column of nanoseconds until it is joined with the column of seconds, whose name is time_ns.
+# Temporary name of the column of nanoseconds. The column of seconds is named time_ns, and contains the joined
+# time stamps when it is read.
 NANOSECONDS: Final = "stamp_nanoseconds"
 
 

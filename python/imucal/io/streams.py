@@ -27,8 +27,8 @@ from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 
 __all__ = ["SAME_RATE", "Stream", "median_rate_hz", "onto_clock", "recording_from_streams"]
 
-# Largest ratio of two sampling rates that count as equal. The oscillators of MEMS sensors differ by about 1
-# %.
+# Two sampling rates count as equal if their ratio is at most this number. The oscillators of MEMS sensors
+# differ by about 1 %.
 SAME_RATE = 1.02
 # Largest accepted ratio of the sampling rates. At a larger ratio, too few samples of the slower sensor cover
 # a rotation.
@@ -212,7 +212,8 @@ def onto_clock(clock: Stream, other: Stream, is_averaged: bool) -> tuple[Stream,
 
 def _mean(at_s: FloatArray, half_s: float, time_s: FloatArray, values: FloatArray) -> FloatArray:
     """The mean of the linear interpolation of `values` over the interval at_s +- half_s."""
-    # The mean is subtracted, so that the integral stays small and its differences keep their precision.
+    # The mean of the values is subtracted before the integration, so that the integral stays small and the
+    # differences of the integral keep their precision.
     level = float(values.mean())
     steps_s, values = np.diff(time_s), values - level
     integral = np.concatenate([[0.0], np.cumsum(steps_s * (values[1:] + values[:-1]) / 2)])

@@ -26,11 +26,13 @@ __all__ = ["NotInPartsError", "Text", "head_of", "headed_parts", "open_path", "o
 
 # Size of the parts in which a file is read, bytes.
 PART: Final = 1 << 22
-# Size of a text, bytes, above which parsing with several threads is faster than with one thread.
+# A text larger than this number of bytes is parsed by several threads. For a smaller text, one thread is
+# faster.
 WORTH_THREADS: Final = 1 << 24
 
 
-# Size of the blocks in which plain numbers are parsed, bytes. It is large enough for several threads.
+# Size of the blocks in which texts of plain numbers are parsed, bytes. A block is large enough to be parsed
+# by several threads.
 BLOCK: Final = 1 << 22
 # Size of the end of a file that is searched for an incomplete last line, bytes.
 TAIL: Final = 1 << 16
@@ -182,8 +184,8 @@ def headed_parts(path: str | os.PathLike[str], names_of: Any) -> Iterator[Table]
     if start[:1] in (b"\x1f", b"\xff", b"\xfe") or b"\0" in start or (b"\r" in start and b"\n" not in start):
         raise NotInPartsError(name)
     layout = layout_of(name, start)
-    # A text with repeated spaces is only read as a whole. A text shorter than HEAD is not worth reading in
-    # parts.
+    # A text whose fields are separated by spaces can only be read as a whole. A text shorter than HEAD is too
+    # short for reading in parts to save memory.
     if layout.separator == " " or layout.decimal != "." or layout.names is None or len(start) < HEAD:
         raise NotInPartsError(name)
     names = names_of(layout)
@@ -240,7 +242,8 @@ def read_rows(text: Text, names: Sequence[str]) -> Table:
     parse = csv.ParseOptions(delimiter=layout.separator)
     convert = csv.ConvertOptions(include_columns=[str(index) for index in used], decimal_point=layout.decimal)
     try:
-        # First attempt: Arrow infers the column types from the first block. It fails if later blocks differ.
+        # In this first attempt Arrow infers the column types from the first block of the text. The attempt
+        # fails if later blocks have other types.
         columns = csv.read_csv(pa.BufferReader(buffer), options, parse, convert).columns
     except pa.ArrowException:
         columns = None

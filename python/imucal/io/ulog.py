@@ -87,7 +87,8 @@ def _choose(name: str, datasets: list[Any], topic: str | None, instance: int | N
             f"{name} contains neither {NEEDED}; found of these: {found or 'none'}: log them (SDLOG_PROFILE, "
             "or a file logger_topics.txt on the card)"
         )
-    # The topic sensor_gyro also selects the pair of sensor_accel and sensor_gyro.
+    # sensor_accel and sensor_gyro are one source, named sensor_accel, which the topic sensor_gyro also
+    # selects.
     wanted = "sensor_accel" if topic == "sensor_gyro" else topic
     fitting = [c for c in choices if wanted in (None, c.topic) and instance in (None, c.instance)]
     listed = "; ".join(map(str, choices))

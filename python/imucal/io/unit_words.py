@@ -7,8 +7,8 @@ from typing import Final
 
 __all__ = ["split_unit", "unit_of"]
 
-# Spellings of each unit, normalised by `_plain`, by quantity and suffix of canonical names. "lsb" is valid
-# for both sensors.
+# Spellings of each unit after normalisation by `_plain`. The key is the quantity and the suffix of canonical
+# names. The unit "lsb" is valid for both sensors.
 _SPELLINGS: Final[dict[tuple[str, str], str]] = {
     ("time", "s"): "s sec secs second seconds",
     ("time", "ms"): "ms msec msecs millis millisecond milliseconds",

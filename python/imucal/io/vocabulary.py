@@ -200,7 +200,8 @@ def _time(requested: RequestedColumns, used: set[str], rate_hz: float | None) ->
         first = requested.clock.rows
         return np.arange(first, first + requested.rows, dtype=np.float64) / rate_hz
     if not names:
-        # A table of one sensor is a recording, so the proposal does not have the columns of the other sensor.
+        # A table with the columns of one sensor is a valid recording, so the proposal for --columns does not
+        # contain columns of the other sensor.
         found = _found(table, columns_suggested if _alone(table) is None else time_suggested)
         raise FormatError(
             f"{table.file}: the column time_s (or time_ms, time_us, time_ns) is missing; {found}If there is "

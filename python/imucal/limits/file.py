@@ -27,8 +27,8 @@ FIELDS: Final = ("schema", "description", "parameters", *FIGURES, "effects", "ve
 # Verdicts that limits can require.
 REQUIRED: Final[tuple[Verdict, ...]] = ("good", "incomplete")
 NO_LIMIT: Final = "there is no limit, so every unit would pass: give at least one limit"
-# Largest accepted limit of each figure. The values are chi2 of residuals of 1000 times the noise, gravity,
-# half a revolution, and the number of rests of one second in a day.
+# Largest limit of each figure that a limits file may contain: chi2 of residuals of 1000 times the noise, a
+# residual as large as gravity, half a revolution, and the number of rests of one second in a day.
 LARGEST_LIMITS: Final = {
     "chi2_per_dof": 1e6,
     "gravity_norm_rms_mps2": 9.9,

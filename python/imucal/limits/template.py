@@ -20,12 +20,12 @@ from imucal.limits.limits import Limits
 
 __all__ = ["DEVIATIONS", "limits_from"]
 
-# Default half width of the ranges in standard deviations. With 3 standard deviations, each of 21 parameters
-# is outside its range with a probability of 0.27 %, so one of 18 good units would fail. With 4 standard
-# deviations, one of 750 good units fails.
+# Default half width of the ranges, in standard deviations over the units. With 3 standard deviations, each of
+# 21 parameters would be outside its range with a probability of 0.27 %, and one of 18 good units would fail.
+# With 4 standard deviations, one of 750 good units fails.
 DEVIATIONS: Final = 4.0
-# The limit for the standard deviation of a parameter is the largest standard deviation of this parameter
-# among the units, multiplied by this factor. A small factor suffices, because standard deviations depend on
+# `max_std` of a parameter is the largest standard deviation of this parameter in the calibrations of the
+# units, multiplied by this factor. A small factor is sufficient, because the standard deviations depend on
 # motion and noise and hardly differ between units.
 STD_MARGIN: Final = 2.0
 

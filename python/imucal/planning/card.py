@@ -15,8 +15,8 @@ from imucal.rig.motion import Program
 
 __all__ = ["write_card"]
 
-# Sizes in the drawing, relative to the half edge of the box along x. They are the half edges along x, y and
-# z, and the length of the axis arrows.
+# Half edges of the drawn box along x, y and z, and length of the axis arrows, relative to the half edge along
+# x.
 BOX: Final = np.array([1.0, 0.7, 0.35])
 ARROW: Final = 1.75
 COLOURS: Final = ("#d55e00", "#008560", "#0072b2")

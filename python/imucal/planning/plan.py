@@ -41,15 +41,16 @@ __all__ = ["plan"]
 
 DEFAULT_MINUTES: Final = 3.0
 PROPOSALS: Final = 12000
-# Number of steps of a short trial search. The trial search determines which parameters the stand can
+# Number of steps of a short trial search, which shows which parameters the motions of the stand can
 # determine.
 FEW_PROPOSALS: Final = 300
-# Hand tremor in the simulated run for detection limits: standard deviation about each axis, deg.
+# Standard deviation of the hand tremor about each axis, deg, in the simulated run from which detection limits
+# are computed.
 TREMOR_DEG: Final = 0.05
 # Largest number of rounds over the faces of a box, about twenty minutes of work.
 MOST_ROUNDS: Final = 20
-# A target counts as reached if the standard deviation is at most the target times this factor, which allows
-# for rounding.
+# A target counts as reached if the standard deviation is at most the target times this factor. The factor
+# allows for rounding errors.
 ROUNDING: Final = 1.001
 
 
@@ -350,8 +351,8 @@ class _Planner:
 
 
 # A parameter counts as determined if its predicted standard deviation, relative to the size of the parameter,
-# is below this threshold. An unobservable parameter has the standard deviation of its prior, 0.1; the
-# threshold is a fifth of it.
+# is below this threshold. For a parameter that is not observable, the prediction equals the standard
+# deviation of its prior, 0.1. The threshold is a fifth of this value.
 OPEN: Final = 0.02
 
 

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 __all__ = ["limits", "parameters", "sigmas"]
 
-# Heights in pixels: of the row of a parameter, of the row of a check, of the title and labels of a panel, and
-# of the margin of the figure.
+# Heights, in pixels, of the row of a parameter, the row of a check, the title and labels of a panel, and the
+# margin of the figure.
 ROW_PX: Final = 24
 CHECK_PX: Final = 29
 PANEL_PX: Final = 62

@@ -27,13 +27,13 @@ __all__ = [
     "sphere_before_and_after",
 ]
 
-# All errors are magnified by a common factor. With this factor, the largest distance of a point from the
-# sphere is this number of radii.
+# All errors are drawn magnified by a common factor. The factor is chosen such that the largest distance of a
+# point from the sphere is this number of radii.
 DRAWN_ERROR: Final = 0.4
 # Edges of the bins of a histogram of a normal variable, in standard deviations. The outermost bins also
 # contain all values beyond them.
 EDGES: Final = np.arange(-4.0, 4.01, 0.5)
-# The same for the length of a normal vector in a plane.
+# Edges of the bins of a histogram of the length of a vector of two normal variables.
 LENGTH_EDGES: Final = np.arange(0.0, 5.01, 0.5)
 
 

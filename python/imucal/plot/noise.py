@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["allan", "marks", "slopes"]
 
 LOOKS = (("x", VERMILION, "circle"), ("y", GREEN, "square"), ("z", BLUE, "diamond"))
-# Ratio of the Allan deviation of flicker noise to its coefficient B: sqrt(2 ln 2 / pi).
+# Allan deviation of flicker noise divided by its coefficient B, the bias instability: sqrt(2 ln 2 / pi).
 FLAT: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
 # Averaging times, s, at which the asymptotes of white noise and random walk have the values N and K.
 TAU_N_S: Final = 1.0

@@ -27,8 +27,8 @@ SAMPLES: Final = 800
 # A residual is drawn against a variable if a cubic in the variable explains at least this share of its
 # variance.
 LEAST_SHARE: Final = 0.3
-# A dependence is drawn only if there are at least this number of rests or moves, because a cubic fits fewer
-# points by chance.
+# The dependence of a residual on a variable is drawn only if there are at least this number of rests or
+# moves, because a cubic fits fewer points by chance.
 LEAST_POINTS: Final = 8
 # The residual |f| - g of a rest is attributed to an axis if the cosine of the angle between the axis and the
 # vertical exceeds this value. The cosine of 26 deg is 0.9.

@@ -35,8 +35,7 @@ KINDS: Final = {
 ROW_PX: Final = 34
 SIZE_ROW_PX: Final = 24
 PANEL_PX: Final = 66
-# A candidate is drawn if its probability is at least LEAST. The second number is the maximum number of drawn
-# candidates.
+# A candidate is drawn if its probability is at least LEAST. At most MOST candidates are drawn.
 LEAST: Final = 1e-3
 MOST: Final = 6
 # Half width of a 95 % interval, in standard deviations.
@@ -71,8 +70,8 @@ def waterfall(gap: Gap) -> Figure:
     figure, height = stacked_panels(rows, row_px=ROW_PX, panel_px=PANEL_PX)
     for row, own in enumerate(steps.values(), start=1):
         names = ["gap", *(name for name, _ in own)]
-        # The remaining share is clipped at zero, because the scatter of unseen data may make it slightly
-        # negative.
+        # The remaining share is clipped at zero, because the scatter of control or held-out data may make it
+        # slightly negative.
         left = max(own[-1][1], 0.0)
         text = ["100 %", *(f"−{100 * share:.0f} %" for _, share in own[:-1]), f"{100 * left:.0f} %"]
         figure.add_trace(

@@ -67,7 +67,7 @@ def styled(figure: Figure, height: int) -> Figure:
         "exponentformat": "power",
         "minexponent": 5,
     }
-    # Ticks in the colour of the paper keep a distance between the labels of both axes in the corner of the
+    # Invisible ticks, in the colour of the paper, separate the labels of both axes in the corner of the
     # figure.
     figure.update_xaxes(**axis, title_standoff=8, ticks="outside", ticklen=4, tickcolor=PAPER)
     figure.update_yaxes(**axis, title_standoff=8)

@@ -11,8 +11,8 @@ from imucal.arrays import FloatArray
 
 __all__ = ["MOST", "evenly", "numbers", "thinned"]
 
-# Maximum number of points of a figure. With this number, the size of a page stays below 6 MB, of which plotly
-# takes 5 MB.
+# Maximum number of rests or moves in a figure. With this number, the size of a page stays below 6 MB, of
+# which plotly.js is 5 MB.
 MOST: Final = 360
 
 

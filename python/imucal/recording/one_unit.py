@@ -15,8 +15,8 @@ from imucal.recording.recording import Recording, as_recordings
 
 __all__ = ["of_one_unit", "require_different", "require_other_data", "with_own_names"]
 
-# Number of samples at the start of two recordings that are compared first. If the recordings are different
-# runs, these samples nearly always differ.
+# To compare two recordings quickly, this number of samples at their starts is compared first. The first
+# samples of different runs nearly always differ.
 BEGINNING: Final = 100
 
 

@@ -74,7 +74,7 @@ def write_fleet_page(
 
 
 def _or_reason(compute: Any) -> Any:
-    """A statistic, or the reason as text if the fleet is too small for it."""
+    """The result of `compute`, or the reason as text if the fleet is too small for this statistic."""
     try:
         return compute()
     except InputError as error:

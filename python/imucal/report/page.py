@@ -144,12 +144,12 @@ def _css_string(text: str) -> str:
 
 
 def _json(text: str | None) -> str:
-    # Text from recordings must not close the script element.
+    # `<` is escaped, so that text from recordings, such as a file name, cannot close the script element.
     return (text or "").replace("<", "\\u003c")
 
 
 def _plotly_script(compressed: bool) -> str:
-    # This import cannot fail, because the page has a figure and so plotly is installed.
+    # This import cannot fail. The page contains a figure, and plotly has made this figure.
     from plotly.offline import get_plotlyjs
 
     if not compressed:
@@ -160,7 +160,7 @@ def _plotly_script(compressed: bool) -> str:
     return f'<script type="text/plain" id="plotly">{content}</script>\n<script>{_DECOMPRESS}</script>'
 
 
-# Decompresses and runs plotly.js, and then notifies the page, which draws its figures.
+# JavaScript that decompresses and runs plotly.js, and then notifies the page, which draws its figures.
 _DECOMPRESS = """
 (async () => {
   const text = atob(document.getElementById("plotly").textContent);

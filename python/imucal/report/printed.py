@@ -14,7 +14,7 @@ from imucal.errors import InputError
 
 __all__ = ["write_pdf"]
 
-# Programs that print a page as PDF, by the same options.
+# Names of browsers that can print a page as PDF. The options are the same for all of them.
 BROWSERS: Final = (
     "chromium",
     "chromium-browser",

@@ -21,7 +21,8 @@ METRICS = {
     "held_out_gravity_direction_rms_deg": "the rms error of the gravity direction, deg,",
     "held_out_gravity_norm_rms_mps2": "the rms error of |f| at rest, m/s²,",
 }
-# Mood (see `Verdict` in page.py) and sentence for each verdict without named effects.
+# For each verdict without named effects: the mood, which selects the symbol and colour (see `Verdict` in
+# page.py), and the sentence.
 NO_NAME = {
     "nothing_missing": ("good", "No missing effect is detectable in these recordings."),
     "stochastic": ("poor", "A bias fluctuates randomly by more than the unit's noise explains."),

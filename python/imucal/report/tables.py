@@ -24,8 +24,8 @@ FIGURES = {
 }
 # Maximum number of items of a list on a page. The JSON document contains all items.
 MOST_ITEMS = 40
-# A table with more columns than this number does not fit into one column of a printed page at normal text
-# size.
+# A table with more columns than this number is too wide for one of the two columns of a printed page at
+# normal text size.
 WIDE = 5
 
 

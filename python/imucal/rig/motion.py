@@ -26,7 +26,8 @@ from imucal.rig.stand import Stand, stand_of
 __all__ = ["Motion", "Program", "Static", "Step", "Tumble"]
 
 SCHEMA: Final = "imucal.program/1"
-# Fields of a program. A program file has the field `schema`, and a truth file has the field `kind` instead.
+# Names of the fields of a program. In a program file it has the field `schema`, and in a truth file the field
+# `kind` instead.
 PROGRAM_FIELDS: Final = ("schema", "kind", "steps", "stand")
 STEP_FIELDS: Final = ("turn_deg", "move_s", "hold_s")
 

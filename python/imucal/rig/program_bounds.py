@@ -17,19 +17,22 @@ __all__ = [
     "turned_too_far",
 ]
 
-# Largest number of steps. For comparison, a grid of 1 deg over the sphere has 64,800 poses.
+# Largest accepted number of steps of a program. For comparison, a grid of 1 deg over the sphere has 64,800
+# poses.
 MAX_STEPS: Final = 100_000
-# Largest angle of a motor from its start, deg. It is a hundred revolutions, which no cable survives.
+# Largest accepted angle of a motor from its start, deg. It is a hundred revolutions, which would tear any
+# cable.
 MAX_ANGLE_DEG: Final = 36_000.0
-# Largest mean rate of a motor over a turn, deg/s. The widest range of a MEMS gyroscope is 4000 deg/s.
+# Largest accepted mean rate of a motor over a turn, deg/s. The largest range of MEMS gyroscopes is 4000
+# deg/s.
 MAX_RATE_DPS: Final = 5_000.0
-# Largest acceleration of a motor, deg/s^2. A hobby servo that turns by 60 deg in 0.1 s reaches 48,000
-# deg/s^2.
+# Largest accepted acceleration of a motor, deg/s^2. For comparison, a hobby servo that turns by 60 deg in 0.1
+# s reaches 48,000 deg/s^2.
 MAX_ACCELERATION_DPS2: Final = 200_000.0
 # The peak acceleration of a turn is this number times the angle of the turn divided by the square of its
 # duration.
 PEAK_ACCELERATION: Final = 8.0
-# Longest turn or rest (a day) and longest program (a week), s.
+# Longest accepted turn or rest (a day) and longest accepted program (a week), s.
 MAX_STEP_S: Final = 86_400.0
 MAX_DURATION_S: Final = 7 * MAX_STEP_S
 

@@ -32,14 +32,14 @@ CHEAP: Final = {
     "vibration_mm": 0.05,
     "encoder_noise_deg": 0.02,
 }
-# Largest accepted value of an error, by the suffix of its name. The values are a revolution, a metre, 100
-# kHz, and a week.
+# Largest accepted value of an error of a stand, by the suffix of its name: a revolution, a metre, 100 kHz,
+# and a week.
 LARGEST: Final = {"_deg": 360.0, "_mm": 1000.0, "_hz": 1e5, "_s": MAX_DURATION_S}
 NOT_NEGATIVE: Final = (
     *("vibration_deg", "vibration_mm", "vibration_hz", "encoder_noise_deg", "tremor_deg", "slip_time_s"),
 )
-# The encoders of the cheap stand have 12 bits. Their errors are these effects of the catalogue with their
-# typical sizes.
+# The encoders of the cheap stand have 12 bits. The errors of these encoders are the listed effects of the
+# catalogue, with their typical sizes.
 CHEAP_COUNTS: Final = 4096
 CHEAP_ENCODERS: Final = ("encoder_eccentricity", "encoder_time_offset", "encoder_backlash")
 CHEAP_VIBRATION_HZ: Final = (20.0, 80.0)

@@ -29,7 +29,8 @@ SCHEMA: Final = "imucal.stand-limits/1"
 AXES: Final = ("axis_1", "axis_2", "axis_3")
 AXIS_FIELDS: Final = ("max_rate_dps", "max_acceleration_dps2", "range_deg", "cable_wrap_deg")
 FIELDS: Final = ("schema", "description", "axes", "settle_s", "min_rest_s", "minutes", "forbidden_deg")
-# Largest accepted value of each limit. The limits of a stand have the same bounds as the steps of a program.
+# Largest accepted value of each limit of a stand. It is the same as the largest accepted value in a step of a
+# program.
 LARGEST: Final = {
     "max_rate_dps": MAX_RATE_DPS,
     "max_acceleration_dps2": MAX_ACCELERATION_DPS2,
@@ -38,8 +39,9 @@ LARGEST: Final = {
     "min_rest_s": MAX_STEP_S,
     "minutes": MAX_DURATION_S / 60.0,
 }
-# Limits of the paper's stand. The paper does not state the acceleration. The value here is that of the
-# paper's random program, in which a motor rotates by up to 240 deg in 2 s.
+# Largest rate, deg/s, and acceleration, deg/s^2, of the paper's stand. The paper does not state the
+# acceleration. The value here is the acceleration in the paper's random program, in which a motor rotates by
+# up to 240 deg in 2 s.
 PAPER_DPS: Final = 120.0
 PAPER_DPS2: Final = 480.0
 
@@ -180,8 +182,9 @@ class CoreLimits:
 
 STEP_DEG: Final = 0.1
 MOST_MOVES: Final = 400
-# Values for hand-held programs. The angle between poses, deg, is large enough to distinguish the pictures of
-# the poses on a card. The duration of a move, s, is long enough for a person to look at the next picture.
+# Values for hand-held programs: step of the pose angles, deg, minimum duration of a move, s, and maximum
+# number of moves. The step is large enough to distinguish the pictures of poses on a card. The duration
+# leaves time to look at the next picture.
 HAND_STEP_DEG: Final = 45.0
 HAND_MOVE_S: Final = 2.0
 HAND_MOVES: Final = 40

@@ -23,9 +23,9 @@ __all__ = ["Temperature"]
 # Reference temperature of sensitivities and biases; temperature effects are relative to it.
 REFERENCE_DEGC: Final = 25.0
 ABSOLUTE_ZERO_DEGC: Final = -273.15
-# A warm-up is approximated by 50 line segments per time constant, over 12 time constants. The approximation
-# error is 5e-5 of the temperature rise. After 12 time constants, the temperature is below its final value by
-# 6e-6 of the rise.
+# An exponential warm-up is approximated by 50 line segments per time constant, over 12 time constants. The
+# largest approximation error is 5e-5 of the temperature rise. After 12 time constants, the exponential is
+# still below its final value by 6e-6 of the rise.
 KNOTS_PER_CONSTANT: Final = 50
 CONSTANTS: Final = 12
 FORMS: Final = (

@@ -41,10 +41,11 @@ FOLDER: Final = Path(__file__).parent / "shipped"
 FLOOR_PER_INSTABILITY: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
 # Ratio of the two-sided noise density N to the one-sided noise density of a datasheet (docs/model.md (22)).
 TWO_SIDED_PER_ONE_SIDED: Final = math.sqrt(0.5)
-# Number of standard deviations of the drawn units that equals the tolerance of the datasheet. The number
+# Units are drawn such that the tolerance of the datasheet is this number of standard deviations. The number
 # depends on the kind of tolerance.
 DEVIATIONS: Final = {"typical": 1.0, "maximum": 3.0}
-# Parameters that are drawn at random, except effects: number of values and unit, in the order of drawing.
+# Parameters of a random unit, except effects, in the order in which they are drawn: number of values, and
+# unit.
 DRAWN: Final[dict[str, tuple[int, str]]] = {
     "accel_bias": (3, "m/s^2"),
     "accel_scale": (3, "1"),
@@ -298,7 +299,7 @@ def _sensor(node: Node, unit: str, sources: Collection[str]) -> Sensor:
     if one_sided is not None:
         names["noise_density"] = "noise_density_one_sided"
     figures = {names.get(name, name): value for name, value in known.items() if name != "bias_instability"}
-    # Figures in the file that the simulation does not use are checked, too.
+    # The figures that the simulation does not use are also checked.
     figures |= {
         name: value
         for name, of in (
@@ -348,8 +349,8 @@ def _draw(node: Node, seed: int) -> Unit:
     if not any(value is not None for value in spread.mapping().values()):
         raise InputError(f"{node.file} gives no spread: take its unit as it is, or another profile")
     random = np.random.default_rng(seed)
-    # All random numbers are drawn even if they are not used. A missing tolerance of one figure therefore does
-    # not change the random numbers of the other figures.
+    # A random number is drawn even for a figure without a tolerance. A missing tolerance therefore does not
+    # change the random numbers of the other figures.
     drawn = {
         name: random.normal(size=size) * _deviation(spread, name, unit, size)
         for name, (size, unit) in DRAWN.items()

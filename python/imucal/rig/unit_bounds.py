@@ -21,7 +21,7 @@ __all__ = [
 ]
 
 FIGURE_FIELDS: Final = ("value", "unit", "source", "note", "limit")
-# Fields of a sensor that are not figures.
+# Fields of a sensor in a unit file that are not figures with a value and a unit.
 OTHERS: Final = ("part", "averaging")
 # Figures that cannot be zero.
 POSITIVE: Final = ("range", "resolution", "bits", "bandwidth", "filter", "output_rate")
@@ -34,15 +34,15 @@ LARGEST: Final[dict[str, dict[str, float]]] = {
 }
 LARGEST_HZ: Final = 1e6
 LARGEST_BITS: Final = 32.0
-# Largest factor by which noise grows in motion.
+# Largest accepted ratio of the noise in motion to the noise at rest.
 LARGEST_FACTOR: Final = 1e3
-# Largest difference of two entries of a sensitivity that counts as rounding, relative to its largest entry.
+# Two entries of a symmetric sensitivity may differ by this share of the largest entry, because of rounding.
 ENTRY_ROUNDING: Final = 1e-7
 # Accepted range of the sensitivity in SI units, in which 1 is perfect. A sensitivity outside this range means
 # that its unit is wrong.
 SENSITIVITY: Final = (0.2, 5.0)
-# Accepted ratio of the specified range to the range of the counts. In some sensors the range of the counts is
-# twice the specified range.
+# Accepted ratio of the specified measurement range to the range that the counts can represent. In some
+# sensors the counts can represent twice the specified range.
 SHARE_OF_COUNTS: Final = (0.45, 1.05)
 # Largest tolerance of a scale factor or a misalignment: 50 % and 30 deg.
 LARGEST_TOLERANCE: Final = 0.5

@@ -141,8 +141,8 @@ def repeat(
     try:
         repeated = run(setup, auxiliary, keep_temperature=keep_temperature)
     except InputError as error:
-        # If columns or effects were passed as arguments, the error may be in the arguments and not in the
-        # file.
+        # The error is attributed to the file only if no columns or effects were passed as arguments, because
+        # otherwise the arguments may be its cause.
         if auxiliary or user_effects:
             raise
         raise FormatError(f"{node.file}: $.setup: {error}") from None
@@ -190,8 +190,8 @@ def run(setup: Setup, auxiliary: Auxiliary | None = None, *, keep_temperature: b
         core.angular_rate,
         temperature_degc=core.temperature_degc if keep_temperature or setup.needs_temperature else None,
         stand_rad=core.stand_rad,
-        # Both runs have the same sampling instants, so the interpolation selects the values of the samples
-        # that were not lost.
+        # The noise-free run contains every sampling instant of this run, so the interpolation only selects
+        # the values at the samples that were not lost.
         auxiliary={name: np.interp(core.time_s, sampled_s, given) for name, given in samples.items()},
         name=f"simulated-{setup.seed}",
     )

@@ -1,4 +1,4 @@
-"""The clock of a run. It also performs all waits, so that tests can replace it by a virtual clock."""
+"""The clock of a run. All waits use this clock, so that tests can replace it by a virtual clock."""
 
 from __future__ import annotations
 

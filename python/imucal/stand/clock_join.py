@@ -19,28 +19,30 @@ from imucal.stand.stream import TICKS_PER_S
 
 __all__ = ["host_instants", "joined_angles"]
 
-# Relative difference between the rates of two clocks that is accepted without a check. Quartz oscillators
-# differ by less than 200 ppm.
+# Largest relative difference between the rates of two clocks that is accepted without a check. Quartz
+# oscillators differ by less than 200 ppm.
 MAX_SLOPE: Final = 500e-6
-# Largest difference between the relative clock rate of each half of a run and that of the whole run at which
-# a relative rate beyond `MAX_SLOPE` is accepted. A unit has such a rate if its clock is an RC oscillator, or
-# if it sends no time and does not sample at its nominal rate.
+# A rate difference beyond `MAX_SLOPE` is accepted if the rate differences in both halves of the run differ by
+# at most this number from that of the whole run. The rate difference is this large if the clock of the unit
+# is an RC oscillator, or if the unit sends no time and does not sample at its nominal rate.
 AGREEING_SLOPE: Final = 2e-3
-# Minimum duration of a run, s, for a rate difference beyond `MAX_SLOPE` to be determined.
+# Minimum duration of a run, s, for a rate difference beyond `MAX_SLOPE` to be accepted. In a shorter run it
+# cannot be determined.
 SLOPE_OVER_S: Final = 20.0
-# If there are more samples than this number, they are divided into blocks, and only the least delayed sample
-# of each block is used.
+# Maximum number of samples from which the rate difference is computed. More samples are divided into blocks,
+# and only the least delayed sample of each block is used.
 MOST_POINTS: Final = 20_000
 # Longest interval between two reported positions, s, over which the angles of a moving stand are
 # interpolated. At an acceleration of 500 deg/s^2 the error is 0.6 deg.
 LONGEST_S: Final = 0.1
-# Intervals up to `LONGER_S`, s, are also interpolated if the angles change by at most `LITTLE_DEG`, deg. If a
-# motor starts or stops in the interval, the error of the interpolation is at most a quarter of this change.
+# The angles are also interpolated over an interval of up to `LONGER_S`, s, in which they change by at most
+# `LITTLE_DEG`, deg. If a motor starts or stops in the interval, the interpolation error is at most a quarter
+# of this change.
 LONGER_S: Final = 0.2
 LITTLE_DEG: Final = 2.0
 # If the stand is at rest at the last reported position, it is assumed to stay at rest for this time, s.
 STAYS_S: Final = 0.35
-# Difference of positions, deg, below which the stand is at rest.
+# The stand counts as at rest if consecutive positions differ by less than this angle, deg.
 AT_REST_DEG: Final = 0.05
 
 

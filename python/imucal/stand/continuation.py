@@ -16,10 +16,10 @@ from imucal.stand.time_check import Timed
 
 __all__ = ["WRAP_SHARE", "Continuation"]
 
-# Longest time for which samples are held back, s.
+# After an interruption, samples are held back for at most this time, s.
 WAITS_S: Final = 2.0
-# The clock of the unit has continued if a sample arrives within NEAR_S, s, plus CLOCK_ERROR times the elapsed
-# time, of the time that this clock predicts.
+# The clock of the unit counts as continued during the interruption if a sample arrives at the time that this
+# clock predicts. The accepted difference is NEAR_S, s, plus CLOCK_ERROR times the elapsed time.
 NEAR_S: Final = 1.0
 CLOCK_ERROR: Final = 1e-3
 # A counter counts as wrapped if it jumps from above this share of its range to below 1 minus this share.

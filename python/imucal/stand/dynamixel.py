@@ -28,10 +28,10 @@ EXTENDED_POSITION: Final = 4
 COUNTS: Final = 4096
 RATE_UNIT_DPS: Final = 0.229 * 6.0
 ACCELERATION_UNIT_DPS2: Final = 214.577 * 360.0 / 3600.0
-# Rate, deg/s, and acceleration, deg/s^2, of the motor that turns farthest in a move.
+# Rate, deg/s, and acceleration, deg/s^2, of the motor with the largest rotation of a move.
 RATE_DPS, ACCELERATION_DPS2 = 60.0, 240.0
-# Number of attempts of a read or a write. An attempt fails if a packet is damaged, or if the computer is
-# busy, because the library waits only 35 ms for an answer.
+# Maximum number of attempts to read or write a register. An attempt fails if a packet is damaged. It also
+# fails if the computer is busy, because the library waits only 35 ms for an answer.
 TRIES: Final = 12
 # Number of position readings between two checks of torque and hardware error.
 CHECK_EVERY: Final = 10
@@ -142,7 +142,7 @@ class Motors:
             except Exception as lost:
                 raise ImucalError(f"the bus of the motors is lost: {lost}") from None
             if result == self._sdk.COMM_SUCCESS:
-                # The top bit is ignored, because it only indicates a hardware error, which is checked
+                # The highest bit of `error` is ignored. It indicates a hardware error, which is checked
                 # separately.
                 if error & 0x7F:
                     raise ImucalError(f"motor {motor}: {self._packets.getRxPacketError(error & 0x7F)}")
@@ -179,7 +179,7 @@ def serve(motors: Motors, commands: TextIO, answers: TextIO) -> None:
 
 
 def main() -> None:
-    """Serve the motors of the command line on standard input and output."""
+    """Serve the motors named on the command line. Commands are read from standard input."""
     parser = argparse.ArgumentParser(description="Dynamixel motors as a stand for `imucal stand`.")
     parser.add_argument("--port", required=True)
     parser.add_argument("--baud", type=int, default=57600)

@@ -34,11 +34,11 @@ Waiting = Generator[None, None, None]
 
 # Interval between two queries of the position, s.
 QUERY_S: Final = 0.04
-# Timeout of an answer, s, and of the first answer, which includes the start of the program.
+# Timeout of an answer, s, and timeout of the first answer, s, which includes the start of the program.
 ANSWER_S: Final = 3.0
 FIRST_S: Final = 15.0
 # A pose counts as reached if each motor is within this angle of its target, deg. The angle is larger than the
-# error of a hobby servo. It does not affect the recorded angles, because they are the reported angles.
+# error of a hobby servo. It does not affect the recorded angles, which are those that the program reports.
 NEAR_DEG: Final = 1.0
 # A motor is stalled if its angle changes by at most `STILL_DEG` within `STALL_S` before it reaches its
 # target.
@@ -46,7 +46,8 @@ STILL_DEG: Final = 0.2
 STALL_S: Final = 5.0
 # Duration of the rest at zero after the last move, s.
 END_S: Final = 0.3
-# Pause between two polls while starting, s, and time that the program has to end after `stop`, s.
+# Pause between two polls during the start, s, and time after the command `stop` within which the program has
+# to end, s.
 PAUSE_S: Final = 0.01
 STOP_S: Final = 2.0
 

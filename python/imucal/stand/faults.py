@@ -32,7 +32,7 @@ SLIP_DEG: Final = (1.0, 3.0)
 SLIP_SHARE: Final = (0.15, 0.85)
 # Standard deviation of the attitude deviation by play in the mount, deg about each motor's axis.
 PLAY_DEG: Final = 0.5
-# Limits of the measurement range of a clipping gyroscope, as shares of the highest rate of the run.
+# The measurement range of a clipping gyroscope is drawn between these shares of the highest rate of the run.
 RANGE_SHARE: Final = (0.4, 0.8)
 
 

@@ -35,8 +35,8 @@ LEAST_FEED_DPM: Final = 1.0
 # Largest angle of a motor relative to its start, deg. It is the largest number with eight digits of which
 # four are decimals.
 MAX_ANGLE_DEG: Final = 9999.9999
-# Largest accepted rate, deg/s, and acceleration, deg/s^2, of a motor. A feed of this rate, in deg/min with
-# two decimals, has eight digits.
+# Largest accepted rate, deg/s, and acceleration, deg/s^2, of a motor. The feed that corresponds to this rate,
+# in deg/min with two decimals, has eight digits.
 MAX_RATE_DPS: Final = 10_000.0
 MAX_ACCELERATION_DPS2: Final = 1e6
 # A move is reported as late if it takes longer than in the program by more than this time, s.

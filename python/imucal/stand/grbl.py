@@ -43,24 +43,24 @@ REOPEN_S: Final = 0.3
 RETURN_DPS: Final = 60.0
 # Duration of the rest at zero after the last move, s, during which the last angles of the move are reported.
 END_S: Final = 0.3
-# Number of consecutive recoveries without progress after which the run fails.
+# The run fails after this number of consecutive recoveries from faults without a completed step.
 MOST_RECOVERIES: Final = 4
-# Number of attempts of a move, if the motors come to rest at a wrong position. After the last attempt the
-# controller is reset.
+# Maximum number of attempts of a move after which the motors come to rest at a wrong position. After the last
+# attempt the controller is reset.
 MOST_MOVES: Final = 4
 # A motor is at its target if it deviates by at most this angle, deg. Reports have a resolution of 0.001 deg.
 AT_TARGET_DEG: Final = 0.02
-# Largest difference, deg, between a reported offset and the requested offset at which they count as equal. It
-# allows for half a unit of the last digit of a report, and rounding.
+# A reported offset of the work coordinates counts as equal to the requested offset if they differ by at most
+# this angle, deg. It allows for half a unit of the last digit of a report, and for rounding.
 SAME_DEG: Final = 0.0015
-# After a restart a controller has a known offset. A target with this offset is displaced by this angle, deg,
-# so that a restart can still be detected.
+# A restarted controller is recognised by its offset, which is known. A target that would have the same offset
+# is displaced by this angle, deg, so that a restart can still be detected.
 MARK_DEG: Final = 0.004
-# A move times out after its duration times this factor, plus `Timeouts.stall_s`.
+# Timeout of a move: the planned duration times this factor, plus `Timeouts.stall_s`.
 SLOW_FACTOR: Final = 1.5
-# Uncertainty of the motor angles during moves, deg, above which the run reports an event.
+# The run reports an event if the uncertainty of the motor angles during moves exceeds this angle, deg.
 UNCERTAIN_DEG: Final = 1.0
-# Time after the planned end of a move, s, after which a message reports that the move takes longer.
+# A message reports that a move takes longer if it has not ended this time, s, after its planned end.
 SLOW_S: Final = 2.0
 # Modal G-codes for all lines: millimetres (degrees for rotary axes), absolute positions. With inverse time
 # feed (G93), GRBL refuses an axis word without a feed in the same line. Therefore a line from which the word
@@ -121,12 +121,13 @@ class GrblDriver:
         self._pause = Pause(self._session, self._timeouts, clock, resumes=resume_hold)
         self._move_line = MOVE.format(*letters)
         self._blocks: list[Block] = blocks_of(self._program, MotorLimits())
-        # Controller position of the stand's zero, deg: angle = position - zero.
+        # Position that the controller reports at the zero of the stand, deg: angle = reported position -
+        # zero.
         self.zero_deg: Triple = (0.0, 0.0, 0.0)
         self._ready: Ready | None = None
         self._track: Track | None = None
-        # Offset that the controller has confirmed, and a reported offset that contradicts the confirmed
-        # offset.
+        # Offset of the work coordinates that the controller has confirmed, and a later reported offset that
+        # contradicts it.
         self._offset_deg: Triple | None = None
         self._contradicting: Triple | None = None
         self._latest: Report | None = None
@@ -232,8 +233,8 @@ class GrblDriver:
             require_zero(position_deg, self._consent)
             return ((0.0, 0.0, 0.0) if self._consent.unwind else position_deg), 0
         if self._consent.start_here or self._consent.home:
-            # The motors are at zero. They therefore follow the path of the completed steps again, without
-            # holds.
+            # The motors are at zero. To reach the interrupted step, they repeat the moves of the completed
+            # steps without holds between them.
             return position_deg, 0
         zero, step = self._resume.zero_deg, self._resume.steps_done
         poses = [(0.0, 0.0, 0.0), *(block.angles_deg for block in self._blocks)]
@@ -418,7 +419,7 @@ class GrblDriver:
         """Make the target the origin of the work coordinates, and wait for the report that confirms it."""
         assert self._ready is not None and self._track is not None
         # If a report contradicts the offset of the previous step, the report is damaged or the controller has
-        # restarted. Further reports decide.
+        # restarted. Further reports show which of the two is the cause.
         yield from self._session.until(lambda: self._contradicting is None, self._timeouts.boot_s)
         self._offset_deg = self._contradicting = None
         for _ in range(MOST_MOVES):
@@ -503,7 +504,8 @@ class GrblDriver:
         if not idle:
             state = self._session.report.state if self._session.report else "silent"
             raise StoppedError("alarm", f"the controller is locked after a reset (state {state})")
-        # Wait for three reports, which decide whether the position has survived.
+        # During this pause about three reports arrive, which show whether the position has survived the
+        # reset.
         yield from self._session.pause(self._timeouts.answer_s / 4)
 
     def _lost(self, reason: str) -> None:

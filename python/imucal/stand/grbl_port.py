@@ -17,13 +17,13 @@ from imucal.stand.link import LinkLostError
 
 __all__ = ["GOLDEN", "HOLD", "RESET", "RESUME", "STATUS", "GrblPort"]
 
-# Characters that the controller executes at once, even within a line.
+# Single-character commands, which the controller executes at once, even if they arrive within a line.
 RESET, HOLD, RESUME, STATUS = b"\x18", b"!", b"~", b"?"
 # Shortest interval between two status queries, s. Angles between two reports are interpolated linearly, which
 # at an acceleration of 1000 deg/s^2 gives an error of 0.2 deg with this interval.
 QUERY_S: Final = 0.04
-# Relative variation of the intervals between queries. Without variation, a controller or a port with a fixed
-# cycle (20 ms in a simulator, 16 ms in a converter) would always answer with the same delay.
+# Relative variation of the intervals between queries. Some controllers and ports have a fixed cycle (20 ms in
+# a simulator, 16 ms in a USB converter). With equal intervals, they would always answer with the same delay.
 SPREAD: Final = 0.25
 GOLDEN: Final = 0.618
 # Length of the longest report, characters. The rate of queries is limited, so that reports of this length use
@@ -34,7 +34,7 @@ WAIT_S: Final = 0.01
 # A line without a line end that is longer than this number of characters counts as damaged, because no line
 # of GRBL is longer.
 LONGEST: Final = 512
-# Number of consecutive late reports after which a query counts as lost.
+# If this number of consecutive reports are late, one query counts as lost.
 LOST_AFTER: Final = 4
 # A query counts as lost if the next report arrives later than the shortest delay plus this time, s, and a
 # later query is waiting for an answer.
@@ -161,7 +161,8 @@ class GrblPort:
 
         while now_s - self._asked[0] > shortest_s + LOST_S and next_is_old_enough():
             self._asked.popleft()
-        # If a single query was lost, all later answers seem to be late by one interval of queries.
+        # After the loss of a single query, each later answer is assigned to the query before its own and
+        # therefore seems late by one interval.
         seems_late = now_s - self._asked[0] > shortest_s + 0.75 * self._query_s
         self._shifted = self._shifted + 1 if seems_late and next_is_old_enough() else 0
         if self._shifted > LOST_AFTER:

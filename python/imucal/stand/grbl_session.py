@@ -42,7 +42,7 @@ QUIET_S: Final = 0.3
 STOP_EVERY_S: Final = 0.3
 # Timeout for moving motors to stop, s.
 STOP_S: Final = 6.0
-# Number of queries with which the shortest time between query and report is measured.
+# The shortest time between a query and its report is measured with this number of queries.
 ROUND_TRIPS: Final = 16
 # Longest pause between two queries of this measurement, s. The pauses vary, because a controller or a port
 # with a fixed cycle would otherwise answer with the same delay each time.
@@ -120,7 +120,8 @@ class GrblSession:
         self._expects_welcome = True
         self._is_welcomed = False
         self._settings: dict[int, Counter[str]] = {}
-        # Total duration of all pauses, s. All timeouts are extended by this time.
+        # Total duration of all pauses of the run, such as feed holds, s. All timeouts are extended by this
+        # time.
         self.paused_s = 0.0
 
     def now_s(self) -> float:

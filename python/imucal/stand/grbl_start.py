@@ -27,7 +27,7 @@ IN_INCHES, SOFT_LIMITS = 13, 20
 # Numbers of the GRBL settings of the first axis: maximum rate, deg/min, acceleration, deg/s^2, and travel,
 # deg. Each further axis has the next number.
 FIRST_RATE, FIRST_ACCELERATION, FIRST_TRAVEL = 110, 120, 130
-# Only grblHAL has settings from this number on.
+# Settings with this number or a larger one exist only in grblHAL.
 FIRST_OF_HAL: Final = 300
 # Timeout of the homing cycle, s.
 HOMING_S: Final = 60.0
@@ -109,8 +109,8 @@ def prepared(session: GrblSession, consent: Consent, blocks: Sequence[Block]) ->
     session.starting = False
     is_hal = any(number >= FIRST_OF_HAL for number in settings)
     if is_hal:
-        # The tool offset is cleared, because grblHAL keeps it over a reset. The driver sets targets by this
-        # offset.
+        # The driver sets targets by the tool offset. It is cleared here, because grblHAL keeps it over a
+        # reset.
         yield from session.command("G49")
     position, offset = yield from _coordinates(session)
     yield from session.measure_delay()

@@ -18,10 +18,10 @@ from imucal.stand.grbl_report import Triple
 
 __all__ = ["Instants", "one_way_s"]
 
-# Reports that arrive within this time, s, may correct an earlier instant. This is the time of about ten
-# reports.
+# The instant of a report may be corrected by reports that arrive up to this time later, s. About ten reports
+# arrive in this time.
 WITHIN_S: Final = 0.5
-# Number of transmitted bits per character of a report.
+# Number of bits per character on the serial line, with start and stop bit.
 BITS: Final = 10
 # Largest correction of an instant, s. A larger discrepancy is not caused by a transmission delay, but by
 # motors that exceed their commanded rate because of a feed override.

@@ -126,7 +126,7 @@ class _Phyphox:
         self.name = f"phyphox://{host}"
         self.hint = f"in phyphox, start the experiment, and keep remote access to http://{host} switched on"
         self._connection: http.client.HTTPConnection | None = None
-        # Names of the buffers of t, x, y and z, by input.
+        # For each input of the experiment, the names of the buffers of t, x, y and z.
         self._buffers: dict[str, tuple[str, ...]] = {}
         self._last = dict.fromkeys(PHYPHOX_INPUTS, 0.0)
         self._session = ""

@@ -37,7 +37,7 @@ class PhoneDecoder:
 
     columns = COLUMNS
     wraps_at: tuple[float | None, ...] = (None,) * len(COLUMNS)
-    # Rows count as checked by a checksum, because the network protocol detects damaged data.
+    # Rows need no further check for damage, because the network protocol has a checksum.
     is_checked = True
 
     def __init__(self) -> None:
@@ -84,7 +84,8 @@ class PhoneDecoder:
                     self.damaged += 1
                     return
                 known = self._samples[sensor]
-                # Samples of a message that arrives again or late are ignored.
+                # If a message arrives twice or late, its samples are not later than the known samples and are
+                # ignored.
                 if all(map(math.isfinite, sample)) and (not known or sample[0] > known[-1][0]):
                     known.append(sample)
 

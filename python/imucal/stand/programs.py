@@ -42,8 +42,9 @@ def in_another_order(program: Program, seed: int) -> Program:
     """
     check_seed(seed)
     steps = program.steps
-    # Of each two neighbouring poses, one is held on the way out and the other on the way back. This keeps
-    # moves short, because the attitude error due to gyroscope noise grows with the duration of a move.
+    # The motors follow the path of the program out and back. Of each two neighbouring poses, one is held on
+    # the way out and the other on the way back. Moves are therefore short, which limits the attitude error
+    # due to gyroscope noise.
     first = np.random.default_rng(seed).random(len(steps)) < 0.5
     on_way_out = np.ones(len(steps), dtype=bool)
     on_way_out[1::2] = first[1::2]

@@ -212,14 +212,14 @@ class _Run:
             self.read_samples()
             self.status = self.driver.poll()
             self.log_events()
-            # The evaluation runs only for a live view or targets, because it uses up to a fifth of a
-            # processor.
+            # The samples are evaluated during the run only for a live view or for targets, because the
+            # evaluation uses up to a fifth of a processor.
             if self.watch is not None or self.targets:
                 self.progress.update()
             self.update_state()
             if self.watch is not None:
                 self.watch(self.moment())
-        # The samples that were still in transmission when the motors stopped are read now.
+        # Samples that were still being transmitted when the motors stopped are read now.
         tail_s = self.clock.now_s() + TAIL_S
         while self.clock.now_s() < tail_s:
             self.read_samples()

@@ -20,8 +20,9 @@ from imucal.stand.journal import Logged, read_journal
 __all__ = ["Interrupted", "interrupted_in", "program_from"]
 
 ENDING: Final = ".journal"
-# The monotonic clock of a computer starts again after a restart. If its elapsed time differs from the elapsed
-# time of day by more than this time, s, the computer has restarted since the interruption.
+# The monotonic clock of a computer starts again when the computer restarts. The computer counts as restarted
+# since the interruption if the time that has elapsed by this clock differs by more than this number, s, from
+# the time that has elapsed by the time of day.
 RESTARTED_S: Final = 5.0
 
 

@@ -98,7 +98,7 @@ class StreamSource:
         self._before: tuple[float, ...] | None = None
         self._last_sample_s = 0.0
         self._numbered = 0
-        # Samples after an interruption that are held back, because their time is not known yet.
+        # Holds samples back after an interruption until their time is known; None at other times.
         self._continuation: Continuation | None = None
         self._shift = [0.0] * len(names)
         self._count = {
@@ -134,8 +134,8 @@ class StreamSource:
             while True:
                 if isinstance(arrived, Event):
                     self._events.append(arrived)
-                    # If the time is computed from the number of samples, the duration of the interruption is
-                    # added to it.
+                    # If the data contain neither time nor sequence number, the time is computed from the
+                    # number of samples. The duration of the interruption must then be added to it.
                     if arrived.code == "unit_link_back" and self._numbered and self._sequence is None:
                         self._interrupt((self._numbered - 1) / self._per_s, self._last_sample_s)
                 else:
@@ -317,7 +317,8 @@ class StreamSource:
         if turn is not None and last - self._shift[i] >= WRAP_SHARE * turn and raw <= (1 - WRAP_SHARE) * turn:
             self._shift[i] += turn
             return raw + self._shift[i]
-        # The duration of a restart is taken from the host clock, because the unit's clock did not run.
+        # The unit has restarted. The duration of the restart is taken from the host clock, because the clock
+        # of the unit did not run.
         if i == self._time:
             self._count["unit_restarts"] += 1
             self._events.append(

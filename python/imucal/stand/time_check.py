@@ -26,7 +26,7 @@ RATE_ERROR: Final = 0.02
 # Longest time for which a row is held back, s. It is longer than the sampling interval of most units, and
 # shorter than the time for which a recording waits for its last samples.
 WAITS_S: Final = 0.1
-# If this number of rows are held back and no row continues another row, the check is switched off.
+# If this number of rows are held back and none of them continues another one, the check is switched off.
 MOST_WAITING: Final = 4
 
 
@@ -64,7 +64,7 @@ class TimeCheck:
         if self.is_void or not math.isfinite(time_s):
             return [(row, arrived_s)]
         new = _Waiting((row, arrived_s), time_s, fits=True)
-        # Only the first row that is held back can continue the accepted rows.
+        # Of the rows that are held back, only the first can continue the accepted rows.
         first = self._waiting[0] if self._waiting and self._waiting[0].fits else None
         if first is not None and self._continues(first.time_s, first.timed[1], new):
             self._leave_out(self._waiting[1:], new)

@@ -60,8 +60,8 @@ MOTORS: Final = (
     "a motor may be stuck, lose steps, turn in the wrong direction, or have its cable exchanged with that of "
     "another, or the unit came off its mount: turn each motor separately, fasten the unit, and record again"
 )
-# A program excites all axes of a sensor if the smallest eigenvalue of the covariance matrix of the sensor's
-# true samples exceeds this share of the largest eigenvalue.
+# A program counts as exciting all axes of a sensor if the smallest eigenvalue of the covariance matrix of the
+# sensor's true samples exceeds this share of the largest eigenvalue.
 LEAST_EXCITATION: Final = 0.01
 # Sampling rate of the simulation that evaluates the excitation, Hz.
 IDEAL_HZ: Final = 50.0
@@ -150,8 +150,8 @@ def _dead_axes(recording: Recording, program: Program) -> dict[int, Reason]:
     if len(columns) < 2 or not np.isfinite(columns).all():
         return {}
     spread = np.std(columns, axis=0)
-    # Differences of consecutive samples contain the white noise but little motion. Their lower quartile is
-    # from rests, where the stand does not vibrate.
+    # Differences of consecutive samples contain white noise but little motion. The lower quartile of the
+    # differences occurs at rests, where the stand does not vibrate.
     quiet = np.quantile(np.abs(np.diff(columns, axis=0)), QUIET_SHARE, axis=0)
     noise = quiet / QUIET_QUANTILE / np.sqrt(2.0)
     dead = (spread <= DEAD_FACTOR * noise) & np.repeat(_excites(program), 3)
@@ -174,8 +174,8 @@ def _not_moved(recording: Recording, dead: Sequence[int]) -> Reason | None:
             "unit are frozen: check that the motors are powered and turn, and that the unit sends new "
             "samples, and record again",
         )
-    # A stuck motor also leaves a gyroscope axis without rotation. The angles of gravity reveal a stuck motor,
-    # unless the accelerometer itself is dead.
+    # A gyroscope axis without signal may also be caused by a stuck motor. In this case the gravity directions
+    # of the accelerometer disagree with the stand angles, unless the accelerometer itself is dead.
     mismatch_deg = None if min(dead) < 3 else _core.stand_mismatch_deg(recording)
     if mismatch_deg is not None and mismatch_deg > GROSS_RAW_DEG:
         axes = " and ".join(AXES[axis] for axis in dead)

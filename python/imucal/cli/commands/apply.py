@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["apply"]
 
-# Temperatures may exceed the temperature range of the calibration by this share of its width without a
-# warning, because such a small extrapolation is safe.
+# Temperatures outside the range of the calibration cause a warning only if they are outside by more than this
+# share of the width of the range. A smaller extrapolation is safe.
 BEYOND: Final = 0.05
 
 
@@ -108,7 +108,7 @@ class _Empty:
         self.first = 0
 
     def add(self, empty: npt.NDArray[np.bool_], before: int) -> None:
-        """Add a piece whose first sample has the index `before`; `empty` marks its uncorrected samples."""
+        """Add a piece: index `before` of its first sample, and mask `empty` of its uncorrected samples."""
         if not self.count and empty.any():
             self.first = before + int(empty.argmax())
         self.count += int(empty.sum())
@@ -158,8 +158,8 @@ class _Corrected:
         for raw in pieces:
             if start_s is None and len(raw):
                 start_s = float(raw.time_s[0])
-            # If an effect needs the whole recording, there is only one piece. The start time must then not be
-            # given.
+            # If an effect needs the whole recording, the recording is one piece, and `apply_recording` does
+            # not accept a start time.
             corrected = unit.apply_recording(raw, start_s=start_s if unit.takes_pieces else None)
             missing, lost = empty_samples(raw, corrected)
             no_temperature = np.zeros_like(lost)

@@ -110,7 +110,7 @@ def _executor(workers: int | None, scheduler: str | None) -> Iterator[Executor |
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
 
-    # Processes are spawned, because forked processes would inherit the state of Arrow's and the display's
-    # threads.
+    # Processes are spawned and not forked, because Arrow and the progress display have threads, and a forked
+    # process inherits their locks but not the threads.
     with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as executor:
         yield executor

@@ -197,7 +197,7 @@ def _write_page(out: Output, page: Path, fleet: Fleet, limits: Limits | None) ->
     try:
         write_fleet_page(page, fleet, limits=limits)
     except InputError as error:
-        # The error is only printed, because the counts of the run are still valid.
+        # The error does not end the command, because the results of the run are valid without the page.
         out.line(f"{page} is not written: {error}")
         return
     out.line(f"{page}: {page.stat().st_size / 1e6:.1f} MB")
@@ -271,8 +271,8 @@ def _watched(
             before = found
             if ready:
                 folders = {str(Path(name).parent) for name in ready}
-                # All files of the folders with new files are processed, because a new control recording may
-                # belong to a calibration recording that appeared earlier.
+                # If a folder has new files, all files of this folder are considered, because a new control
+                # recording may belong to a calibration recording that appeared earlier.
                 together = [name for name in found if str(Path(name).parent) in folders]
                 new = {path_text(name) for name in ready}
                 jobs = [

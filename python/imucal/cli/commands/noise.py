@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["noise"]
 
-# Columns of the table of white noise. WHITE_NOISE_UNITS gives the factor and the unit of each column, by the
-# SI unit of the noise density. The two-sided noise density equals the random walk coefficient of the
-# integrated signal. The one-sided density is larger by a factor of sqrt(2).
+# Column titles of the table of white noise. For each SI unit of the noise density, WHITE_NOISE_UNITS gives
+# the conversion factor and the unit of each column. The two-sided noise density equals the random walk
+# coefficient of the integrated signal. The one-sided density is larger by a factor of sqrt(2).
 WHITE_NOISE = ("two-sided (filters)", "one-sided (datasheets)", "random walk")
 WHITE_NOISE_UNITS = {
     "rad/s/sqrt(Hz)": (
@@ -85,8 +85,8 @@ def noise(
         loaded = reading.one(recording)
     with working("identifying the noise"):
         found = imucal.noise(loaded, min_rest_s=min_rest_s, cut_steps=cut_steps)
-    # The figures are converted before any file is written, because the conversions raise an error for raw
-    # counts.
+    # The noise figures are converted for Kalibr and for the unit file before any file is written, because
+    # these conversions raise an error for raw counts.
     yaml = None if kalibr is None else kalibr_yaml(found, rostopic=rostopic)
     profile = None if unit_profile is None else unit_of_noise(found, name=unit_profile.stem)
     if report is not None:

@@ -21,7 +21,8 @@ MOTION = "Motion"
 UNIT = "Unit"
 PLACE = "Place and clock"
 
-# If a run is repeated from a truth file, only these options are allowed. They name the output files.
+# If a run is repeated from a truth file, only these parameters of the command are allowed: the truth file
+# itself, and the options that name output files.
 OUTPUTS = {"program", "output", "truth", "truth_samples", "save_unit", "json"}
 
 

@@ -74,8 +74,8 @@ def run(
         [program, *equipment.files],
         {"--output": output, "the journal": journal_of(output), "--json": json},
     )
-    # An existing recording is overwritten only with --force, because the samples of a unit cannot be
-    # recreated. Other outputs are overwritten.
+    # An existing recording is overwritten only with --force, because the samples of a real unit cannot be
+    # produced again. Other output files are overwritten without --force.
     if output.exists() and not force:
         raise InputError(f"{output} exists: give another file, or --force to overwrite it")
     targets = [parse_target(text) for text in target_sigma or ()]

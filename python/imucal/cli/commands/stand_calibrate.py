@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["calibrate", "end_unit", "view_for"]
 
 EXIT = {"passed": 0, "failed": POOR_VERDICT, "no_result": NO_RESULT}
-# Number of possible seeds of a random control program.
+# The seed of a random control program is drawn from 0 to this number, exclusive.
 SEEDS = 2**31
 # Number of moves of a random control program.
 CONTROL_MOVES = 20
@@ -102,7 +102,7 @@ def calibrate(
     from imucal.stand.line import Order, calibrate_unit
     from imucal.stand.programs import PROGRAMS, program_named
 
-    # The output folder is listed among the inputs, so that --json cannot have the same path.
+    # The output folder is passed as if it were an input, so that --json cannot have the same path.
     require_apart([program, control_program, limits, folder, *equipment.files], {"--json": json})
     drawn_seed = secrets.randbelow(SEEDS) if control_seed is None else control_seed
     control: dict[str, Any] = {}
@@ -169,7 +169,8 @@ def view_for(
 
 def end_unit(out: Output, outcome: Outcome) -> None:
     """Print the verdict on a unit, and end the command with the exit code of this verdict."""
-    # The verdict is printed before the document is written, because writing can fail on a full disk.
+    # The verdict is printed before the document of --json is written, because writing can fail on a full
+    # disk.
     _show(out, outcome)
     out.document(outcome.to_dict())
     code = EXIT[outcome.verdict]

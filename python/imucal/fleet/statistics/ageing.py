@@ -118,8 +118,8 @@ def _mean_of(slopes: FloatArray, stds: FloatArray) -> tuple[float, float, float]
     variance = max(excess / float(total - (weight**2).sum() / total), 0.0)
     weight = 1.0 / (stds**2 + variance)
     mean = float((weight * slopes).sum() / weight.sum())
-    # The standard deviation of the mean is computed from the observed scatter of the slopes, so that it is
-    # valid even if noise or spread differ from their estimates.
+    # The standard deviation of the mean is computed from the observed scatter of the slopes. It is therefore
+    # valid even if the estimates of noise and spread are wrong.
     std = np.sqrt(float((weight**2 * (slopes - mean) ** 2).sum())) / float(weight.sum())
     return mean, float(std), float(np.sqrt(variance))
 

@@ -14,14 +14,15 @@ from imucal.fleet.statistics.trends import months_of, without_trends
 
 __all__ = ["Columns", "columns_of", "repeatability", "unit_numbers"]
 
-# Figures of merit whose logarithms are used as columns, because they are positive and vary by factors.
+# Figures of merit whose logarithms are used as columns. These figures are positive, and differences between
+# units are relative.
 LOG_FIGURES: Final = tuple(
     f"{of}{name}"
     for of in ("", "control_")
     for name in ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
 )
-# Minimum number of units with a value for a column, and minimum number of pairs of measurements for an
-# estimate of the repeatability.
+# Minimum number of units that must have a value of a quantity for it to become a column, and minimum number
+# of pairs of measurements for an estimate of the repeatability.
 FEWEST: Final = 10
 
 

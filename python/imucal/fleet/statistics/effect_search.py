@@ -37,8 +37,9 @@ RIVAL_WITHIN: Final = 10.0
 MOST_ROUNDS: Final = 3
 # Minimum number of units that must determine an effect.
 FEWEST_UNITS: Final = 5
-# Type of a function that fits effects to all units and returns {serial: {effect: fit}}. Its first argument
-# lists the effects. The effects of its second argument are estimated together with each effect of the first.
+# Type of a function that fits effects to all units and returns {serial: {effect: fit}}. The effects of the
+# first argument are fitted one at a time. The effects of the second argument are estimated in each of these
+# fits.
 FitAll = Callable[[Sequence[str], Sequence[str]], Mapping[str, Mapping[str, Fitted]]]
 
 
@@ -173,8 +174,8 @@ def _ranked(
     for name in effects:
         own = [of_unit[name] for of_unit in fits.values() if name in of_unit]
         sizes = [len(fitted.values) for fitted in own]
-        # Units may determine different numbers of parameters. Only units with the most frequent number are
-        # used.
+        # The recordings of different units may determine different numbers of the effect's parameters. Only
+        # units with the most frequent number are used.
         size = max(set(sizes), key=sizes.count) if sizes else 0
         own = [fitted for fitted in own if len(fitted.values) == size]
         if len(own) >= FEWEST_UNITS:
@@ -227,8 +228,8 @@ def _evidence(
         - _squares(values - mean, total).sum()
         - np.linalg.slogdet(total)[1].sum()
     )
-    # The degrees of freedom are those for a spread that may have any sign. Because a spread cannot be
-    # negative, the test is slightly conservative.
+    # The degrees of freedom assume that the variance of the spread may have any sign. Because a variance
+    # cannot be negative, the test is slightly conservative.
     p_value = min(tests * float(stats.chi2.sf(statistic, 2 * dof)), 1.0)
     single = stats.chi2.sf(squares / inflation, dof) * units * tests
     return EffectEvidence(

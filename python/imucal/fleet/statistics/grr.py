@@ -26,8 +26,8 @@ from imucal.fleet.statistics.scipy_part import scipy_part
 __all__ = ["AnovaRow", "Component", "GaugeStudy", "GrrResult", "SigmaTest", "gauge_study", "grr"]
 
 SCHEMA: Final = "imucal.fleet-grr/1"
-# p-value of the interaction above which the interaction is pooled with the repeats. The value is Minitab's
-# default.
+# The interaction of unit and operator is pooled with the repeats if its p-value is above this threshold,
+# which is Minitab's default.
 POOLED_ABOVE: Final = 0.05
 # Factor in the number of distinct categories: sqrt(2) as rounded by the AIAG manual.
 NDC_FACTOR: Final = 1.41

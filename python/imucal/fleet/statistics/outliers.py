@@ -255,7 +255,7 @@ def _tail_of(squared: FloatArray, dof: int, widened: float = 1.0) -> tuple[float
 
 
 def _scatter(squared: FloatArray) -> float:
-    """One plus the relative scatter of the ratio of the upper 5 % point to the median of n values."""
+    """One plus the relative scatter, for n values, of the ratio of the upper 5 % point to the median."""
     return 1.0 + 2.0 / float(np.sqrt(len(squared)))
 
 
@@ -272,5 +272,6 @@ def _ratio(distribution: Any) -> float:
     return float(distribution.ppf(0.95) / distribution.ppf(0.5))
 
 
-# Second degrees of freedom of the F distribution that are tried for the tail, from nearly normal to wide.
+# Trial values of the second degrees of freedom of the F distribution that is fitted to the squared distances,
+# from nearly normal tails to wide tails.
 TAILS: Final = (500.0, 200.0, 100.0, 50.0, 30.0, 20.0, 15.0, 10.0, 7.0, 5.0, 4.0, 3.0, 2.0)

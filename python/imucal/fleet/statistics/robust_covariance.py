@@ -15,11 +15,12 @@ __all__ = ["decisive", "robust_location"]
 # Maximum number of units from which mean and covariance are computed. In a larger fleet, a random part is
 # used.
 MOST_UNITS: Final = 4000
-# In the first iterations, this share of the units, with the smallest d^2 (squared Mahalanobis distance), is
-# used. In the last iterations, all units are used whose d^2 is below this quantile of its distribution.
+# d^2 is the squared Mahalanobis distance of a unit. The first iterations use the share HALF of the units,
+# those with the smallest d^2. The last iterations use all units whose d^2 is below the quantile KEPT of its
+# distribution.
 HALF: Final = 0.5
 KEPT: Final = 0.975
-# Number of iterations with each of the two shares.
+# Number of iterations with HALF, and number of iterations with KEPT.
 STEPS: Final = 8
 
 
@@ -43,7 +44,8 @@ def robust_location(values: FloatArray, noise: FloatArray) -> tuple[FloatArray, 
     centre = np.median(values, axis=0)
     width = np.median(np.abs(values - centre), axis=0) / MEDIAN_DEVIATION
     ranks = stats.rankdata(values, axis=0)
-    # Converts the correlation of ranks to Pearson's correlation of normal values.
+    # This formula converts the correlation of ranks to the Pearson correlation of normally distributed
+    # values.
     correlation = np.atleast_2d(2.0 * np.sin(np.pi / 6.0 * np.corrcoef(ranks, rowvar=False)))
     spread = _positive(correlation * width[:, None] * width[None, :] - mean_noise)
     for share in (*[HALF] * STEPS, *[KEPT] * STEPS):
@@ -55,8 +57,8 @@ def robust_location(values: FloatArray, noise: FloatArray) -> tuple[FloatArray, 
         else:
             scale = np.median(distances) / stats.chi2.ppf(0.5, columns)
             kept = distances <= max(scale, 1.0) * stats.chi2.ppf(KEPT, columns)
-        # The covariance of normal values inside an ellipsoid is smaller than the covariance of all values by
-        # this factor.
+        # The covariance of those normal values that lie inside an ellipsoid is smaller than the covariance of
+        # all values by this factor.
         inside = share / stats.chi2.cdf(stats.chi2.ppf(share, columns), columns + 2)
         centre = values[kept].mean(axis=0)
         measured = inside * np.cov(values[kept], rowvar=False).reshape(columns, columns)

@@ -24,9 +24,9 @@ __all__ = ["Shift", "Shifts", "common_shifts", "days_of"]
 
 # Probability that any shift is reported, over all stations, days and columns, if there is no shift.
 FALSE_ALARM: Final = 0.001
-# Tukey's biweight gives no weight to residuals beyond this number of standard deviations from the location of
-# the group. With this number, the biweight of normal values has 95 % of the efficiency of the mean (Maronna
-# et al., Robust Statistics, 2006).
+# Tukey's biweight gives no weight to residuals that are more than this number of standard deviations from the
+# location of the group. With this number, the efficiency of the biweight estimate for normal values is 95 %
+# of that of the mean (Maronna et al., Robust Statistics, 2006).
 BIWEIGHT: Final = 4.685
 EFFICIENCY: Final = 0.95
 BIWEIGHT_STEPS: Final = 15
@@ -135,8 +135,9 @@ class _Partition:
         known = np.isfinite(residual) & (labels >= 0)
         own, y, precision = labels[known], residual[known], 1.0 / std[known] ** 2
         count = np.bincount(own, minlength=size)
-        # The prediction for a unit that was measured often is so precise that the unit could dominate its
-        # group. Therefore the weight of each unit is limited to the fifth largest weight in the group.
+        # The weight of a unit is the inverse variance of its residual. A unit that was measured often has a
+        # precise prediction and could dominate its group. Therefore all weights are limited to the fifth
+        # largest weight in the group.
         order = np.lexsort((-precision, own))
         start = np.cumsum(count) - count
         fifth = np.minimum(start + np.clip(count - 1, 0, FEWEST_OF_DAY - 1), max(len(y) - 1, 0))
@@ -212,8 +213,8 @@ class _Column:
         information = np.maximum(sum_weight, 0.0) + 1.0 / spread**2
         residual = np.where(known, y - mean - sum_weighted / information, np.nan)
         std = np.sqrt(variances + 1.0 / information)
-        # If residuals scatter more than predicted, as in a fleet with wide tails, their standard deviations
-        # are increased.
+        # If residuals scatter more than predicted, for example because the distribution of the fleet has wide
+        # tails, their standard deviations are increased.
         scale = float(np.nanmedian(np.abs(residual / std))) / MEDIAN_DEVIATION
         return residual, std * max(scale, 1.0)
 

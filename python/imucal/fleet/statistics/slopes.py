@@ -43,7 +43,7 @@ class Slopes:
 
 
 def slopes_of(dated: Measurements, columns: Columns, values: FloatArray) -> Slopes:
-    """Slopes of units that have two or more dates; `values` are the columns without shifts of stations."""
+    """Slopes of units with two or more dates. `values` are the columns after station shifts are removed."""
     stats: Any = scipy_part("stats")
     # A parameter without a positive variance, such as a held parameter, has no slope.
     values = np.where(columns.variances > 0, values, np.nan)
@@ -80,8 +80,8 @@ def slopes_of(dated: Measurements, columns: Columns, values: FloatArray) -> Slop
     dof = known.sum(1)
     single_p = np.fmin.reduce(parameter_p, axis=1) if len(rows) else np.zeros(0)
     if dated.covariances is None or not rows:
-        # Without covariances there is no joint test of all parameters. The estimates of one calibration are
-        # correlated, so the distribution of their sum of squares is not known.
+        # Without covariances there is no joint test of all parameters, because the estimates of one
+        # calibration are correlated and the distribution of their sum of squares is then unknown.
         return Slopes(tuple(rows), first, slopes, stds, None, dof, parameter_p, single_p)
     chi2 = _joint(dated, columns, values, rows, months)
     joint_p = np.where(np.isfinite(chi2), stats.chi2.sf(chi2, dof), 1.0)

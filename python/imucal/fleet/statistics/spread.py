@@ -79,7 +79,7 @@ def spread_of(values: ArrayLike, sigmas: ArrayLike, *, interval: bool = True) ->
         raise InputError(
             "a standard deviation is negative or not known: the spread needs all standard deviations"
         )
-    # Values are scaled by the robust width, so that tolerances are valid for all magnitudes.
+    # Values are divided by their robust width, so that the tolerances below are relative to this width.
     centre = float(np.median(y))
     width = float(np.median(np.abs(y - centre))) / MEDIAN_DEVIATION or float(y.std()) or 1.0
     y, noise = (y - centre) / width, (sigma / width) ** 2

@@ -20,12 +20,14 @@ from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["Form", "further_forms", "library", "refined"]
 
-# Quantiles of the driver (the input variable of a law) that are tried as constants of a form. For a rate, the
-# quantiles are taken over the samples in motion. For all other drivers they are taken over all samples.
+# Some forms have a constant, such as a threshold. Trial values of the constant are these quantiles of the
+# driver (the input variable of the law). For a rate, the quantiles are taken over the samples in motion, and
+# for all other drivers over all samples.
 SHARES: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9)
-# Positions at which a step in the dependence on a column is tried, as shares of the range of the column.
+# Trial positions of a step in the dependence of a bias or scale on a column, as shares of the range of the
+# column.
 STEPS: Final = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
-# Trial periods of harmonics, as multiples of the range of the driver.
+# Trial periods of sine and cosine forms, as multiples of the range of the driver.
 PERIODS: Final = (1.0, 0.8, 0.65, 0.5, 0.4, 0.33, 0.26)
 # Trial time constants of an exponential decay after each motion, s.
 SETTLING_S: Final = (0.3, 0.6, 1.2, 2.5, 5.0, 10.0)
@@ -33,13 +35,13 @@ SETTLING_S: Final = (0.3, 0.6, 1.2, 2.5, 5.0, 10.0)
 WARM_UPS: Final = (0.03, 0.06, 0.12, 0.25, 0.5)
 # Angular rate above which samples count as motion, rad/s.
 MOVING_RADPS: Final = 0.1
-# Laws of the temperature are tried if the range of the temperature is at least this number, K.
+# Laws that depend on temperature are tried if the temperature varies by at least this number, K.
 LEAST_CHANGE_K: Final = 2.0
-# Harmonics of an angle are tried if the range of the angle is at least this number, rad. With a smaller
-# range, harmonics cannot be distinguished from powers.
+# Sine and cosine forms of an angle are tried if the range of the angle is at least this number, rad. Over a
+# smaller range, they cannot be distinguished from powers of the angle.
 LEAST_ANGLE_RAD: Final = np.pi
-# In the refinement, the constant of a form is multiplied by each of these factors. They cover the interval
-# between adjacent trial values.
+# After a form is selected, its constant is refined: it is multiplied by each of these factors, which cover
+# the interval between adjacent trial values.
 REFINEMENT: Final = (0.7, 0.76, 0.82, 0.88, 0.94, 1.0, 1.06, 1.13, 1.21, 1.3, 1.4)
 _Make = Callable[..., "Form"]
 # Number of samples from which quantiles are computed.

@@ -20,22 +20,24 @@ from imucal.gap.laws.library import Form
 
 __all__ = ["Columns", "Selected", "select", "settled"]
 
-# Minimum log evidence of a law, nats, after the logarithm of the number of candidates is subtracted. 8 nats
-# are odds of 3000 to 1, as for effects of the catalogue.
+# Minimum log evidence of a law, nats, after subtraction of the logarithm of the number of candidates. 8 nats
+# are odds of 3000 to 1. Effects of the catalogue need the same evidence.
 LEAST_NATS: Final = 8.0
-# Two forms count as equally good if their log evidence differs by at most this number, nats. If their drivers
-# differ, they are rivals. If their driver is the same, the simpler form is preferred. 3 nats are odds of 20
-# to 1.
+# Two forms count as equally good if their log evidence differs by at most this number, nats. 3 nats are odds
+# of 20 to 1. Equally good forms with different drivers (input variables) are rivals. Of equally good forms
+# with the same driver, the simplest is selected.
 RIVAL_NATS: Final = 3.0
-# Number of random halves of the rests and moves, and minimum share of the halves that select the same driver.
+# The selection is repeated on this number of random halves of the rests and moves. A law is accepted if at
+# least the share LEAST_STABLE of the halves select the same driver.
 HALVES: Final = 50
 LEAST_STABLE: Final = 0.8
 # Number of candidates with the largest evidence that are compared in the random halves.
 FINALISTS: Final = 16
 # Maximum number of laws that are selected.
 MOST_LAWS: Final = 3
-# A column counts as a linear combination of the model's columns if the projection reduces its norm to less
-# than this share. The projected column then consists of rounding errors.
+# The Jacobian columns of the model are projected out of the column of a form. If less than this share of the
+# norm remains, the column of the form is a linear combination of the model's columns, and the remainder
+# consists of rounding errors.
 LEAST_LEFT: Final = 1e-3
 SEED: Final = 20240
 
@@ -96,7 +98,7 @@ def select(given: Columns) -> list[Selected]:
 
 
 def settled(given: Columns, variants: Sequence[Sequence[int]]) -> list[int]:
-    """For each law, the index of the best variant of its constant, given the variants of the other laws."""
+    """For each law, the index of the best value of its constant, given the constants of the other laws."""
     picks = [own[len(own) // 2] for own in variants]
     for place, own in enumerate(variants):
         others = [given.candidates[pick][1] for k, pick in enumerate(picks) if k != place]
@@ -107,7 +109,7 @@ def settled(given: Columns, variants: Sequence[Sequence[int]]) -> list[int]:
 
 
 def _weights(given: Columns, model: FloatArray) -> FloatArray:
-    """Weight of each row. Kinds of residuals that scatter more than their noise get smaller weights."""
+    """Weight of each residual. Kinds of residuals that scatter more than their noise have smaller weights."""
     weights = np.ones(len(given.residual))
     for _ in range(3):
         left = (
