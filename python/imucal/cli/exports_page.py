@@ -1,4 +1,4 @@
-"""The section of docs/formats.md on files that vendors' programs export: settings, command, lost data."""
+"""The section of docs/formats.md on files that vendors' programs export: settings, command, remarks."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Final
 
 __all__ = ["EXPORTS", "Export", "exports_section"]
 
-NOTHING: Final = "no data"
-ROUNDED: Final = "digits beyond those that are printed"
-OTHERS: Final = "the other columns"
+ALL_READ: Final = "all data are read"
+ROUNDED: Final = "numbers have only the digits that are printed"
+OTHERS: Final = "other columns are not read"
 
 
 @dataclass(frozen=True)
@@ -20,277 +20,314 @@ class Export:
     name     maker, program and kind of file
     choose   export to choose in the program
     command  command with which imucal reads the file
-    lost     data that the recording lacks, and remarks about the data
+    remarks  data that are not read, and remarks about the data
     """
 
     name: str
     choose: str
     command: str
-    lost: str
+    remarks: str
 
 
 EXPORTS: Final = (
     Export(
         "phyphox, CSV (tabulator)",
-        "an experiment with accelerometer (with g) and gyroscope; Export Data > CSV (Tabulator, decimal "
-        "point)",
-        "imucal convert 'Raw Data.csv' -o rec.csv",
-        "no data; the experiment `Acceleration (without g)` cannot be used",
+        choose=(
+            "an experiment with accelerometer (with g) and gyroscope; Export Data > CSV (Tabulator, decimal "
+            "point)"
+        ),
+        command="imucal convert 'Raw Data.csv' -o rec.csv",
+        remarks="all data are read; the experiment `Acceleration (without g)` cannot be used",
     ),
     Export(
         "phyphox, CSV (semicolon, decimal comma)",
-        "as for CSV (tabulator), but CSV (Semicolon, decimal comma)",
-        "imucal convert 'Raw Data.csv' -o rec.csv",
-        NOTHING,
+        choose="as for CSV (tabulator), but with Export Data > CSV (Semicolon, decimal comma)",
+        command="imucal convert 'Raw Data.csv' -o rec.csv",
+        remarks=ALL_READ,
     ),
     Export(
         "phyphox, zip",
-        "as for CSV, with one file per sensor",
-        "imucal convert phone.zip -o rec.csv",
-        "sensors with different time stamps are resampled",
+        choose="as for CSV, with one file per sensor",
+        command="imucal convert phone.zip -o rec.csv",
+        remarks="sensors with different time stamps are resampled",
     ),
     Export(
         "Sensor Logger, zip",
-        "Total Acceleration and Gyroscope; Export > Zipped CSV",
-        "imucal convert 2026-01-01.zip -o rec.csv",
-        "`TotalAcceleration.csv` has gravity, `Accelerometer.csv` does not and is ignored; on iOS, switch on "
-        "`Standardise Units & Frames`",
+        choose="Total Acceleration and Gyroscope; Export > Zipped CSV",
+        command="imucal convert 2026-01-01.zip -o rec.csv",
+        remarks=(
+            "`TotalAcceleration.csv` has gravity, `Accelerometer.csv` does not and is ignored; on iOS, "
+            "switch on `Standardise Units & Frames`"
+        ),
     ),
     Export(
         "Physics Toolbox Sensor Suite",
-        "Multi Record with g-Force Meter and Gyroscope",
-        "imucal convert multi.csv -o rec.csv",
-        "ax, ay, az are without gravity and are ignored; gFx, gFy, gFz are read, in g",
+        choose="Multi Record with g-Force Meter and Gyroscope",
+        command="imucal convert multi.csv -o rec.csv",
+        remarks="ax, ay, az are without gravity and are ignored; gFx, gFy, gFz are read, in g",
     ),
     Export(
         "AndroSensor",
-        "Accelerometer and Gyroscope; time since start in ms",
-        "imucal convert sensor.csv -o rec.csv",
-        "GRAVITY and LINEAR ACCELERATION are ignored",
+        choose="Accelerometer and Gyroscope; time since start in ms",
+        command="imucal convert sensor.csv -o rec.csv",
+        remarks="GRAVITY and LINEAR ACCELERATION are ignored",
     ),
     Export(
         "Xsens MT Manager, ASCII export",
-        "Acceleration, Rate of Turn and Sample Time Fine",
-        "imucal convert MT_0388.txt -o rec.csv",
-        "FreeAcc (without gravity), magnetometer and orientation. Leave the rate of turn in rad/s, because "
-        "the header does not say its unit",
+        choose="Acceleration, Rate of Turn and Sample Time Fine",
+        command="imucal convert MT_0388.txt -o rec.csv",
+        remarks=(
+            "FreeAcc (without gravity), magnetometer and orientation are not read. Leave the rate of turn in "
+            "rad/s, because the header does not state its unit"
+        ),
     ),
     Export(
         "Movella DOT (Xsens DOT), CSV",
-        "a measurement mode with Acc and Gyr, such as Rate quantities",
-        "imucal convert dot.csv -o rec.csv",
-        "modes with FreeAcc only cannot be used",
+        choose="a measurement mode with Acc and Gyr, such as Rate quantities",
+        command="imucal convert dot.csv -o rec.csv",
+        remarks="modes with FreeAcc only cannot be used",
     ),
     Export(
         "Shimmer Consensys, CSV (calibrated)",
-        "Calibrated; one accelerometer (low noise or wide range) and the gyroscope",
-        "imucal convert shimmer.csv -o rec.csv",
-        "Consensys has applied its calibration; a new calibration is valid only for such data",
+        choose="Calibrated; one accelerometer (low noise or wide range) and the gyroscope",
+        command="imucal convert shimmer.csv -o rec.csv",
+        remarks="Consensys has applied its calibration; a new calibration is valid only for such data",
     ),
     Export(
         "ST MEMS Studio and Unico",
-        "save the accelerometer and gyroscope as text",
-        "imucal convert log.txt --rate-hz 100 -o rec.csv",
-        "time, which these files do not have",
+        choose="save the accelerometer and gyroscope as text",
+        command="imucal convert log.txt --rate-hz 100 -o rec.csv",
+        remarks="the files contain no time, so give --rate-hz",
     ),
     Export(
         "ST BLE Sensor app",
-        "log to CSV, one file per feature",
-        "imucal convert Accelerometer.csv Gyroscope.csv --time-unit ms -o rec.csv",
-        "the date, whose resolution is only the transmission interval",
+        choose="log to CSV, one file per feature",
+        command="imucal convert Accelerometer.csv Gyroscope.csv --time-unit ms -o rec.csv",
+        remarks="the date is not read, because its resolution is only the transmission interval",
     ),
     Export(
         "WitMotion, text record",
-        "record as text (.txt or .csv)",
-        "imucal convert data.txt -o rec.csv",
-        "the angles and the magnetic field; the chip time is read if the record has no other",
+        choose="record as text (.txt or .csv)",
+        command="imucal convert data.txt -o rec.csv",
+        remarks=(
+            "the angles and the magnetic field are not read; the chip time is read if the record has no "
+            "other time"
+        ),
     ),
     Export(
         "WitMotion, binary packets",
-        "acceleration (0x51) and angular rate (0x52), at best with time (0x50), of a serial terminal",
-        "imucal convert wt901.bin --rate-hz 100 -o rec.csv",
-        "the angles and the magnetic field; the ranges have to be 16 g and 2000 deg/s",
+        choose="save packets of acceleration (0x51), angular rate (0x52) and, if possible, time (0x50)",
+        command="imucal convert wt901.bin --rate-hz 100 -o rec.csv",
+        remarks="the angles and the magnetic field are not read; the ranges have to be 16 g and 2000 deg/s",
     ),
     Export(
         "x-io x-IMU3, CSV folder",
-        "convert the data log to CSV files with the x-IMU3 GUI",
-        "imucal convert x-IMU3 -o rec.csv",
-        "all files except Inertial.csv",
+        choose="convert the data log to CSV files with the x-IMU3 GUI",
+        command="imucal convert x-IMU3 -o rec.csv",
+        remarks="only Inertial.csv is read",
     ),
     Export(
         "x-io NGIMU, sensors.csv",
-        "convert the SD card file with the NGIMU software",
-        "imucal convert sensors.csv -o rec.csv",
-        "magnetometer and barometer",
+        choose="convert the SD card file with the NGIMU software",
+        command="imucal convert sensors.csv -o rec.csv",
+        remarks="magnetometer and barometer are not read",
     ),
     Export(
         "VectorNav, ASCII output",
-        "the asynchronous output VNYMR, VNIMU, VNQMR or VNMAR",
-        "imucal convert vn.txt --rate-hz 100 -o rec.csv",
-        f"time, which the sentences do not have; {ROUNDED}",
+        choose="the asynchronous output VNYMR, VNIMU, VNQMR or VNMAR",
+        command="imucal convert vn.txt --rate-hz 100 -o rec.csv",
+        remarks=f"the sentences contain no time, so give --rate-hz; {ROUNDED}",
     ),
     Export(
         "Arduino serial plotter",
-        "save the serial output; print time, units and counts as they are",
-        "imucal convert plotter.txt --columns time_s=t,accel_x_mps2=ax,accel_y_mps2=ay,accel_z_mps2=az,"
-        "gyro_x_radps=gx,gyro_y_radps=gy,gyro_z_radps=gz -o rec.csv",
-        ROUNDED,
+        choose="save the serial output of a sketch that prints the time and samples in a unit or in counts",
+        command=(
+            "imucal convert plotter.txt --columns "
+            "time_s=t,accel_x_mps2=ax,accel_y_mps2=ay,accel_z_mps2=az,"
+            "gyro_x_radps=gx,gyro_y_radps=gy,gyro_z_radps=gz -o rec.csv"
+        ),
+        remarks=ROUNDED,
     ),
     Export(
         "MbientLab MetaBase",
-        "Accelerometer and Gyroscope; both CSV files",
-        "imucal convert Accelerometer.csv Gyroscope.csv -o rec.csv",
-        "the elapsed time, which starts at another instant in each file; epoch (ms) is read",
+        choose="Accelerometer and Gyroscope; both CSV files",
+        command="imucal convert Accelerometer.csv Gyroscope.csv -o rec.csv",
+        remarks=(
+            "the elapsed time is not read, because it starts at another instant in each file; epoch (ms) is "
+            "read"
+        ),
     ),
     Export(
         "SensorLog (iOS)",
-        "CSV with accelerometer and gyroscope",
-        "imucal convert log.csv --columns 'time_s=accelerometerTimestamp_sinceReboot(s),...' -o rec.csv",
-        "iOS reverses the sign of the accelerometer: a unit at rest reads -1 g on the axis that points up",
+        choose="CSV with accelerometer and gyroscope",
+        command=(
+            "imucal convert log.csv --columns 'time_s=accelerometerTimestamp_sinceReboot(s),...' -o rec.csv"
+        ),
+        remarks=(
+            "iOS reverses the sign of the accelerometer: a unit at rest reads -1 g on the axis that points up"
+        ),
     ),
     Export(
         "ROS 1, rostopic echo -p",
-        "rostopic echo -p /imu/data > imu.csv; give the bag itself if possible",
-        "imucal convert imu.csv -o rec.csv",
-        OTHERS,
+        choose="rostopic echo -p /imu/data > imu.csv; give the bag itself if possible",
+        command="imucal convert imu.csv -o rec.csv",
+        remarks=OTHERS,
     ),
     Export(
         "PlotJuggler, CSV export",
-        "angular_velocity and linear_acceleration of one sensor_msgs/Imu topic",
-        "imucal convert pj.csv -o rec.csv",
-        "digits of the time stamps below 1 us; give the bag itself if possible",
+        choose="angular_velocity and linear_acceleration of one sensor_msgs/Imu topic",
+        command="imucal convert pj.csv -o rec.csv",
+        remarks="the time stamps have a resolution of 1 us; give the bag itself if possible",
     ),
     Export(
         "ActiGraph, IMU CSV",
-        "export the IMU data of ActiLife as CSV, with time stamps",
-        "imucal convert acti.csv -o rec.csv",
-        "magnetometer",
+        choose="export the IMU data of ActiLife as CSV, with time stamps",
+        command="imucal convert acti.csv -o rec.csv",
+        remarks="the magnetometer is not read",
     ),
     Export(
         "Axivity AX6, OmGui CSV",
-        "export resampled CSV with accelerometer (g) and gyroscope (d/s)",
-        "imucal convert ax6.csv -o rec.csv",
-        "OmGui resamples, which smooths the noise",
+        choose="export resampled CSV with accelerometer (g) and gyroscope (d/s)",
+        command="imucal convert ax6.csv -o rec.csv",
+        remarks="OmGui resamples, which smooths the noise",
     ),
     Export(
         "ACEINNA NavView and OpenIMU",
-        "log the message z1 or s1",
-        "imucal convert openimu.csv -o rec.csv",
-        "magnetometer",
+        choose="log the message z1 or s1",
+        command="imucal convert openimu.csv -o rec.csv",
+        remarks="the magnetometer is not read",
     ),
     Export(
         "SBG Systems, sbgCenter export",
-        "text export of IMU data with the line of units",
-        "imucal convert imu.txt -o rec.csv",
-        "the status",
+        choose="text export of IMU data with the line of units",
+        command="imucal convert imu.txt -o rec.csv",
+        remarks="the status is not read",
     ),
     Export(
         "Betaflight, blackbox_decode",
-        "blackbox_decode --unit-rotation deg/s --unit-acceleration g LOG00001.BFL",
-        "imucal convert LOG00001.01.csv -o rec.csv",
-        "no data; Betaflight has filtered both sensors and rotated their axes; if a log (.BFL, .BBL) is "
-        "given, the message gives this command",
+        choose="blackbox_decode --unit-rotation deg/s --unit-acceleration g LOG00001.BFL",
+        command="imucal convert LOG00001.01.csv -o rec.csv",
+        remarks=(
+            "all data are read; Betaflight has filtered both sensors and rotated their axes; if a log (.BFL, "
+            ".BBL) is given, the error message gives this command"
+        ),
     ),
     Export(
         "RealSense, rs-convert",
-        "rs-convert -i recording.bag -v d435i for a recording with Accel and Gyro; the .bag file itself is "
-        "read as well",
-        "imucal convert d435i_120000_imu_pose.csv -o rec.csv",
-        "accelerometer and gyroscope have two rates and are resampled; the SDK applies the calibration that "
-        "is stored in the camera, unless motion correction is switched off",
+        choose=(
+            "rs-convert -i recording.bag -v d435i for a recording with Accel and Gyro; the .bag file itself "
+            "is read as well"
+        ),
+        command="imucal convert d435i_120000_imu_pose.csv -o rec.csv",
+        remarks=(
+            "accelerometer and gyroscope have two rates and are resampled; the SDK applies the calibration "
+            "that is stored in the camera, unless motion correction is switched off"
+        ),
     ),
     Export(
         "GoPro, telemetry extractor CSV",
-        "one CSV per stream (ACCL, GYRO)",
-        "imucal convert Accelerometer.csv Gyroscope.csv --time-unit ms -o rec.csv",
-        "the axes keep the names of the header (z, x, y); versions that name only the first of the three "
-        "columns, `Accelerometer [m/s2]`, `1`, `2`, are read as x, y, z in this order",
+        choose="one CSV per stream (ACCL, GYRO)",
+        command="imucal convert Accelerometer.csv Gyroscope.csv --time-unit ms -o rec.csv",
+        remarks=(
+            "the axes keep the names of the header (z, x, y); if a header names only the first of the three "
+            "columns, as in `Accelerometer [m/s2]`, `1`, `2`, the columns are read as x, y, z in this order"
+        ),
     ),
     Export(
         "Variense VMU931 and other loggers of one file per sensor",
-        "one text file per sensor, with time and units in the header",
-        "imucal convert acc.txt gyro.txt -o rec.csv",
-        "sensors with different time stamps are resampled",
+        choose="one text file per sensor, with time and units in the header",
+        command="imucal convert acc.txt gyro.txt -o rec.csv",
+        remarks="sensors with different time stamps are resampled",
     ),
     Export(
         "MATLAB, writetimetable",
-        "writetimetable(tt, 'run.csv') for a timetable, which .mat files hold as an object that is not read",
-        "imucal convert run.csv --columns time_s=Time -o rec.csv",
-        "digits beyond those of the time format: tt.Time.Format = 'dd-MMM-yyyy HH:mm:ss.SSSSSS'",
+        choose=(
+            "writetimetable(tt, 'run.csv') for a timetable, which .mat files hold as an object that is not "
+            "read"
+        ),
+        command="imucal convert run.csv --columns time_s=Time -o rec.csv",
+        remarks=(
+            "the time stamps have only the digits of the time format; for microseconds, set tt.Time.Format = "
+            "'dd-MMM-yyyy HH:mm:ss.SSSSSS'"
+        ),
     ),
     Export(
         "Adafruit's Arduino examples (MPU6050, LSM6DS, BNO055), serial monitor",
-        "save the serial output; print more digits than two (`Serial.print(value, 5)`)",
-        "imucal convert serial.txt --rate-hz 100 -o rec.csv",
-        f"time, which these programs do not print; {ROUNDED}",
+        choose="save the serial output; print more digits than two (`Serial.print(value, 5)`)",
+        command="imucal convert serial.txt --rate-hz 100 -o rec.csv",
+        remarks=f"the programs print no time, so give --rate-hz; {ROUNDED}",
     ),
     Export(
         "SparkFun ICM-20948 examples, serial monitor",
-        "save the scaled output, `Scaled. Acc (mg) [ ... ], Gyr (DPS) [ ... ]`",
-        "imucal convert serial.txt --rate-hz 100 -o rec.csv",
-        f"time, which these programs do not print; {ROUNDED}",
+        choose="save the scaled output, `Scaled. Acc (mg) [ ... ], Gyr (DPS) [ ... ]`",
+        command="imucal convert serial.txt --rate-hz 100 -o rec.csv",
+        remarks=f"the programs print no time, so give --rate-hz; {ROUNDED}",
     ),
     Export(
         "SparkFun OpenLog Artemis",
-        "log the IMU with the date and time, or with micros",
-        "imucal convert dataLog00001.TXT -o rec.csv",
-        "magnetometer; digits beyond those that are printed",
+        choose="log the IMU with the date and time, or with micros",
+        command="imucal convert dataLog00001.TXT -o rec.csv",
+        remarks=f"the magnetometer is not read; {ROUNDED}",
     ),
     Export(
         "MicroStrain SensorConnect",
-        "export as CSV: Scaled Accelerometer (0x8004), Scaled Gyroscope (0x8005) and GPS TOW",
-        "imucal convert imu.csv -o rec.csv",
-        "the other quantities",
+        choose="export as CSV: Scaled Accelerometer (0x8004), Scaled Gyroscope (0x8005) and GPS TOW",
+        command="imucal convert imu.csv -o rec.csv",
+        remarks="other quantities are not read",
     ),
     Export(
         "Xsens MTw and Awinda, ASCII export",
-        "Acceleration, Rate of Turn and Sample Time Fine",
-        "imucal convert MT_01.txt -o rec.csv",
-        "as for MT Manager",
+        choose="Acceleration, Rate of Turn and Sample Time Fine",
+        command="imucal convert MT_01.txt -o rec.csv",
+        remarks="as for MT Manager",
     ),
     Export(
         "ShimmerCapture, older exports",
-        "calibrated data, with a line CAL and a line of units below the header",
-        "imucal convert shimmer.csv -o rec.csv",
-        "the program has applied its calibration; a new calibration is valid only for such data",
+        choose="calibrated data, with a line CAL and a line of units below the header",
+        command="imucal convert shimmer.csv -o rec.csv",
+        remarks="the program has applied its calibration; a new calibration is valid only for such data",
     ),
     Export(
         "phyphox, CSV in German, and apps in other languages",
-        "as for CSV (tabulator); names of the columns in German, French, Spanish, Italian, Portuguese or "
-        "Dutch",
-        "imucal convert 'Raw Data.csv' -o rec.csv",
-        NOTHING,
+        choose=("as for CSV (tabulator), with German, French, Spanish, Italian, Portuguese or Dutch names"),
+        command="imucal convert 'Raw Data.csv' -o rec.csv",
+        remarks=ALL_READ,
     ),
     Export(
         "ST DATALOG2, one CSV file per sensor",
-        "convert the acquisition to CSV with the tools of the SDK",
-        "imucal convert lsm6dsv16x_acc.csv lsm6dsv16x_gyro.csv -o rec.csv",
-        "sensors with different time stamps are resampled",
+        choose="convert the acquisition to CSV with the tools of the SDK",
+        command="imucal convert lsm6dsv16x_acc.csv lsm6dsv16x_gyro.csv -o rec.csv",
+        remarks="sensors with different time stamps are resampled",
     ),
     Export(
         "Parquet and data frames of other programs",
-        "names of the columns with sensor, axis and unit, such as `accel x (mg)`",
-        "imucal convert run.parquet -o rec.csv",
-        OTHERS,
+        choose="names of the columns with sensor, axis and unit, such as `accel x (mg)`",
+        command="imucal convert run.parquet -o rec.csv",
+        remarks=OTHERS,
     ),
     Export(
         "PX4, ulog2csv",
-        "ulog2csv -m sensor_accel,sensor_gyro flight.ulg; give the log itself if possible",
-        "imucal convert flight_sensor_accel_0.csv flight_sensor_gyro_0.csv -o rec.csv",
-        "temperature; PX4 has applied its calibration to `sensor_combined`, which is read with a warning",
+        choose="ulog2csv -m sensor_accel,sensor_gyro flight.ulg; give the log itself if possible",
+        command="imucal convert flight_sensor_accel_0.csv flight_sensor_gyro_0.csv -o rec.csv",
+        remarks=(
+            "the temperature is not read; PX4 has applied its calibration to `sensor_combined`, which is "
+            "read with a warning"
+        ),
     ),
     Export(
         "ROS 1, rosbag_to_csv",
-        "the topic of sensor_msgs/Imu; give the bag itself if possible",
-        "imucal convert imu.csv -o rec.csv",
-        "the time of receipt, because the time stamps of the messages are read, whose seconds and "
-        "nanoseconds are two columns (`secs` and `nsecs`, in ROS 2 `sec` and `nanosec`)",
+        choose="the topic of sensor_msgs/Imu; give the bag itself if possible",
+        command="imucal convert imu.csv -o rec.csv",
+        remarks=(
+            "the time stamps are those of the messages and not the times of receipt; their seconds and "
+            "nanoseconds are two columns (`secs` and `nsecs`, in ROS 2 `sec` and `nanosec`)"
+        ),
     ),
     Export(
         "WitMotion, CSV of the phone app",
-        "record as CSV",
-        "imucal convert data.csv -o rec.csv",
-        "the angles and the magnetic field",
+        choose="record as CSV",
+        command="imucal convert data.csv -o rec.csv",
+        remarks="the angles and the magnetic field are not read",
     ),
 )
 
@@ -298,8 +335,8 @@ HEAD: Final = """\
 ## Makers and apps
 
 The table lists the exports that imucal reads, sorted by maker or app, and the settings to choose in the
-program. If the header gives sensor, axis and unit of every column, the file is read without further
-options, and a warning states the unit of each column. If the header gives no unit, the error message shows
+program. If the header gives sensor, axis and unit of every column, the file is read without options, and
+a warning states the unit of each column. If the header gives no unit, the error message shows
 the values in each possible unit, and the option `--columns` for the most likely unit.
 """
 
@@ -323,9 +360,9 @@ log with `blackbox_decode`.
 def exports_section() -> Iterator[str]:
     """The lines of the section."""
     yield HEAD
-    yield "| export | choose | command | lost, and what to know |"
+    yield "| export | choose | command | data that are not read, and remarks |"
     yield "|---|---|---|---|"
     for row in sorted(EXPORTS, key=lambda row: row.name.casefold()):
-        yield f"| {row.name} | {row.choose} | `{row.command}` | {row.lost} |"
+        yield f"| {row.name} | {row.choose} | `{row.command}` | {row.remarks} |"
     yield ""
     yield FOOT

@@ -13,10 +13,10 @@ HEAD = """# Formats that are read
 `imucal.read(path, ...)`, every command that takes a recording, and `imucal convert FILE -o rec.csv` read
 these formats. The format is recognised from the file. `--format` (in Python `format=`) selects it
 explicitly. If a file contains several sensors, topics or groups, the error message lists them and the
-option that selects one. In Python the options have the same names, with underscores.
+option that selects one of them. In Python the options have the same names, with underscores.
 
-Calibrate uncorrected sensor data. If the data have already been corrected by another calibration, the new
-calibration is valid only for data that the other calibration has corrected.
+Calibrate a unit from uncorrected sensor data. If the data have already been corrected by another
+calibration, the new calibration is valid only for data that the other calibration has corrected.
 
 The option `--axes`, for example `--axes frd`, changes the axes of a recording of any format after
 reading; see [Axes and frames](frames.md).
@@ -40,11 +40,12 @@ Recordings are written with `temp_degc`. Temperatures outside -60 to 150 degC ar
 
 ## Damaged files
 
-Files of the formats rosbag, mcap, ulog, dataflash, matlab and hdf5 are read by a child process, because
-the libraries of these formats trust the lengths in a file. The child may allocate 100 MB plus 10 times
-the size of the file, and use 6 s of processor time plus 4 s per megabyte. A file that needs more memory
-or time is refused. If a valid file is refused because it is compressed, save the data uncompressed, or as
-Parquet. Values that an HDF5 file stores in other files are not read.
+Files of the formats rosbag, mcap, ulog, dataflash, matlab and hdf5 are read by a child process. The
+libraries of these formats do not check the lengths that a file states, so a damaged file can crash them
+or exhaust the memory. The child process may allocate 100 MB plus 10 times the size of the file, and use
+6 s of processor time plus 4 s per megabyte. A file that needs more memory or time is refused. If a valid
+file is refused because it is compressed, save the data uncompressed, or as Parquet. Values that an HDF5
+file stores in other files are not read.
 
 ## Arrays with names
 
@@ -82,8 +83,8 @@ If accelerometer and gyroscope are recorded with different time stamps, they are
   samples.
 * A faster sensor is averaged over one sampling interval of the slower sensor, centred at the time stamp.
   The average preserves the integrated angle of a gyroscope.
-* Time stamps at which one sensor has no samples are left out: before the start, after the end, and in
-  gaps of its samples. A gap remains visible in the time stamps.
+* Time stamps at which one sensor has no samples are left out. These are times before the first sample,
+  after the last sample, and in gaps of this sensor. A gap remains visible in the time stamps.
 * Rates that differ by more than a factor of 10, time stamps that decrease, and values that are not finite
   are refused.
 
