@@ -27,7 +27,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             " `--model`.",
         ),
         "fit_failed": Code(
-            "The fit did not end acceptably.",
+            "The fit failed: it did not converge to an acceptable result.",
             "Look at the recording with `imucal inspect`.",
         ),
         "empty": Code(
@@ -36,7 +36,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "lengths_differ": Code(
             "The arrays for time, specific force and angular rate have different lengths.",
-            "Pass arrays with one row per sample each.",
+            "Pass arrays that all have one row per sample.",
         ),
         "too_short": Code(
             "The recording has too few samples or is too short for rests in several poses.",
@@ -56,9 +56,9 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Remove these rows, or give the unit of the column in its name.",
         ),
         "stuck_axis": Code(
-            "An axis keeps one value while the other axes change.",
-            "Check the wiring, the order of the columns and the axis enable bits of the sensor. A warning"
-            " may be ignored if the motion never moves this axis.",
+            "An axis has a constant value while the other axes change.",
+            "Check the wiring, the order of the columns and the axis enable bits of the sensor. A warning "
+            "may be ignored if the motion does not excite this axis.",
         ),
         "accel_saturation": Code(
             "Samples of the accelerometer are at the end of its measurement range.",
@@ -71,8 +71,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "rests and moves.",
         ),
         "noise_below_lsb": Code(
-            "The noise is smaller than a step of the converter, so averaging does not remove the rounding"
-            " error. The standard deviations contain this error.",
+            "The noise is smaller than a step of the converter, so averaging does not remove the rounding "
+            "error. The standard deviations include this error.",
             "Use a smaller measurement range or a wider filter bandwidth, or let the unit vibrate "
             "slightly at rest.",
         ),
@@ -80,20 +80,20 @@ CODES: Final[dict[str, dict[str, Code]]] = {
     "Time stamps and lost samples": {
         "time_not_increasing": Code(
             "A time stamp is not later than the previous time stamp.",
-            "Sort the rows, remove rows that are written twice, or use the time stamps of the sensor.",
+            "Sort the rows, remove rows that were written twice, or use the time stamps of the sensor.",
         ),
         "clock_rate": Code(
             "The sampling rate that follows from the time stamps is not plausible.",
             "Give the unit of the time in the column name (`time_ms`, `time_us`, `time_ns`), or `--rate-hz`.",
         ),
         "clock_irregular": Code(
-            "The time stamps are uneven, because they are the times of packets, or the times of arrival of "
-            "the samples.",
+            "The time stamps are irregular. They are the times of packets or of the arrival of samples, and "
+            "not the times of sampling.",
             "Use the time stamps of the sensor, or omit them and give `--rate-hz` if no sample is missing.",
         ),
         "samples_missing": Code(
             "Samples are lost: the time stamps have gaps, or the angular rate jumps.",
-            "A few lost samples do no harm. If there are more, look for lost packets or a full buffer, and "
+            "A few lost samples do no harm. If many are lost, look for lost packets or a full buffer, and "
             "record again.",
         ),
         "samples_duplicated": Code(
@@ -103,8 +103,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
     },
     "Units": {
         "accel_units": Code(
-            "The specific force at rest is not near gravity, so the unit of the column is not the unit in "
-            "its name.",
+            "The specific force at rest is not near gravity, so the values are not in the unit that the name "
+            "of the column states.",
             "Rename the columns (`accel_x_g`, `accel_x_mg`, `accel_x_lsb`), or give `--accel-unit`.",
         ),
         "gyro_units": Code(
@@ -117,14 +117,14 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Subtract 65536 from values above 32767 (16 bits), or read the registers as signed numbers.",
         ),
         "gyro_common_gain": Code(
-            "All gyroscope axes have the same gain error, which points to the clock or to the unit of the"
-            " rates.",
+            "All gyroscope axes have the same gain error. The probable cause is the clock or the unit of the "
+            "rates.",
             "Compare the duration of the recording with another clock, and check the sensitivity used to "
             "convert counts.",
         ),
         "gains_differ": Code(
             "The gain of one axis differs from the gain of the other two axes.",
-            "Check how this column was scaled. If the axes are different sensors, nothing has to be done.",
+            "Check how this column was scaled. For axes of different sensors, nothing has to be done.",
         ),
         "noise_implausible": Code(
             "No sensor has this noise density, so the samples are probably in another unit.",
@@ -136,8 +136,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "temperature_implausible": Code(
             "The temperature is outside the range in which sensors work.",
-            "Name the column by its unit (`temp_degc`, `temp_k`, `temp_degf`), or give `--temp-scale` for"
-            " counts.",
+            "Name the column by its unit (`temp_degc`, `temp_k`, `temp_degf`), or give `--temp-scale` for "
+            "counts.",
         ),
         "temperature_jump": Code(
             "The temperature jumps by more than 5 K between two samples, or has values that are not finite.",
@@ -150,10 +150,10 @@ CODES: Final[dict[str, dict[str, Code]]] = {
     },
     "Axes": {
         "gravity_sign": Code(
-            "The accelerometer reads -g on z in the first rest, as with z down (FRD, NED) or a reversed "
-            "sign.",
-            "`--axes frd` for z down; `--axes accel=-x,-y,-z` for a reversed sign; nothing if the unit "
-            "lay upside down. See [frames](frames.md).",
+            "The accelerometer reads -g on z in the first rest: z points down (FRD, NED), the sign of the "
+            "accelerometer is reversed, or the unit lay upside down.",
+            "If z points down, give `--axes frd`. If the sign is reversed, give `--axes accel=-x,-y,-z`. "
+            "See [frames](frames.md).",
         ),
         "left_handed_axes": Code(
             "The rates do not follow the rotation of gravity: an axis is mirrored, or two axes are swapped.",
@@ -170,8 +170,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Give every recording once; repeated data make the stated accuracy wrong.",
         ),
         "control_not_independent": Code(
-            "The control recording has the noise of a calibration recording, so it is a part or a copy of "
-            "that recording.",
+            "The control recording contains the noise of a calibration recording, so it is a part or a copy "
+            "of that recording.",
             "Record a separate control run, or use `--folds`.",
         ),
         "seen_by_the_fit": Code(
@@ -181,18 +181,18 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         "several_units": Code(
             "The model fits each recording separately, but not all recordings together, so they are of "
             "different units.",
-            "Calibrate each unit by itself.",
+            "Calibrate each unit separately.",
         ),
         "biases_moved": Code(
             "The biases differ between the recordings, as after switching the unit off and on.",
-            "Record without switching off, or calibrate from one recording and estimate the bias after "
-            "each start.",
+            "Make all recordings without switching the unit off, or calibrate from one recording and "
+            "estimate the bias again after each start.",
         ),
     },
     "Reading files": {
         "lines_left_out": Code(
-            "Lines of a text file are not rows and were left out.",
-            "Check that no samples are lost there.",
+            "Lines of a text file are not rows of numbers and were left out.",
+            "Check that these lines contained no samples.",
         ),
         "read_by_header": Code(
             "Names and units of the columns were taken from the header of a file of another program.",
@@ -207,18 +207,18 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Look for gaps in time, or download the log again.",
         ),
         "checksums_missing": Code(
-            "All sentences have the same placeholder as check sum, so garbled sentences cannot be found.",
+            "All sentences have a placeholder instead of a check sum, so damaged sentences are not found.",
             "Record with check sums.",
         ),
         "resampled": Code(
             "The two sensors have different sampling rates; one was resampled to the time stamps of the "
             "other.",
-            "Nothing; record both at one rate if the noise matters.",
+            "Nothing has to be done. If you need the noise of the sensors, record both at the same rate.",
         ),
         "already_corrected": Code(
             "The autopilot has applied its own calibration to the logged samples.",
-            "The result adds to those parameters. To replace them, log raw samples or set them to neutral"
-            " values.",
+            "The new calibration applies in addition to the parameters of the autopilot. To replace these "
+            "parameters, log raw samples, or set them to neutral values before you record.",
         ),
         "board_rotated": Code(
             "The autopilot has rotated the samples from the axes of the sensor to those of the vehicle.",
@@ -231,11 +231,11 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Raise `--max-iterations`, or look for faulty parts of the recording with `--verbose`.",
         ),
         "no_usable_move": Code(
-            "There is no usable move, so the gyroscope is not judged.",
+            "The recording has no usable move, so the gyroscope cannot be evaluated.",
             "Record rests in different poses with moves between them.",
         ),
         "too_few_rests": Code(
-            "There are too few usable rests to judge the accelerometer.",
+            "The recording has too few usable rests to evaluate the accelerometer.",
             "Record rests in more poses.",
         ),
         "not_corrected": Code(
@@ -244,13 +244,14 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Repair the temperature column, or calibrate without this effect.",
         ),
         "large_residuals": Code(
-            "The residuals are far larger than noise explains. The calibration is of another unit, the "
-            "units are wrong, or the unit has a large further error.",
+            "The residuals are far larger than noise explains. The calibration is of another unit, the units "
+            "of measurement are wrong, or the unit has a large error that the model does not contain.",
             "Check that the file is of this unit and in the stated units of measurement; then run "
             "[`imucal gap run.csv --control control.csv`](gap.md).",
         ),
         "unknown_direction": Code(
-            "Noise hides the direction of gravity after a move, so the gyroscope is not judged.",
+            "Noise makes the direction of gravity after most moves too inaccurate, so the gyroscope cannot be "
+            "evaluated.",
             "Check the units, or move faster and rest longer.",
         ),
         "impossible_rates": Code(
@@ -258,8 +259,9 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Check the units of the rates and the calibration.",
         ),
         "worse_than_uncalibrated": Code(
-            "The residuals are larger than those of the uncalibrated unit.",
-            "The calibration is of another unit, or of other units of measurement.",
+            "The residuals are larger than without calibration, because the calibration is of another unit "
+            "or for other units of measurement.",
+            "Check the serial number, and the units of measurement of the recording.",
         ),
         "contradicting_rests": Code(
             "Many rests contradict the other rests.",
@@ -271,8 +273,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Look at the findings, rotate more slowly, and record again.",
         ),
         "moving_rests": Code(
-            "The mean angular rates of many rests are far from those of the other rests, so the unit was "
-            "turning slowly.",
+            "The mean angular rates at many rests differ strongly from those at the other rests, so the unit "
+            "was rotating slowly at these rests.",
             "Hold the unit still in each pose.",
         ),
         "prior_contradicted": Code(
@@ -291,8 +293,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Use the time stamps of the sensor, or time stamps with equal steps.",
         ),
         "parameters_held": Code(
-            "Parameters that the recording does not determine are held at nominal values; the message "
-            "states the error that this leaves.",
+            "Parameters that the recording does not determine are held at nominal values. The message states "
+            "the remaining error.",
             "Record more poses, or accept the stated error. See [few poses](few-poses.md).",
         ),
         "residuals_not_tested": Code(
@@ -301,7 +303,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Add poses, give `--noise`, or give a control recording.",
         ),
         "not_evaluated": Code(
-            "The calibration was imported from another program and was not judged on a recording.",
+            "The calibration was imported from another program and has not been evaluated on a recording.",
             "Run `imucal evaluate CALIBRATION CONTROL`.",
         ),
     },
@@ -311,7 +313,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Record the motion that the message names, or hold one of the parameters with `--hold`.",
         ),
         "flat": Code(
-            "A parameter is poorly determined: its standard deviation exceeds its usual size.",
+            "A parameter is poorly determined: its standard deviation exceeds the parameter's usual size.",
             "Record the motion that the message names, or hold the parameter with `--hold`.",
         ),
         "at_bound": Code(
@@ -319,20 +321,20 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Record from power-on until the sensors have settled, or leave the effect out.",
         ),
         "noise_overestimated": Code(
-            "The residuals are smaller than the noise at the rests, so the standard deviations are too "
-            "large.",
-            "Record a hand-held unit at 100 Hz or more; on a table see that nothing shakes it.",
+            "The residuals are smaller than the estimated noise at the rests, so the standard deviations are "
+            "too large.",
+            "Record a hand-held unit at 100 Hz or more, and a unit on a table without vibration.",
         ),
         "noise_grows_in_motion": Code(
             "The gyroscope is noisier in moves than at rest.",
-            "Look for what vibrates while the unit turns.",
+            "Look for a source of vibration while the unit rotates.",
         ),
         "mount_slip": Code(
             "The unit has rotated on its mount during the run.",
             "Fasten the unit and record again.",
         ),
         "loose_mount": Code(
-            "The attitude of the unit scatters against the angles of the stand: the mount has play.",
+            "The attitude of the unit relative to the angles of the stand scatters, so the mount has play.",
             "Fasten the unit and record again.",
         ),
     },
@@ -355,7 +357,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "steps_cut": Code(
             "Only the longest part without a step is used.",
-            "Nothing; record again without touching the table if the part is too short.",
+            "Nothing has to be done. If the part is too short, record again without touching the table.",
         ),
         "drift": Code(
             "The mean drifts, as while a unit warms up. The estimated random walk includes this drift.",
@@ -363,10 +365,10 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "noise_filtered": Code(
             "A filter has attenuated the noise at high frequencies; only lower frequencies are used.",
-            "Nothing; record without the filter for a more accurate noise density.",
+            "Nothing has to be done. For a more accurate noise density, record without the filter.",
         ),
         "noise_model": Code(
-            "The power spectrum is not that of the noise model, for example because of vibration.",
+            "The power spectrum differs from the noise model, for example because of vibration.",
             "Look at the Allan plot; record at a constant temperature, away from motors.",
         ),
     },
@@ -377,7 +379,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "input": Code(
             "An argument or a recording is invalid.",
-            "Do what the message says.",
+            "Follow the message.",
         ),
         "file_missing": Code(
             "A file of the manifest does not exist.",
@@ -396,11 +398,11 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "Give a shorter recording or fewer workers.",
         ),
         "no_result": Code(
-            "Another foreseen error.",
-            "Do what the message says.",
+            "An error without a code of its own.",
+            "Follow the message.",
         ),
         "bug": Code(
-            "An error of imucal itself.",
+            "An internal error of imucal.",
             "Report it with the traceback (`IMUCAL_TRACEBACK=1`).",
         ),
     },
@@ -413,7 +415,7 @@ KIND_OF_GROUP: Final = {
     "Diagnosis of a fit": "warning",
     "Noise of a unit at rest": "warning",
 }
-# Codes of other groups that are warnings: a result is computed in spite of them.
+# Codes in other groups that are warnings. A result is computed in spite of them.
 WARNINGS: Final = (
     "noise_below_lsb",
     "gyro_common_gain",
