@@ -81,8 +81,8 @@ class CaptureFile:
 
     def __exit__(self, *_: object) -> None:
         with suppress(OSError):
-            # The file is truncated after the last counted row, because an interrupt may have occurred after a
-            # row was written and before it was counted.
+            # The file is truncated to its known size, because an interrupt may have occurred after a row was
+            # written and before the size was updated.
             os.ftruncate(self._file, self._size)
             os.fsync(self._file)
         os.close(self._file)

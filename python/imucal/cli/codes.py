@@ -250,8 +250,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             "[`imucal gap run.csv --control control.csv`](gap.md).",
         ),
         "unknown_direction": Code(
-            "Noise makes the direction of gravity after most moves too inaccurate, so the gyroscope cannot be "
-            "evaluated.",
+            "Noise makes the direction of gravity after most moves too inaccurate, so the gyroscope cannot "
+            "be evaluated.",
             "Check the units, or move faster and rest longer.",
         ),
         "impossible_rates": Code(

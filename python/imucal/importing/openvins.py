@@ -24,7 +24,8 @@ from imucal.importing.source_format import Content, Found, Reader, Wanted, corre
 __all__ = ["OPENVINS"]
 
 MATRICES: Final = ("Tw", "R_IMUtoGYRO", "Ta", "R_IMUtoACC", "Tg")
-# Models of `model`, and the triangle of the inverse matrices that OpenVINS uses.
+# For each value of the field `model`: the function that keeps the triangle of the inverse matrices that
+# OpenVINS uses.
 TRIANGLES: Final = {"kalibr": np.tril, "calibrated": np.tril, "rpng": np.triu}
 
 

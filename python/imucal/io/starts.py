@@ -14,7 +14,8 @@ __all__ = [
 ]
 
 DATAFLASH_MAGIC: Final = b"\xa3\x95"
-# MAT-files of level 5 (MATLAB 5 to 7.2) and 7.3. Level 4 has no such bytes.
+# First bytes of MAT-files of level 5 (MATLAB 5 to 7.2) and of version 7.3. Files of level 4 have no fixed
+# first bytes.
 MATLAB_MAGIC: Final = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 PARQUET_MAGIC: Final = b"PAR1"
 # Start of the header that rs-convert and rs-data-collect write.

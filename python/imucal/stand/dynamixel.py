@@ -23,8 +23,8 @@ __all__ = ["Motors", "ids_of", "serve"]
 OPERATING_MODE, TORQUE_ENABLE, HARDWARE_ERROR = 11, 64, 70
 PROFILE_ACCELERATION, PROFILE_VELOCITY, GOAL_POSITION, PRESENT_POSITION = 108, 112, 116, 132
 EXTENDED_POSITION: Final = 4
-# Counts per revolution, and units of profile velocity (0.229 rpm) and profile acceleration (214.577
-# rev/min^2).
+# Position counts per revolution, and the units of the registers profile velocity (0.229 rpm) and profile
+# acceleration (214.577 rev/min^2).
 COUNTS: Final = 4096
 RATE_UNIT_DPS: Final = 0.229 * 6.0
 ACCELERATION_UNIT_DPS2: Final = 214.577 * 360.0 / 3600.0

@@ -94,7 +94,7 @@ class TimeCheck:
         return self._accept([self._waiting.pop(0)])
 
     def _continues(self, last_s: float, last_arrived_s: float, new: _Waiting) -> bool:
-        """Whether a row continues an earlier row, whose delivery may have been late."""
+        """Whether the time step from an earlier row to `new` fits their arrivals. The earlier may be late."""
         late_s = max(last_arrived_s - last_s - self._least_s, 0.0)
         return _is_step(new.time_s - last_s, new.timed[1] - last_arrived_s + late_s)
 
