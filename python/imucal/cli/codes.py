@@ -22,388 +22,483 @@ class Code(NamedTuple):
 CODES: Final[dict[str, dict[str, Code]]] = {
     "The recording cannot be used as it is": {
         "not_enough_motion": Code(
-            "The motion does not determine every parameter.",
-            "Add the poses that the message names, or estimate [a smaller model](few-poses.md) with"
-            " `--model`.",
+            cause="The motion does not determine every parameter.",
+            cure=(
+                "Add the poses that the message names, or estimate [a smaller model](few-poses.md) with "
+                "`--model`."
+            ),
         ),
         "fit_failed": Code(
-            "The fit failed: it did not converge to an acceptable result.",
-            "Look at the recording with `imucal inspect`.",
+            cause="The fit failed: it did not converge to an acceptable result.",
+            cure="Look at the recording with `imucal inspect`.",
         ),
         "empty": Code(
-            "The recording has no sample.",
-            "Check that the file was written to its end.",
+            cause="The recording has no sample.",
+            cure="Check that the file was written to its end.",
         ),
         "lengths_differ": Code(
-            "The arrays for time, specific force and angular rate have different lengths.",
-            "Pass arrays that all have one row per sample.",
+            cause="The arrays for time, specific force and angular rate have different lengths.",
+            cure="Pass arrays that all have one row per sample.",
         ),
         "too_short": Code(
-            "The recording has too few samples or is too short for rests in several poses.",
-            "Record rests in many poses with moves between them; some minutes are enough.",
+            cause="The recording has too few samples or is too short for rests in several poses.",
+            cure="Record rests in many poses with moves between them; some minutes are enough.",
         ),
         "sensor_missing": Code(
-            "The file has no columns of one sensor, but the command needs both sensors.",
-            "Name the columns with `--columns`, or calibrate [one sensor](one-sensor.md).",
+            cause="The file has no columns of one sensor, but the command needs both sensors.",
+            cure="Name the columns with `--columns`, or calibrate [one sensor](one-sensor.md).",
         ),
         "non_finite": Code(
-            "A sample is not a number (NaN or infinite).",
-            "Remove these rows, or find out why the logger wrote them.",
+            cause="A sample is not a number (NaN or infinite).",
+            cure="Remove these rows, or find out why the logger wrote them.",
         ),
         "value_impossible": Code(
-            "A sample is larger than any such sensor can measure, for example because a line of the file is "
-            "damaged.",
-            "Remove these rows, or give the unit of the column in its name.",
+            cause=(
+                "A sample is larger than any such sensor can measure, for example because a line of the file "
+                "is damaged."
+            ),
+            cure="Remove these rows, or give the unit of the column in its name.",
         ),
         "stuck_axis": Code(
-            "An axis has a constant value while the other axes change.",
-            "Check the wiring, the order of the columns and the axis enable bits of the sensor. A warning "
-            "may be ignored if the motion does not excite this axis.",
+            cause="An axis has a constant value while the other axes change.",
+            cure=(
+                "Check the wiring, the order of the columns and the axis enable bits of the sensor. A "
+                "warning may be ignored if the motion does not excite this axis."
+            ),
         ),
         "accel_saturation": Code(
-            "Samples of the accelerometer are at the end of its measurement range.",
-            "Choose a larger range or move more gently; `--exclude-saturated` leaves out the affected "
-            "rests and moves.",
+            cause="Samples of the accelerometer are at the end of its measurement range.",
+            cure=(
+                "Choose a larger range or move more gently; `--exclude-saturated` leaves out the affected "
+                "rests and moves."
+            ),
         ),
         "gyro_saturation": Code(
-            "Samples of the gyroscope are at the end of its measurement range.",
-            "Choose a larger range or rotate more slowly; `--exclude-saturated` leaves out the affected "
-            "rests and moves.",
+            cause="Samples of the gyroscope are at the end of its measurement range.",
+            cure=(
+                "Choose a larger range or rotate more slowly; `--exclude-saturated` leaves out the affected "
+                "rests and moves."
+            ),
         ),
         "noise_below_lsb": Code(
-            "The noise is smaller than a step of the converter, so averaging does not remove the rounding "
-            "error. The standard deviations include this error.",
-            "Use a smaller measurement range or a wider filter bandwidth, or let the unit vibrate "
-            "slightly at rest.",
+            cause=(
+                "The noise is smaller than a step of the converter, so averaging does not remove the "
+                "rounding error. The standard deviations include this error."
+            ),
+            cure=(
+                "Use a smaller measurement range or a wider filter bandwidth, or let the unit vibrate "
+                "slightly at rest."
+            ),
         ),
     },
     "Time stamps and lost samples": {
         "time_not_increasing": Code(
-            "A time stamp is not later than the previous time stamp.",
-            "Sort the rows, remove rows that were written twice, or use the time stamps of the sensor.",
+            cause="A time stamp is not later than the previous time stamp.",
+            cure="Sort the rows, remove rows that were written twice, or use the time stamps of the sensor.",
         ),
         "clock_rate": Code(
-            "The sampling rate that follows from the time stamps is not plausible.",
-            "Give the unit of the time in the column name (`time_ms`, `time_us`, `time_ns`), or `--rate-hz`.",
+            cause="The sampling rate that follows from the time stamps is not plausible.",
+            cure=(
+                "Give the unit of the time in the column name (`time_ms`, `time_us`, `time_ns`), or "
+                "`--rate-hz`."
+            ),
         ),
         "clock_irregular": Code(
-            "The time stamps are irregular. They are the times of packets or of the arrival of samples, and "
-            "not the times of sampling.",
-            "Use the time stamps of the sensor, or omit them and give `--rate-hz` if no sample is missing.",
+            cause=(
+                "The time stamps are irregular. They are the times of packets or of the arrival of samples, "
+                "and not the times of sampling."
+            ),
+            cure=(
+                "Use the time stamps of the sensor, or omit them and give `--rate-hz` if no sample is "
+                "missing."
+            ),
         ),
         "samples_missing": Code(
-            "Samples are lost: the time stamps have gaps, or the angular rate jumps.",
-            "A few lost samples do no harm. If many are lost, look for lost packets or a full buffer, and "
-            "record again.",
+            cause="Samples are lost: the time stamps have gaps, or the angular rate jumps.",
+            cure=(
+                "A few lost samples do no harm. If many are lost, look for lost packets or a full buffer, "
+                "and record again."
+            ),
         ),
         "samples_duplicated": Code(
-            "Rows repeat the previous row, because a slower sensor was polled or rows were written twice.",
-            "Record at the rate at which the sensor has new samples, or drop the repeated rows.",
+            cause=(
+                "Rows repeat the previous row, because a slower sensor was polled or rows were written twice."
+            ),
+            cure="Record at the rate at which the sensor has new samples, or drop the repeated rows.",
         ),
     },
     "Units": {
         "accel_units": Code(
-            "The specific force at rest is not near gravity, so the values are not in the unit that the name "
-            "of the column states.",
-            "Rename the columns (`accel_x_g`, `accel_x_mg`, `accel_x_lsb`), or give `--accel-unit`.",
+            cause=(
+                "The specific force at rest is not near gravity, so the values are not in the unit that the "
+                "name of the column states."
+            ),
+            cure="Rename the columns (`accel_x_g`, `accel_x_mg`, `accel_x_lsb`), or give `--accel-unit`.",
         ),
         "gyro_units": Code(
-            "The rates do not agree with the rotation of gravity, or are larger than any gyroscope measures.",
-            "Rename the columns (`gyro_x_dps`, `gyro_x_radps`, `gyro_x_lsb`), or give `--gyro-unit`; "
-            "check the time column.",
+            cause=(
+                "The rates do not agree with the rotation of gravity, or are larger than any gyroscope "
+                "measures."
+            ),
+            cure=(
+                "Rename the columns (`gyro_x_dps`, `gyro_x_radps`, `gyro_x_lsb`), or give `--gyro-unit`; "
+                "check the time column."
+            ),
         ),
         "counts_unsigned": Code(
-            "Raw counts were read as unsigned numbers: they jump between the ends of the range.",
-            "Subtract 65536 from values above 32767 (16 bits), or read the registers as signed numbers.",
+            cause="Raw counts were read as unsigned numbers: they jump between the ends of the range.",
+            cure="Subtract 65536 from values above 32767 (16 bits), or read the registers as signed numbers.",
         ),
         "gyro_common_gain": Code(
-            "All gyroscope axes have the same gain error. The probable cause is the clock or the unit of the "
-            "rates.",
-            "Compare the duration of the recording with another clock, and check the sensitivity used to "
-            "convert counts.",
+            cause=(
+                "All gyroscope axes have the same gain error. The probable cause is the clock or the unit of "
+                "the rates."
+            ),
+            cure=(
+                "Compare the duration of the recording with another clock, and check the sensitivity used to "
+                "convert counts."
+            ),
         ),
         "gains_differ": Code(
-            "The gain of one axis differs from the gain of the other two axes.",
-            "Check how this column was scaled. For axes of different sensors, nothing has to be done.",
+            cause="The gain of one axis differs from the gain of the other two axes.",
+            cure="Check how this column was scaled. For axes of different sensors, nothing has to be done.",
         ),
         "noise_implausible": Code(
-            "No sensor has this noise density, so the samples are probably in another unit.",
-            "Use the unit that the message names.",
+            cause="No sensor has this noise density, so the samples are probably in another unit.",
+            cure="Use the unit that the message names.",
         ),
         "bias_implausible": Code(
-            "No gyroscope has this bias, so the rates are probably in another unit.",
-            "Rename the columns, for example to `gyro_x_dps`.",
+            cause="No gyroscope has this bias, so the rates are probably in another unit.",
+            cure="Rename the columns, for example to `gyro_x_dps`.",
         ),
         "temperature_implausible": Code(
-            "The temperature is outside the range in which sensors work.",
-            "Name the column by its unit (`temp_degc`, `temp_k`, `temp_degf`), or give `--temp-scale` for "
-            "counts.",
+            cause="The temperature is outside the range in which sensors work.",
+            cure=(
+                "Name the column by its unit (`temp_degc`, `temp_k`, `temp_degf`), or give `--temp-scale` "
+                "for counts."
+            ),
         ),
         "temperature_jump": Code(
-            "The temperature jumps by more than 5 K between two samples, or has values that are not finite.",
-            "Repair the column or drop it. Effects of temperature need a value in every row.",
+            cause=(
+                "The temperature jumps by more than 5 K between two samples, or has values that are not "
+                "finite."
+            ),
+            cure="Repair the column or drop it. Effects of temperature need a value in every row.",
         ),
         "temperature_raw": Code(
-            "The temperature is in raw counts without a scale and is not used.",
-            "Give `--temp-scale SLOPE,OFFSET` from the datasheet.",
+            cause="The temperature is in raw counts without a scale and is not used.",
+            cure="Give `--temp-scale SLOPE,OFFSET` from the datasheet.",
         ),
     },
     "Axes": {
         "gravity_sign": Code(
-            "The accelerometer reads -g on z in the first rest: z points down (FRD, NED), the sign of the "
-            "accelerometer is reversed, or the unit lay upside down.",
-            "If z points down, give `--axes frd`. If the sign is reversed, give `--axes accel=-x,-y,-z`. "
-            "See [frames](frames.md).",
+            cause=(
+                "The accelerometer reads -g on z in the first rest: z points down (FRD, NED), the sign of "
+                "the accelerometer is reversed, or the unit lay upside down."
+            ),
+            cure=(
+                "If z points down, give `--axes frd`. If the sign is reversed, give `--axes accel=-x,-y,-z`. "
+                "See [frames](frames.md)."
+            ),
         ),
         "left_handed_axes": Code(
-            "The rates do not follow the rotation of gravity: an axis is mirrored, or two axes are swapped.",
-            "Give the order and the signs of the columns with `--axes`; the message names them.",
+            cause=(
+                "The rates do not follow the rotation of gravity: an axis is mirrored, or two axes are "
+                "swapped."
+            ),
+            cure="Give the order and the signs of the columns with `--axes`; the message names them.",
         ),
         "axes_turned": Code(
-            "The axes of the two sensors differ by a rotation in steps of 90 deg.",
-            "Give `--axes` as in the message.",
+            cause="The axes of the two sensors differ by a rotation in steps of 90 deg.",
+            cure="Give `--axes` as in the message.",
         ),
     },
     "Several recordings": {
         "recordings_overlap": Code(
-            "A recording is given twice, or two recordings have samples in common.",
-            "Give every recording once; repeated data make the stated accuracy wrong.",
+            cause="A recording is given twice, or two recordings have samples in common.",
+            cure="Give every recording once; repeated data make the stated accuracy wrong.",
         ),
         "control_not_independent": Code(
-            "The control recording contains the noise of a calibration recording, so it is a part or a copy "
-            "of that recording.",
-            "Record a separate control run, or use `--folds`.",
+            cause=(
+                "The control recording contains the noise of a calibration recording, so it is a part or a "
+                "copy of that recording."
+            ),
+            cure="Record a separate control run, or use `--folds`.",
         ),
         "seen_by_the_fit": Code(
-            "The calibration is evaluated on a file from which it was made.",
-            "Evaluate on another recording of the unit.",
+            cause="The calibration is evaluated on a file from which it was made.",
+            cure="Evaluate on another recording of the unit.",
         ),
         "several_units": Code(
-            "The model fits each recording separately, but not all recordings together, so they are of "
-            "different units.",
-            "Calibrate each unit separately.",
+            cause=(
+                "The model fits each recording separately, but not all recordings together, so they are of "
+                "different units."
+            ),
+            cure="Calibrate each unit separately.",
         ),
         "biases_moved": Code(
-            "The biases differ between the recordings, as after switching the unit off and on.",
-            "Make all recordings without switching the unit off, or calibrate from one recording and "
-            "estimate the bias again after each start.",
+            cause="The biases differ between the recordings, as after switching the unit off and on.",
+            cure=(
+                "Make all recordings without switching the unit off, or calibrate from one recording and "
+                "estimate the bias again after each start."
+            ),
         ),
     },
     "Reading files": {
         "lines_left_out": Code(
-            "Lines of a text file are not rows of numbers and were left out.",
-            "Check that these lines contained no samples.",
+            cause="Lines of a text file are not rows of numbers and were left out.",
+            cure="Check that these lines contained no samples.",
         ),
         "read_by_header": Code(
-            "Names and units of the columns were taken from the header of a file of another program.",
-            "If names and units are right, nothing has to be done. Otherwise give `--columns`.",
+            cause="Names and units of the columns were taken from the header of a file of another program.",
+            cure="If names and units are right, nothing has to be done. Otherwise give `--columns`.",
         ),
         "counts_assumed": Code(
-            "Files without a header were taken as counts, but their numbers are not whole.",
-            "If the numbers have a unit, give it with `--accel-unit` and `--gyro-unit`.",
+            cause="Files without a header were taken as counts, but their numbers are not whole.",
+            cure="If the numbers have a unit, give it with `--accel-unit` and `--gyro-unit`.",
         ),
         "file_damaged": Code(
-            "Parts of a log could not be read and were skipped.",
-            "Look for gaps in time, or download the log again.",
+            cause="Parts of a log could not be read and were skipped.",
+            cure="Look for gaps in time, or download the log again.",
         ),
         "checksums_missing": Code(
-            "All sentences have a placeholder instead of a check sum, so damaged sentences are not found.",
-            "Record with check sums.",
+            cause=(
+                "All sentences have a placeholder instead of a check sum, so damaged sentences are not found."
+            ),
+            cure="Record with check sums.",
         ),
         "resampled": Code(
-            "The two sensors have different sampling rates; one was resampled to the time stamps of the "
-            "other.",
-            "Nothing has to be done. If you need the noise of the sensors, record both at the same rate.",
+            cause=(
+                "The two sensors have different sampling rates; one was resampled to the time stamps of the "
+                "other."
+            ),
+            cure=(
+                "Nothing has to be done. If you need the noise of the sensors, record both at the same rate."
+            ),
         ),
         "already_corrected": Code(
-            "The autopilot has applied its own calibration to the logged samples.",
-            "The new calibration applies in addition to the parameters of the autopilot. To replace these "
-            "parameters, log raw samples, or set them to neutral values before you record.",
+            cause="The autopilot has applied its own calibration to the logged samples.",
+            cure=(
+                "The new calibration applies in addition to the parameters of the autopilot. To replace "
+                "these parameters, log raw samples, or set them to neutral values before you record."
+            ),
         ),
         "board_rotated": Code(
-            "The autopilot has rotated the samples from the axes of the sensor to those of the vehicle.",
-            "Export with `--board-orientation` as in the message.",
+            cause=(
+                "The autopilot has rotated the samples from the axes of the sensor to those of the vehicle."
+            ),
+            cure="Export with `--board-orientation` as in the message.",
         ),
     },
     "Verdict poor": {
         "not_converged": Code(
-            "A fit ended before it reached its optimum.",
-            "Raise `--max-iterations`, or look for faulty parts of the recording with `--verbose`.",
+            cause="A fit ended before it reached its optimum.",
+            cure="Raise `--max-iterations`, or look for faulty parts of the recording with `--verbose`.",
         ),
         "no_usable_move": Code(
-            "The recording has no usable move, so the gyroscope cannot be evaluated.",
-            "Record rests in different poses with moves between them.",
+            cause="The recording has no usable move, so the gyroscope cannot be evaluated.",
+            cure="Record rests in different poses with moves between them.",
         ),
         "too_few_rests": Code(
-            "The recording has too few usable rests to evaluate the accelerometer.",
-            "Record rests in more poses.",
+            cause="The recording has too few usable rests to evaluate the accelerometer.",
+            cure="Record rests in more poses.",
         ),
         "not_corrected": Code(
-            "Samples have no correction: their temperature is missing, or an effect is too large to be "
-            "removed.",
-            "Repair the temperature column, or calibrate without this effect.",
+            cause=(
+                "Samples have no correction: their temperature is missing, or an effect is too large to be "
+                "removed."
+            ),
+            cure="Repair the temperature column, or calibrate without this effect.",
         ),
         "large_residuals": Code(
-            "The residuals are far larger than noise explains. The calibration is of another unit, the units "
-            "of measurement are wrong, or the unit has a large error that the model does not contain.",
-            "Check that the file is of this unit and in the stated units of measurement; then run "
-            "[`imucal gap run.csv --control control.csv`](gap.md).",
+            cause=(
+                "The residuals are far larger than noise explains. The calibration is of another unit, the "
+                "units of measurement are wrong, or the unit has a large error that the model does not "
+                "contain."
+            ),
+            cure=(
+                "Check that the file is of this unit and in the stated units of measurement; then run "
+                "[`imucal gap run.csv --control control.csv`](gap.md)."
+            ),
         ),
         "unknown_direction": Code(
-            "Noise makes the direction of gravity after most moves too inaccurate, so the gyroscope cannot "
-            "be evaluated.",
-            "Check the units, or move faster and rest longer.",
+            cause=(
+                "Noise makes the direction of gravity after most moves too inaccurate, so the gyroscope "
+                "cannot be evaluated."
+            ),
+            cure="Check the units, or move faster and rest longer.",
         ),
         "impossible_rates": Code(
-            "The corrected rates are larger than any such sensor measures.",
-            "Check the units of the rates and the calibration.",
+            cause="The corrected rates are larger than any such sensor measures.",
+            cure="Check the units of the rates and the calibration.",
         ),
         "worse_than_uncalibrated": Code(
-            "The residuals are larger than without calibration, because the calibration is of another unit "
-            "or for other units of measurement.",
-            "Check the serial number, and the units of measurement of the recording.",
+            cause=(
+                "The residuals are larger than without calibration, because the calibration is of another "
+                "unit or for other units of measurement."
+            ),
+            cure="Check the serial number, and the units of measurement of the recording.",
         ),
         "contradicting_rests": Code(
-            "Many rests contradict the other rests.",
-            "Hold the unit still for at least two seconds in each pose, on something rigid.",
+            cause="Many rests contradict the other rests.",
+            cure="Hold the unit still for at least two seconds in each pose, on something rigid.",
         ),
         "contradicting_moves": Code(
-            "Many moves contradict the other moves, for example because of lost samples or saturation in "
-            "moves.",
-            "Look at the findings, rotate more slowly, and record again.",
+            cause=(
+                "Many moves contradict the other moves, for example because of lost samples or saturation in "
+                "moves."
+            ),
+            cure="Look at the findings, rotate more slowly, and record again.",
         ),
         "moving_rests": Code(
-            "The mean angular rates at many rests differ strongly from those at the other rests, so the unit "
-            "was rotating slowly at these rests.",
-            "Hold the unit still in each pose.",
+            cause=(
+                "The mean angular rates at many rests differ strongly from those at the other rests, so the "
+                "unit was rotating slowly at these rests."
+            ),
+            cure="Hold the unit still in each pose.",
         ),
         "prior_contradicted": Code(
-            "The recordings contradict a parameter that is held by a prior.",
-            "Give a wider standard deviation to `--hold`, or estimate the parameter.",
+            cause="The recordings contradict a parameter that is held by a prior.",
+            cure="Give a wider standard deviation to `--hold`, or estimate the parameter.",
         ),
     },
     "Verdict incomplete": {
         "residuals_above_noise": Code(
-            "Some residuals exceed twice their noise, because the model does not contain an error of the "
-            "unit or a property of the motion.",
-            "The result is usable. [`imucal gap`](gap.md) searches for the missing effect.",
+            cause=(
+                "Some residuals exceed twice their noise, because the model does not contain an error of the "
+                "unit or a property of the motion."
+            ),
+            cure="The result is usable. [`imucal gap`](gap.md) searches for the missing effect.",
         ),
         "irregular_clock": Code(
-            "Only the residuals of moves exceed their noise, and the time stamps are irregular.",
-            "Use the time stamps of the sensor, or time stamps with equal steps.",
+            cause="Only the residuals of moves exceed their noise, and the time stamps are irregular.",
+            cure="Use the time stamps of the sensor, or time stamps with equal steps.",
         ),
         "parameters_held": Code(
-            "Parameters that the recording does not determine are held at nominal values. The message states "
-            "the remaining error.",
-            "Record more poses, or accept the stated error. See [few poses](few-poses.md).",
+            cause=(
+                "Parameters that the recording does not determine are held at nominal values. The message "
+                "states the remaining error."
+            ),
+            cure="Record more poses, or accept the stated error. See [few poses](few-poses.md).",
         ),
         "residuals_not_tested": Code(
-            "There are as many parameters as rests, or the noise is not known, so the residuals cannot test "
-            "the result.",
-            "Add poses, give `--noise`, or give a control recording.",
+            cause=(
+                "There are as many parameters as rests, or the noise is not known, so the residuals cannot "
+                "test the result."
+            ),
+            cure="Add poses, give `--noise`, or give a control recording.",
         ),
         "not_evaluated": Code(
-            "The calibration was imported from another program and has not been evaluated on a recording.",
-            "Run `imucal evaluate CALIBRATION CONTROL`.",
+            cause=(
+                "The calibration was imported from another program and has not been evaluated on a recording."
+            ),
+            cure="Run `imucal evaluate CALIBRATION CONTROL`.",
         ),
     },
     "Diagnosis of a fit": {
         "traded_off": Code(
-            "Parameters are so strongly correlated that they cannot be estimated separately.",
-            "Record the motion that the message names, or hold one of the parameters with `--hold`.",
+            cause="Parameters are so strongly correlated that they cannot be estimated separately.",
+            cure="Record the motion that the message names, or hold one of the parameters with `--hold`.",
         ),
         "flat": Code(
-            "A parameter is poorly determined: its standard deviation exceeds the parameter's usual size.",
-            "Record the motion that the message names, or hold the parameter with `--hold`.",
+            cause=(
+                "A parameter is poorly determined: its standard deviation exceeds the parameter's usual size."
+            ),
+            cure="Record the motion that the message names, or hold the parameter with `--hold`.",
         ),
         "at_bound": Code(
-            "An estimated time constant is outside the range that the recordings can determine.",
-            "Record from power-on until the sensors have settled, or leave the effect out.",
+            cause="An estimated time constant is outside the range that the recordings can determine.",
+            cure="Record from power-on until the sensors have settled, or leave the effect out.",
         ),
         "noise_overestimated": Code(
-            "The residuals are smaller than the estimated noise at the rests, so the standard deviations are "
-            "too large.",
-            "Record a hand-held unit at 100 Hz or more, and a unit on a table without vibration.",
+            cause=(
+                "The residuals are smaller than the estimated noise at the rests, so the standard deviations "
+                "are too large."
+            ),
+            cure="Record a hand-held unit at 100 Hz or more, and a unit on a table without vibration.",
         ),
         "noise_grows_in_motion": Code(
-            "The gyroscope is noisier in moves than at rest.",
-            "Look for a source of vibration while the unit rotates.",
+            cause="The gyroscope is noisier in moves than at rest.",
+            cure="Look for a source of vibration while the unit rotates.",
         ),
         "mount_slip": Code(
-            "The unit has rotated on its mount during the run.",
-            "Fasten the unit and record again.",
+            cause="The unit has rotated on its mount during the run.",
+            cure="Fasten the unit and record again.",
         ),
         "loose_mount": Code(
-            "The attitude of the unit relative to the angles of the stand scatters, so the mount has play.",
-            "Fasten the unit and record again.",
+            cause=(
+                "The attitude of the unit relative to the angles of the stand scatters, so the mount has "
+                "play."
+            ),
+            cure="Fasten the unit and record again.",
         ),
     },
     "Noise of a unit at rest": {
         "recording_short": Code(
-            "The recording is too short to show the bias instability; only its upper bound is known.",
-            "Record for hours at a constant temperature if you need a value.",
+            cause="The recording is too short to show the bias instability; only its upper bound is known.",
+            cure="Record for hours at a constant temperature if you need a value.",
         ),
         "recording_moves": Code(
-            "The unit moves; only the longest rest is used.",
-            "Record the unit at rest on something rigid.",
+            cause="The unit moves; only the longest rest is used.",
+            cure="Record the unit at rest on something rigid.",
         ),
         "recording_interrupted": Code(
-            "Samples are lost or repeated; only the longest stretch without such samples is used.",
-            "Look for lost packets or a full buffer, and record again if the stretch is too short.",
+            cause="Samples are lost or repeated; only the longest stretch without such samples is used.",
+            cure="Look for lost packets or a full buffer, and record again if the stretch is too short.",
         ),
         "step": Code(
-            "The mean of some axes changes abruptly, for example because the table was bumped.",
-            "`--cut-steps` uses the longest part without a step.",
+            cause="The mean of some axes changes abruptly, for example because the table was bumped.",
+            cure="`--cut-steps` uses the longest part without a step.",
         ),
         "steps_cut": Code(
-            "Only the longest part without a step is used.",
-            "Nothing has to be done. If the part is too short, record again without touching the table.",
+            cause="Only the longest part without a step is used.",
+            cure="Nothing has to be done. If the part is too short, record again without touching the table.",
         ),
         "drift": Code(
-            "The mean drifts, as while a unit warms up. The estimated random walk includes this drift.",
-            "Let the unit run for 30 minutes before recording.",
+            cause="The mean drifts, as while a unit warms up. The estimated random walk includes this drift.",
+            cure="Let the unit run for 30 minutes before recording.",
         ),
         "noise_filtered": Code(
-            "A filter has attenuated the noise at high frequencies; only lower frequencies are used.",
-            "Nothing has to be done. For a more accurate noise density, record without the filter.",
+            cause="A filter has attenuated the noise at high frequencies; only lower frequencies are used.",
+            cure="Nothing has to be done. For a more accurate noise density, record without the filter.",
         ),
         "noise_model": Code(
-            "The power spectrum differs from the noise model, for example because of vibration.",
-            "Look at the Allan plot; record at a constant temperature, away from motors.",
+            cause="The power spectrum differs from the noise model, for example because of vibration.",
+            cure="Look at the Allan plot; record at a constant temperature, away from motors.",
         ),
     },
     "A run without a result": {
         "format": Code(
-            "A file is damaged, incomplete or of another format.",
-            "Check it with `imucal inspect`; give `--format`.",
+            cause="A file is damaged, incomplete or of another format.",
+            cure="Check it with `imucal inspect`; give `--format`.",
         ),
         "input": Code(
-            "An argument or a recording is invalid.",
-            "Follow the message.",
+            cause="An argument or a recording is invalid.",
+            cure="Follow the message.",
         ),
         "file_missing": Code(
-            "A file of the manifest does not exist.",
-            "Correct the manifest, or copy the file.",
+            cause="A file of the manifest does not exist.",
+            cure="Correct the manifest, or copy the file.",
         ),
         "file_changed": Code(
-            "A file was changed while it was being read.",
-            "Run again when the file is complete.",
+            cause="A file was changed while it was being read.",
+            cure="Run again when the file is complete.",
         ),
         "time_limit": Code(
-            "The recording took longer than `--time-limit-s`, and its process was ended.",
-            "Look at the recording with `imucal inspect`, or allow more time and give `--retry`.",
+            cause="The recording took longer than `--time-limit-s`, and its process was ended.",
+            cure="Look at the recording with `imucal inspect`, or allow more time and give `--retry`.",
         ),
         "memory": Code(
-            "The recording does not fit into memory.",
-            "Give a shorter recording or fewer workers.",
+            cause="The recording does not fit into memory.",
+            cure="Give a shorter recording or fewer workers.",
         ),
         "no_result": Code(
-            "An error without a code of its own.",
-            "Follow the message.",
+            cause="An error without a code of its own.",
+            cure="Follow the message.",
         ),
         "bug": Code(
-            "An internal error of imucal.",
-            "Report it with the traceback (`IMUCAL_TRACEBACK=1`).",
+            cause="An internal error of imucal.",
+            cure="Report it with the traceback (`IMUCAL_TRACEBACK=1`).",
         ),
     },
 }

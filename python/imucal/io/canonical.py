@@ -196,8 +196,9 @@ def parquet_table(path: str | os.PathLike[str]) -> Table:
 
     @contextmanager
     def opened() -> Iterator[Any]:
-        # Python opens the file, because Arrow only accepts file names in UTF-8. The two options prevent Arrow
-        # from prefetching the compressed bytes of many row groups into memory.
+        # Python opens the file, because Arrow only accepts file names in UTF-8. `pre_buffer` and
+        # `buffer_size` are set so that Arrow does not prefetch the compressed bytes of many row groups into
+        # memory.
         try:
             with Path(path).open("rb") as file:
                 yield parquet.ParquetFile(file, pre_buffer=False, buffer_size=BUFFER)

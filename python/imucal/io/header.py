@@ -57,7 +57,8 @@ class Header:
     program: Program | None = None
 
 
-# Column name and unit of each axis, by quantity and by the part of the name that all three axes share.
+# For each quantity and each part of a name that the three axes share: the column name and the unit of each
+# axis.
 _Groups: TypeAlias = dict[tuple[str, str], dict[str, tuple[str, str | None]]]
 
 

@@ -114,7 +114,7 @@ def cleaned_columns(
     numbers = [row for row, _, _ in left.lines]
 
     def place_of(row: int) -> str:
-        """The position in the file of a row of the table, which does not contain the skipped lines."""
+        """The place in the file of a row of the table. The table does not contain the skipped lines."""
         at = row
         for skipped in numbers:
             at += skipped <= at

@@ -116,7 +116,7 @@ def _hover(words: str, item: Rest | Move, sigma: float, unit: str) -> str:
 
 
 def _range(errors: FloatArray, sigmas: FloatArray, band: tuple[float, float]) -> list[float] | None:
-    """Range of the used residuals. Excluded residuals can be far outside; a double click shows them."""
+    """Axis range for the residuals that the fit uses. A double click also shows excluded residuals."""
     seen = np.concatenate([errors, band[0] * sigmas, band[1] * sigmas])
     seen = seen[np.isfinite(seen)]
     if seen.size == 0:

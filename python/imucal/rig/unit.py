@@ -299,7 +299,7 @@ def _sensor(node: Node, unit: str, sources: Collection[str]) -> Sensor:
     if one_sided is not None:
         names["noise_density"] = "noise_density_one_sided"
     figures = {names.get(name, name): value for name, value in known.items() if name != "bias_instability"}
-    # The figures that the simulation does not use are also checked.
+    # Figures that are in the file but are not used by the simulation are also checked.
     figures |= {
         name: value
         for name, of in (

@@ -88,7 +88,7 @@ class TimeCheck:
         return [waiting_row.timed for waiting_row in waiting]
 
     def overdue(self, now_s: float) -> list[Timed]:
-        """The first waiting row, if it has waited for the next row for longer than `WAITS_S`."""
+        """The first row that is held back, if no next row has arrived within `WAITS_S`."""
         if not self._waiting or not self._waiting[0].fits or now_s - self._waiting[0].timed[1] < WAITS_S:
             return []
         return self._accept([self._waiting.pop(0)])
