@@ -194,7 +194,7 @@ class Calibration(SensorModel):
         return f"Calibration({unit}, {', '.join(parts)})"
 
     def _repr_html_(self) -> str | None:
-        """The HTML of notebooks."""
+        """The HTML that a notebook displays for this object."""
         return html_of(self)
 
     def to_dict(self) -> dict[str, Any]:

@@ -78,7 +78,7 @@ class Outlook:
         return "; ".join(parts)
 
     def rows(self, targets: Mapping[str, float]) -> tuple[Row, ...]:
-        """The table of the views."""
+        """The rows of the displayed table of accuracies, one per group of parameters."""
         rows = []
         for group in GROUPS:
             size, before = self.worst.get(group), self.before.get(group)

@@ -95,7 +95,7 @@ def _hidden(seed: int) -> EffectValues:
 
 
 def _revealed(hidden: EffectValues, found: Gap) -> str:
-    """The hidden effect, and whether it was found with the right parameters."""
+    """Text on the hidden effect: whether `imucal gap` found the effect and the right parameters."""
     from imucal.effects.table import find
     from imucal.gap.sizes import for_people
 

@@ -358,7 +358,7 @@ log with `blackbox_decode`.
 
 
 def exports_section() -> Iterator[str]:
-    """The lines of the section."""
+    """The lines of the section on exports of other programs, as Markdown."""
     yield HEAD
     yield "| export | choose | command | data that are not read, and remarks |"
     yield "|---|---|---|---|"

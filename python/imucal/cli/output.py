@@ -239,7 +239,7 @@ class Output:
         self.line(judgement.count)
 
     def verdict(self, verdict: str, reasons: Sequence[str], require: str = "incomplete") -> None:
-        """Print the verdict with its reasons. If it is poor or worse than required, end with exit code 2."""
+        """Print the verdict with its reasons. A verdict worse than required ends the command with code 2."""
         self.line("; ".join((f"verdict: {verdict}", *reasons)), verdict)
         if verdict == "poor" or (verdict == "incomplete" and require == "good"):
             raise Exit(POOR_VERDICT)

@@ -49,7 +49,7 @@ class TemporaryFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Remove the file unless it has replaced another one."""
+        """Remove the temporary file unless it has replaced the target file."""
         if self._name is not None:
             with suppress(OSError):
                 self._name.unlink()

@@ -119,7 +119,7 @@ class Evaluation:
         return f"Evaluation({self.verdict}: {used}; {figures_text(self.figures) or 'no figures'})"
 
     def _repr_html_(self) -> str | None:
-        """The HTML of notebooks."""
+        """The HTML that a notebook displays for this object."""
         return html_of(self)
 
     def to_dict(self) -> dict[str, Any]:

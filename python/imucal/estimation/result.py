@@ -210,7 +210,7 @@ class CalibrationResult:
         return f"{used_of(self.rests)} rests and {used_of(self.moves)} moves used"
 
     def _repr_html_(self) -> str | None:
-        """The HTML of notebooks."""
+        """The HTML that a notebook displays for this object."""
         return html_of(self)
 
     def to_dict(self) -> dict[str, Any]:

@@ -185,7 +185,7 @@ def write_loader(calibration: Calibration, noise: NoiseResult | None) -> Written
 
 
 def _with(axes: str = UNCHANGED, resolution: tuple[float, float] | None = None) -> Format:
-    """The format with its options."""
+    """The format, with changed axes and with the resolution of raw counts, if they are given."""
     Axes.parse(axes)
     return replace(
         BLOB,

@@ -136,7 +136,7 @@ def _rounded(whole: Calibration, kept: Calibration) -> tuple[str, ...]:
 
 
 def scaled(accel_lsb_per_g: float, gyro_lsb_per_dps: float) -> Format:
-    """The format for a driver's resolution. Raises InputError for a resolution that is not positive."""
+    """INAV's format for raw counts of this resolution. Raises InputError unless both numbers are positive."""
     for name, value in (("accel_lsb_per_g", accel_lsb_per_g), ("gyro_lsb_per_dps", gyro_lsb_per_dps)):
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{name} is {value}: a positive number is needed")

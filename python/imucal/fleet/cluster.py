@@ -61,7 +61,7 @@ class DaskPool:
         self._futures[future] = work
 
     def next(self) -> Done:
-        """Wait until any work ends. Raises ImucalError if the scheduler is lost."""
+        """Wait until one of the submitted tasks ends. Raises ImucalError if the scheduler is lost."""
         import distributed
         from distributed.scheduler import KilledWorker
 

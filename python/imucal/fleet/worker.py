@@ -32,7 +32,7 @@ class Work(Protocol):
     """Work for a process of a pool. The work and its answer can be pickled."""
 
     def run(self) -> Any:
-        """The answer."""
+        """Do the work and return its answer."""
 
     def is_stuck(self, answer: Any) -> bool:
         """Whether the process that gave this answer is still busy, so that it has to be replaced."""

@@ -32,7 +32,7 @@ def imu_blocks(content: Content) -> list[str]:
 
 
 def block_of(content: Content, instance: int) -> tuple[Node, list[str]]:
-    """The block with this number, or the whole file if it has no blocks; and notes on what is not used."""
+    """The block of one IMU, or the whole file if it has no blocks; and notes on unused contents."""
     if content.document is None:
         raise FormatError(f"{content.name} is no YAML document")
     block, notes = content.document, []

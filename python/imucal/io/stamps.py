@@ -41,7 +41,7 @@ def joined_stamps(table: Table) -> Table:
 
 
 def _joined_when_read(table: Table, seconds: Stored, nanoseconds: Stored) -> list[Stored]:
-    """The columns of a file, of which that of the seconds has the joined time stamps when it is read."""
+    """The columns of a file. When the column of the seconds is read, it contains the joined time stamps."""
     import pyarrow as pa
 
     def batches(names: list[str]) -> Iterator[Any]:

@@ -105,7 +105,7 @@ class _StoredText(Text):
         return columns
 
     def _is_cut(self) -> bool:
-        """Whether the last line is incomplete."""
+        """Whether the last line of the file is incomplete."""
         with Path(self._path).open("rb") as file:
             size = file.seek(0, os.SEEK_END)
             file.seek(max(self.layout.start, size - TAIL))

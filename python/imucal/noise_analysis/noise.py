@@ -190,7 +190,7 @@ class NoiseResult:
         return "poor" if self.reasons else "good"
 
     def heading(self) -> str:
-        """The data used, in one line."""
+        """One line that names the samples from which the noise figures were computed."""
         return (
             f"{self.name}: {self.samples} samples at rest, {self.start_s:.2f} s to {self.end_s:.2f} s, "
             f"{self.rate_hz:.6g} Hz"
@@ -206,7 +206,7 @@ class NoiseResult:
         return "\n".join([*lines, *(finding.line for finding in self.findings)])
 
     def _repr_html_(self) -> str | None:
-        """The HTML of notebooks."""
+        """The HTML that a notebook displays for this object."""
         return html_of(self)
 
     def to_dict(self) -> dict[str, Any]:

@@ -211,7 +211,7 @@ class _Planner:
         return motion, False
 
     def predicted(self, kind: str, motion: Motion, targets: Mapping[str, float], thorough: bool) -> Plan:
-        """The plan of a motion."""
+        """The plan that consists of this motion, with the predicted accuracy."""
         minutes = motion.duration_s / 60.0
         sigma, rests = self._sigma([motion], minutes)
         run = self._run(motion)

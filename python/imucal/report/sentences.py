@@ -132,7 +132,7 @@ def _judged(result: CalibrationResult | Evaluation | NoiseResult, good: str, bes
 
 
 def _better(judged: Evaluation) -> str:
-    """A sentence on the improvement of the most informative figure; empty if it is not known."""
+    """A sentence on the most informative figure before and after calibration; empty if no figure is known."""
     uncalibrated = judged.before.gravity_direction_rms_deg
     calibrated = judged.figures.gravity_direction_rms_deg
     if uncalibrated is None or calibrated is None:
@@ -144,7 +144,7 @@ def _better(judged: Evaluation) -> str:
 
 
 def _better_norm(judged: Evaluation) -> str:
-    """A sentence on the improvement of an accelerometer alone; empty if it is not known."""
+    """The sentence of `_better` for an accelerometer alone; empty if the norms at rest are not known."""
     before, after = judged.before.gravity_norm_rms_mps2, judged.figures.gravity_norm_rms_mps2
     if before is None or after is None or judged.moves:
         return ""

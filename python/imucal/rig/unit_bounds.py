@@ -99,7 +99,7 @@ def require_sensor(node: Node, found: Mapping[str, Any], unit: str, sources: Col
 def require_tolerance(
     node: Node, value: Any, name: str, typical: float | None, largest: Mapping[str, float]
 ) -> None:
-    """Raise FormatError for a tolerance of a drawn figure that is zero, negative or impossible.
+    """Raise FormatError if the tolerance of a randomly drawn figure is zero, negative or impossible.
 
     value     the tolerance in SI units
     typical   typical size of the effect, or None for another figure
@@ -142,7 +142,7 @@ def _require_range_of_counts(node: Node, found: Mapping[str, Any]) -> None:
 
 
 def _require_sensitivity(node: Node, matrix: Any, *, is_frame: bool) -> None:
-    """Raise FormatError unless this is a valid sensitivity, symmetric if it defines the body frame."""
+    """Raise FormatError unless `matrix` is a valid sensitivity; with `is_frame` it must be symmetric."""
     if is_frame:
         for row, column in ((1, 0), (2, 0), (2, 1)):
             if abs(matrix[row, column] - matrix[column, row]) > ENTRY_ROUNDING * np.abs(matrix).max():

@@ -249,7 +249,7 @@ def _filtered(unit: Unit, filter_hz: float | str | None, averaging: bool) -> Uni
 
 
 def _on_stand(motion: Motion, stand: Stand | str | os.PathLike[str] | None) -> Motion:
-    """The motion on this stand."""
+    """The motion, carried out by this stand if one is given."""
     if stand is None:
         return motion
     if not isinstance(motion, Program):

@@ -205,7 +205,7 @@ def _block(
 
 
 def _rate(length: float, move_s: float, acceleration: float) -> float:
-    """The rate, deg/s, at which a move takes `move_s`, or the highest reachable rate if it cannot."""
+    """Rate, deg/s, at which a move takes `move_s`; if no rate suffices, the peak rate of the fastest move."""
     root = (acceleration * move_s) ** 2 - 4.0 * acceleration * length
     if root < 0.0:
         return math.sqrt(acceleration * length)

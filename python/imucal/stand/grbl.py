@@ -493,7 +493,7 @@ class GrblDriver:
         self._events.append(Event("resumed", f"with step {self._done + 1} of {len(self._blocks)}"))
 
     def _restart(self) -> Waiting:
-        """Reset the controller at rest. Its position must survive the reset, and it must not be locked."""
+        """Reset the controller while no motor moves. It must keep its position and must not be locked."""
         assert self._track is not None
         self._offset_deg = self._contradicting = None
         yield from self._session.reset()

@@ -215,7 +215,7 @@ class GrblSession:
         yield from self.until(lambda: False, duration_s)
 
     def command(self, text: str) -> Waiting:
-        """Send a line until it is accepted. Raises TroubleError after `TRIES` attempts."""
+        """Send a line until the controller accepts it. Raises TroubleError after `TRIES` attempts."""
         answer = ""
         for attempt in range(TRIES):
             if attempt:
@@ -254,7 +254,7 @@ class GrblSession:
         return False
 
     def reset(self) -> Waiting:
-        """Reset the controller, and wait until it answers. Raises LinkLostError if it does not.
+        """Reset the controller, and wait for its answer. Raises LinkLostError if no answer arrives.
 
         A damaged welcome line is tolerated, because a status report gives the same information. The caller
         checks whether the controller is locked afterwards.

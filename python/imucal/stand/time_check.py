@@ -59,7 +59,7 @@ class TimeCheck:
         self._least_s = math.inf
 
     def passed(self, row: tuple[float, ...], arrived_s: float) -> list[Timed]:
-        """The rows that are now known to be intact, in order."""
+        """Check a new row. Returns all rows that are now known to be intact, in order."""
         time_s = row[self._column] / self._ticks_per_s
         if self.is_void or not math.isfinite(time_s):
             return [(row, arrived_s)]
@@ -88,7 +88,7 @@ class TimeCheck:
         return [waiting_row.timed for waiting_row in waiting]
 
     def overdue(self, now_s: float) -> list[Timed]:
-        """The first row that is held back, if no next row has arrived within `WAITS_S`."""
+        """The first unconfirmed row, if it continues the accepted rows and arrived over `WAITS_S` ago."""
         if not self._waiting or not self._waiting[0].fits or now_s - self._waiting[0].timed[1] < WAITS_S:
             return []
         return self._accept([self._waiting.pop(0)])

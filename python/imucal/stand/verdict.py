@@ -166,7 +166,7 @@ def _dead_axes(recording: Recording, program: Program) -> dict[int, Reason]:
 
 
 def _not_moved(recording: Recording, dead: Sequence[int]) -> Reason | None:
-    """The reason if the dead axes may be intact but were not moved; None if they are defective."""
+    """The reason if the dead axes may be intact but were not moved; None if the axes are defective."""
     if len(dead) == len(AXES):
         return Reason(
             "no_motion",

@@ -83,7 +83,7 @@ class SigmaTest:
 
     @property
     def is_honest(self) -> bool:
-        """Whether 1 is in the interval."""
+        """Whether the confidence interval contains 1."""
         return self.low <= 1.0 <= self.high
 
 

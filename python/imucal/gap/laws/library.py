@@ -69,7 +69,7 @@ class Form:
 
     @property
     def expression(self) -> str:
-        """The expression with its constant."""
+        """The expression, with the number of its constant inserted."""
         return self.pattern if self.constant is None else self.pattern.format(c=f"{self.constant:.4g}")
 
     @property
