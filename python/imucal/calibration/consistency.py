@@ -51,7 +51,7 @@ CORRELATION_ROUNDING: Final = 1e-5
 def require_written_again(
     node: Node, written: Mapping[str, Any], parameters: Sequence[Parameter], frame: Frame
 ) -> None:
-    """Raise FormatError for the first field that differs from the field of the calibration written again.
+    """Raise FormatError for the first field of the file that would change if it were written again.
 
     written      the document that the calibration gives when it is written again
     parameters   the parameters of the calibration

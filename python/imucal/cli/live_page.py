@@ -1,4 +1,4 @@
-"""The page of a fleet during a run, which a separate process writes repeatedly."""
+"""The HTML page of a fleet, which a separate process writes repeatedly during a run."""
 
 from __future__ import annotations
 

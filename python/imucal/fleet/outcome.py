@@ -87,7 +87,7 @@ class Outcome:
 
 
 def measured_of(result: CalibrationResult, gap: Any = None) -> Measured:
-    """The data to store of a calibration result and of a search for a missing effect."""
+    """The part of a calibration result, and of a search for a missing effect, that the store contains."""
     calibration = result.calibration
     parameters = result.parameters
     names = tuple(parameter.name for parameter in parameters)

@@ -18,7 +18,7 @@ __all__ = ["unit_section"]
 
 
 def unit_section(measured: Measurements, serial: str, distance: UnitDistance | None) -> str:
-    """A collapsed section with the anchor unit-SERIAL."""
+    """A collapsed section on the unit `serial`, with the anchor unit-SERIAL for links."""
     own = measured.where(measured.serials == serial)
     dates = [
         [

@@ -53,8 +53,9 @@ AT_TARGET_DEG: Final = 0.02
 # A reported offset of the work coordinates counts as equal to the requested offset if they differ by at most
 # this angle, deg. It allows for half a unit of the last digit of a report, and for rounding.
 SAME_DEG: Final = 0.0015
-# A restarted controller is recognised by its offset, which is known. A target that would have the same offset
-# is displaced by this angle, deg, so that a restart can still be detected.
+# The offset of the work coordinates after a restart of the controller is known, and a restart is detected by
+# this offset. A target that would have the same offset is displaced by this angle, deg, so that a restart can
+# still be detected.
 MARK_DEG: Final = 0.004
 # Timeout of a move: the planned duration times this factor, plus `Timeouts.stall_s`.
 SLOW_FACTOR: Final = 1.5

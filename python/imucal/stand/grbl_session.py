@@ -277,7 +277,10 @@ class GrblSession:
         raise LinkLostError(f"{self.port.name}: the controller does not answer after a reset")
 
     def settings(self, needed: Sequence[int]) -> Waiting:
-        """The settings with these numbers, without settings whose readings never agree."""
+        """Read all settings until the needed settings have agreeing readings, at most `TRIES` times.
+
+        Returns the values of all settings, by number, without those whose readings do not agree.
+        """
         for _ in range(TRIES):
             self.answers.clear()
             self.port.send(b"$$\n")

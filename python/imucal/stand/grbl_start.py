@@ -109,8 +109,8 @@ def prepared(session: GrblSession, consent: Consent, blocks: Sequence[Block]) ->
     session.starting = False
     is_hal = any(number >= FIRST_OF_HAL for number in settings)
     if is_hal:
-        # The driver sets targets by the tool offset. It is cleared here, because grblHAL keeps it over a
-        # reset.
+        # The driver sets targets by the tool offset. The tool offset is cleared here, because grblHAL keeps
+        # the offset over a reset.
         yield from session.command("G49")
     position, offset = yield from _coordinates(session)
     yield from session.measure_delay()

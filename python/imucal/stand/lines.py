@@ -46,7 +46,7 @@ class LineDecoder:
         self._is_first = True
 
     def feed(self, data: bytes) -> list[tuple[float, ...]]:
-        """The rows of the lines that these bytes complete."""
+        """Append received bytes. Returns the rows of the lines that are now complete."""
         *lines, self._left = (self._left + data).split(b"\n")
         if len(self._left) > LONGEST:
             self._left = b""

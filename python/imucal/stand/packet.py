@@ -126,7 +126,7 @@ class PacketDecoder:
         self._found = False
 
     def feed(self, data: bytes) -> list[tuple[float, ...]]:
-        """The rows of the packets that these bytes complete."""
+        """Append received bytes. Returns the rows of the packets that are now complete."""
         data = self._left + data
         rows, at = [], 0
         while True:

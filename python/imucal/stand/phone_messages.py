@@ -50,7 +50,7 @@ class PhoneDecoder:
         self._done_ns = -1
 
     def feed(self, data: bytes) -> list[tuple[float, ...]]:
-        """The rows that these bytes complete."""
+        """Append received bytes. Returns the rows that are now complete."""
         *lines, self._left = (self._left + data).split(b"\n")
         for line in lines:
             if line.strip():

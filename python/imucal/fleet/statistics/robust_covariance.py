@@ -20,7 +20,7 @@ MOST_UNITS: Final = 4000
 # distribution.
 HALF: Final = 0.5
 KEPT: Final = 0.975
-# Number of iterations with HALF, and number of iterations with KEPT.
+# This number of iterations use HALF, and the same number of iterations then use KEPT.
 STEPS: Final = 8
 
 

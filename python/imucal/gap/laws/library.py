@@ -1,9 +1,9 @@
-"""The candidate forms of laws: one-line formulas of one driver, in groups by sensor and driver.
+"""The candidate forms of laws: one-line formulas of one input variable, in groups by sensor and variable.
 
-A driver is an observed variable: the rate or force along an axis, temperature, time, time since the last
-motion, angles of a stand, and further columns. The forms of a driver are powers, a limiter (a dead zone or a
-saturation in combination with the linear scale), steps, harmonics and decays, each with trial values of its
-constant.
+The input variables are observed quantities: the rate or force along an axis, temperature, time, time since
+the last motion, angles of a stand, and further columns. The forms of a variable are powers, a limiter (a dead
+zone or a saturation in combination with the linear scale), steps, harmonics and decays, each with trial
+values of its constant.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from imucal.recording.recording import Recording, samples_of_both
 __all__ = ["Form", "further_forms", "library", "refined"]
 
 # Some forms have a constant, such as a threshold. Trial values of the constant are these quantiles of the
-# driver (the input variable of the law). For a rate, the quantiles are taken over the samples in motion, and
-# for all other drivers over all samples.
+# law's input variable. For a rate, the quantiles are taken over the samples in motion, and for all other
+# variables over all samples.
 SHARES: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9)
 # Trial positions of a step in the dependence of a bias or scale on a column, as shares of the range of the
 # column.
 STEPS: Final = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
-# Trial periods of sine and cosine forms, as multiples of the range of the driver.
+# Trial periods of sine and cosine forms, as multiples of the range of the input variable.
 PERIODS: Final = (1.0, 0.8, 0.65, 0.5, 0.4, 0.33, 0.26)
 # Trial time constants of an exponential decay after each motion, s.
 SETTLING_S: Final = (0.3, 0.6, 1.2, 2.5, 5.0, 10.0)
@@ -83,7 +83,7 @@ class Form:
 
 
 def library(recordings: Sequence[Recording]) -> list[Form]:
-    """The forms whose drivers vary in these corrected recordings."""
+    """The forms whose input variables vary in these corrected recordings."""
     forms: list[Form] = []
     for sensor in ("gyro", "accel"):
         forms += _of_sensor(sensor, recordings)
@@ -130,7 +130,7 @@ def _of_sensor(sensor: str, recordings: Sequence[Recording]) -> Iterator[Form]:
 
 
 def further_forms(recordings: Sequence[Recording]) -> list[Form]:
-    """The forms whose drivers are angles of a stand or further columns."""
+    """The forms whose input variables are angles of a stand or further columns."""
     return [form for sensor in ("gyro", "accel") for form in _of_further(sensor, recordings)]
 
 

@@ -24,11 +24,11 @@ __all__ = ["Columns", "Selected", "select", "settled"]
 # are odds of 3000 to 1. Effects of the catalogue need the same evidence.
 LEAST_NATS: Final = 8.0
 # Two forms count as equally good if their log evidence differs by at most this number, nats. 3 nats are odds
-# of 20 to 1. Equally good forms with different drivers (input variables) are rivals. Of equally good forms
-# with the same driver, the simplest is selected.
+# of 20 to 1. Equally good forms with different input variables are rivals. Of equally good forms with the
+# same input variable, the simplest is selected.
 RIVAL_NATS: Final = 3.0
 # The selection is repeated on this number of random halves of the rests and moves. A law is accepted if at
-# least the share LEAST_STABLE of the halves select the same driver.
+# least the share LEAST_STABLE of the halves select the same sensor and input variable.
 HALVES: Final = 50
 LEAST_STABLE: Final = 0.8
 # Number of candidates with the largest evidence that are compared in the random halves.
@@ -61,7 +61,12 @@ class Columns:
 
 @dataclass(frozen=True)
 class Selected:
-    """A selected law: form, log evidence minus penalty, and share of random halves that select its driver."""
+    """A selected law.
+
+    form     its formula
+    nats     log evidence minus penalty
+    stable   share of the random halves that select the same sensor and input variable
+    """
 
     form: Form
     nats: float
@@ -185,7 +190,7 @@ def _stability(
 
 
 def _finalists(given: Columns, nats: FloatArray) -> list[int]:
-    """The best candidates, with at most three per group, so that all drivers are represented."""
+    """The best candidates, at most three per group of forms with the same sensor and input variable."""
     chosen: list[int] = []
     for place in np.argsort(-nats):
         group = given.candidates[place][0].group
