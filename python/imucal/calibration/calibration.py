@@ -48,7 +48,7 @@ class Calibration(SensorModel):
     effects                   effects from the catalogue and user-defined effects, with their values
     user_effects              definitions of the user-defined effects
     axes                      the `axes` with which the recordings were read
-    references                how local gravity and the clock are known
+    references                sources and standard deviations of local gravity and of the clock
     covariance                (P, P) of the parameters in `covariance_names`, or None
     noise                     noise figures; each name ends with the unit
     temperature_range_degc    lowest and highest temperature of the recordings, or None

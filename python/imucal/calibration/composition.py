@@ -276,9 +276,9 @@ def _covariance(first: Calibration, second: Calibration) -> tuple[FloatArray | N
 
 
 def _temperature_range(first: Calibration, second: Calibration) -> tuple[float, float] | None:
-    """The temperature range in which the thermal effects of both are valid.
+    """The temperature range in which the thermal effects of both calibrations are valid.
 
-    Without thermal effects it is the range of `second`.
+    If no calibration has thermal effects, the result is the range of `second`.
     """
     ranges = [
         calibration.temperature_range_degc

@@ -250,9 +250,10 @@ def _filled(
     own: Mapping[int, Sequence[str]],
     names: Sequence[str],
 ) -> FloatArray:
-    """The numbers in the blobs, (n, c).
+    """The numbers in the blobs as a table, (n, c), with one row per blob and one column per name.
 
-    `own` has the names of each kind of blob; NaN for a name that a row lacks.
+    kinds   kind of each blob
+    own     names of the numbers in a blob, by kind; the table has NaN for all other names
     """
     place = {name: index for index, name in enumerate(names)}
     found = np.full((len(blobs), len(names)), np.nan)

@@ -1,8 +1,8 @@
 """Find the missing effect: its evidence, its size, and a motion to distinguish between rivals.
 
 find             public function, checks of its arguments
-question         input of the compiled library, and the call
-translation      conversion of the library's result to a `Gap`
+question         input of a search, and the call of the compiled library
+translation      conversion of the compiled library's result to a `Gap`
 result           the `Gap`
 remainder        what the effects leave unexplained
 remaining        the remainder of a search, with its description

@@ -31,7 +31,8 @@ class Gap(GapFields):
     remainder          residuals that the effects do not explain; None if faults of the data prevented a fit
     laws               formulas for residuals that no effect of the catalogue describes. Laws are part of
                        `calibration`, and `remainder` describes the residuals that they leave
-    not_observable     name of each effect that is not observable, and the data in which it would be
+    not_observable     name of each effect that is not observable, and the data in which the effect would be
+                       observable
     smallest_visible   detection limit by effect: rms size per parameter, its unit, and the chance that an
                        effect of this size is named
     next_motion        motion that distinguishes between rivals, or None: description, program, `simulate`

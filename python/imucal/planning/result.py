@@ -52,8 +52,8 @@ class Plan:
     reached           whether all targets and the allowed duration are met
     detection_limits  for each effect, the smallest size that `imucal gap` would detect with 90 % probability
     not_observable    effects that are not observable in such a run
-    undetermined      the parameters that the motion does not determine, and the motion to add; None if it
-                      determines all
+    undetermined      the parameters that the motion does not determine, and the motion to add; None if the
+                      motion determines all parameters
     through_moves     names of the parameters that only the moves determine, because the rests alone lack
                       directions for them, as on the six faces of a box
     comparison        the paper's programs with this unit: each one alone, and both together

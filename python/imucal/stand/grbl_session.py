@@ -98,8 +98,8 @@ class GrblSession:
     report     last status report, None if there was none since the last reset
     offset_deg last offset of work coordinates, None if there was none since the last reset
     is_locked  text of the alarm or lock that was received while the session started
-    starting   whether the session is starting, when alarms and locks do not end it because the start handles
-               them
+    starting   whether the session is starting. During the start, alarms and locks do not end the session,
+               because the start handles them
     is_stopping  whether the driver is stopping the motors, so that a feed hold was caused by the driver
     events     repeated lines, for the journal
     """

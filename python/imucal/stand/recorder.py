@@ -4,7 +4,7 @@
     done.state, done.samples
 
 When a run ends for any reason, the recording contains all samples received so far. After a crash, the journal
-in the same folder contains them.
+in the same folder contains these samples.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Done:
     output     path of the recording, None if there are no samples
     counts     counts of received, lost and damaged data
     events     events of the run
-    prospect   evaluation of the samples
+    prospect   rests, coverage of directions, and predicted standard deviations of the samples
     """
 
     state: str

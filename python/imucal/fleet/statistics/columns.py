@@ -84,8 +84,8 @@ def columns_of(measurements: Measurements, *, figures: bool = True) -> Columns:
 def repeatability(numbers: np.ndarray, values: FloatArray, sigmas: FloatArray) -> float:
     """Repeatability of a unit in excess of the stated standard deviation; 0 with few repetitions.
 
-    It is computed from the differences of consecutive measurements, so a steady drift common to all units has
-    no effect. The caller removes trends of single units.
+    The result is computed from the differences of consecutive measurements, so a steady drift common to all
+    units has no effect. The caller removes trends of single units.
     """
     known = np.isfinite(values)
     order = np.argsort(numbers[known], kind="stable")

@@ -219,14 +219,15 @@ def _p_values(squared: FloatArray, removed: FloatArray, marginal: FloatArray) ->
 
     d^2 / c, where c is the number of columns, is compared with an F distribution, scaled to the median of the
     units. Its second degrees of freedom are chosen to reproduce the ratio of the upper 5 % point to the
-    median, so that a fleet with wide tails has few false alarms. For a normal fleet they are infinite, and
-    the distribution is chi-square. The largest deviation of a single column, marginal and conditional on the
-    other columns, is tested in the same way and corrected for the number of columns. This test detects
-    deviations in a single column that are small in the sum over many columns.
+    median, so that a fleet with wide tails has few false alarms. For a normally distributed fleet, the second
+    degrees of freedom are infinite, and the distribution is chi-square. The largest deviation of a single
+    column, marginal and conditional on the other columns, is tested in the same way and corrected for the
+    number of columns. This test detects deviations in a single column that are small in the sum over many
+    columns.
 
-    If more than 5 % of the units of a small fleet are odd, they themselves widen this tail. The marginal
-    deviations are therefore also compared with the tail of the deviations of all columns together, of which
-    odd units are a small part.
+    If more than 5 % of the units of a small fleet are outliers, the outliers themselves widen this tail. The
+    marginal deviations are therefore also compared with the tail of the deviations of all columns together,
+    of which outlying units are a small part.
     """
     columns = marginal.shape[1]
     largest = np.maximum(removed, marginal).max(axis=1)

@@ -67,12 +67,12 @@ class Chart:
     station, name, unit
     units          number of units
     centre         median of the values
-    spread         standard deviation of the units from the moving ranges, without measuring noise
+    spread         standard deviation of the units from the moving ranges, without measurement noise
     noise          rms of the standard deviations of the measurements
     signals        violated rules, in order of time
     serials, dates serial numbers and dates of the units
-    values         measured values; `limits` is 3 standard deviations of each value from spread and noise
-                   together
+    values         measured values; `limits` is 3 standard deviations of each value, computed from spread and
+                   noise together
     ewma           exponentially weighted moving average of z, with the limits `ewma_limits`
     """
 
