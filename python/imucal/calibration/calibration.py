@@ -101,7 +101,7 @@ class Calibration(SensorModel):
         """The verdict with its reasons.
 
         The verdict is poor if the figures make it poor, even if the file states a better verdict or no
-        verdict. Files of older versions state none.
+        verdict. Files of older versions state no verdict.
         """
         sets = (self.calibration_set, self.control_set)
         return saved_verdict(self.verdict, self.reasons, *sets, has_gyroscope=self.gyroscope is not None)
@@ -215,7 +215,7 @@ class Calibration(SensorModel):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the calibration file atomically.
 
-        Raises InputError if it cannot be written, if a number is not finite, and for a calibration that
+        Raises InputError if the file cannot be written, if a number is not finite, and for a calibration that
         `load` would refuse because it contradicts itself.
         """
         from imucal.document.atomic import write_text

@@ -1,6 +1,6 @@
 """The engine of a guided recording.
 
-It is independent of a terminal, and its clock is the time of the samples.
+The engine needs no terminal, and its clock is the time of the samples.
 
     session = Session(columns, Order())
     for rows in stream:
@@ -8,8 +8,8 @@ It is independent of a terminal, and its clock is the time of the samples.
         session.snapshot
 
 A pose counts if the compiled library detects a rest of at least `hold_s` whose up direction differs from
-those of all earlier poses of the round and of the last pose. These poses depend on the samples only, so a
-recording can be continued from its file.
+those of all earlier poses of the round and of the last pose. The counted poses depend on the samples only,
+so a recording can be continued from its file.
 """
 
 from __future__ import annotations

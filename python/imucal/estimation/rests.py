@@ -98,7 +98,8 @@ class FittedRest(Rest):
 class FittedMove(Move):
     """One move of a calibration recording.
 
-    chi2, degrees_of_freedom   of its residuals in a fit without this move; None if no joint fit used it
+    chi2, degrees_of_freedom   of the residuals of this move in a fit without it; None if no joint fit used
+                               the move
     p_value                    probability of a larger chi2 under the null hypothesis of noise only
     """
 

@@ -63,9 +63,9 @@ def find_gap(
     calibration         existing calibration to compare with; without it, the fit without effects is the
                         reference
     candidates          names of candidate effects from the catalogue. Names of user-defined effects, and
-                        formulas such as "gyro: k * (supply_v - 3.3)", are also allowed; a list with only these
-                        excludes the catalogue. None selects all effects of the catalogue. Without
-                        `user_effects`, None also selects biases that follow a further column of the
+                        formulas such as "gyro: k * (supply_v - 3.3)", are also allowed; a list with only such
+                        names and formulas excludes the catalogue. None selects all effects of the catalogue.
+                        Without `user_effects`, None also selects biases that follow a further column of the
                         recordings, such as a supply voltage
     user_effects        user-defined effects, which are always candidates
     gravity_mps2        local gravity, m/s^2; default: gravity of `calibration`, else standard gravity

@@ -40,7 +40,7 @@ class Remainder:
     kind           "nothing", "unknown" or "stochastic"
     block          the part of the model or of the data that varies, for example gyro_bias; None if nothing
                    remains
-    pattern        the pattern of its variation, for example attitude, random_walk, time, switching or
+    pattern        the pattern of the variation, for example attitude, random_walk, time, switching or
                    between_sessions; None if nothing remains
     description    a sentence with sizes and places; None if nothing remains
     p_value        p-value of the pattern under noise alone; without a pattern, p-value of the residuals on

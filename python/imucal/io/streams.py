@@ -6,7 +6,7 @@
 3. At equal rates the other sensor is interpolated linearly. A faster sensor is averaged over one interval of
    the clock, centred at the time stamp. Averaging preserves the integrated angle of a gyroscope.
 4. No sample is extrapolated. Samples of the clock are dropped if they lie before the first or after the last
-sample of the other sensor, or inside a gap of the other sensor.
+   sample of the other sensor, or inside a gap of the other sensor.
 
 The resampling is reported as a finding of the recording.
 """

@@ -2,9 +2,9 @@
 
 The columns of the base parameters and of the named effects are projected out of the residuals and of all
 candidates. The candidate with the largest log evidence is selected under three conditions. Its log evidence,
-minus the logarithm of the number of candidates, is at least `LEAST_NATS`. No other driver explains the
-residuals equally well. Random halves of the rests and moves select the same driver (stability selection,
-Meinshausen and Buhlmann 2010).
+minus the logarithm of the number of candidates, is at least `LEAST_NATS`. No formula of another
+input variable explains the residuals equally well. Random halves of the rests and moves select the same
+input variable (stability selection, Meinshausen and Buhlmann 2010).
 """
 
 from __future__ import annotations
