@@ -87,7 +87,7 @@ class State:
     ) -> State:
         """The state at each sample of a recording with the given true rate and force.
 
-        Without `angular_acceleration`, it is the derivative of the rate, or NaN if there is only one sample.
+        If `angular_acceleration` is None, it is computed as the derivative of the rate; NaN for one sample.
         """
         rate, force = as_rows(angular_rate, "angular_rate", 3), as_rows(specific_force, "specific_force", 3)
         if angular_acceleration is None:

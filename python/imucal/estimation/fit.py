@@ -126,8 +126,8 @@ class Fit:
 
     accelerometer, gyroscope  the two-stage fits, whose results are the start values of the joint fit;
                               gyroscope is None for an accelerometer alone
-    joint                     the joint fit; without a joint fit, this field is None and the next four are
-                              empty
+    joint                     the joint fit; None without a joint fit, and `noise_alone`,
+                              `bias_instability_radps`, `tremor_deg` and `effects` are then empty
     noise_alone               test whether noise alone explains the residuals
     bias_instability_radps    (3,) bias instability of the gyroscope, rad/s, from `unit` or estimated from the
                               rates at the rests; None if there is none

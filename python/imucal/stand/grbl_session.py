@@ -1,8 +1,8 @@
 """A session with a GRBL controller: its last state, and the exchanges of commands, stop and reset.
 
 Exchanges are generators that yield while they wait for answers, so that recording continues. One line is sent
-at a time. A line that is refused or not answered is sent again. Repeating a line is safe, because all lines of
-the driver are idempotent.
+at a time. A line that is refused or not answered is sent again. Repeating a line is safe, because all lines
+of the driver are idempotent.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Check, by the host clock, of times that a unit sends as text without a checksum.
+"""Check of the times that a unit sends as text without a checksum, by comparison with the host clock.
 
 If a digit of a time is lost or changed on the line, the time is ahead of the host clock, or the next time is
 smaller. Therefore each row is held back until the next row arrives, whose time must continue that of the row.
