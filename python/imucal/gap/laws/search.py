@@ -84,7 +84,7 @@ def _found(question: Question, first: Gap, names: Sequence[str]) -> Gap | None:
     calibration = first.fits["after"].calibration if names else first.fits["before"].calibration
     recordings = [calibration.apply_recording(recording) for recording in question.recordings]
     # A smooth function of any slow variable resembles a random walk. If the remainder is a random walk, only
-    # further columns and stand angles are therefore tried as input variables.
+    # further columns and stand angles are therefore tried as drivers.
     is_random = first.remainder is not None and first.remainder.kind == "stochastic"
     forms = further_forms(recordings) if is_random else library(recordings)
     selected = _selected(question, recordings, names, forms, first)
