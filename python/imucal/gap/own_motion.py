@@ -31,8 +31,8 @@ __all__ = ["MoveResiduals", "MoveSignals", "OwnMotion", "RestResiduals", "own_mo
 
 # `MoveSignals` includes parts of the rests before and after the move. This is the duration of each part, s.
 MARGIN_S: Final = 1.0
-# The rate of a move is the median over the samples whose rate exceeds this share of the maximum rate. This
-# excludes the samples during acceleration and deceleration.
+# The rate of a move is the median over the samples whose rate exceeds this share of the maximum rate. The
+# threshold excludes the samples during acceleration and deceleration.
 PLATEAU: Final = 0.7
 # Minimum cosine of the angle between the rotation axis and a body axis for a move to count as a rotation
 # about this body axis: 0.85 is 32 deg.

@@ -65,7 +65,7 @@ def _pattern(column: Any) -> str | None:
 
 
 def nanoseconds(column: Any) -> NDArray[np.int64] | None:
-    """The dates of a column of text since an epoch, ns; NaT (the least integer) for empty cells.
+    """The times of a text column with dates, ns since an epoch; NaT (the least integer) for empty cells.
 
     None if the form is not known or cells have different forms.
     """

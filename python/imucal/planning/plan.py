@@ -47,7 +47,8 @@ FEW_PROPOSALS: Final = 300
 # Standard deviation of the hand tremor about each axis, deg, in the simulated run from which detection limits
 # are computed.
 TREMOR_DEG: Final = 0.05
-# Largest number of rounds in which a box is rolled over its faces. They take about twenty minutes.
+# Largest number of rounds in which a box is rolled over its faces. This number of rounds takes about twenty
+# minutes.
 MOST_ROUNDS: Final = 20
 # A target counts as reached if the standard deviation is at most the target times this factor. The factor
 # allows for rounding errors.
