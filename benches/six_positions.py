@@ -56,9 +56,8 @@ def main() -> None:
         "The standard deviations of the drawn misalignments are those of the default prior,\n"
         f"{ACCEL_MISALIGNMENT} and {GYRO_MISALIGNMENT} rad, and each face is tilted by {TILT_DEG:g} deg\n"
         "(standard deviation).\n\n"
-        "The errors of accel_scale have wide tails because a misalignment also changes the norm of gravity\n"
-        "by its square, about 1e-4 for 0.01 rad. The covariance is linear in the misalignments and does not\n"
-        "contain this term.\n\n"
+        "A misalignment also changes the norm of gravity by its square, about 1e-4 for 0.01 rad, and with it\n"
+        "the estimated scales. The covariance contains this second-order term (docs/model.md, (40)).\n\n"
     )
     write_section(REPORT, "Six positions", "Coverage of the intervals", body + "\n".join(rows))
 

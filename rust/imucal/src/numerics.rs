@@ -8,6 +8,7 @@ pub(crate) mod gaussian;
 pub(crate) mod instructions;
 pub(crate) mod lsq;
 pub(crate) mod robust;
+pub(crate) mod second_order;
 pub mod stats;
 pub(crate) mod symmetric;
 pub(crate) mod workers;

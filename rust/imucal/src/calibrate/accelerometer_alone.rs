@@ -147,7 +147,8 @@ impl AccelerometerOutcome {
         let figures = figures(&reports, &[], &[], ACCEL.len().saturating_sub(held.len()));
         let symmetric = accelerometer_covariance(rests, fit);
         let start = Start { sensitivity: *fit.triad.sensitivity(), bias: *fit.triad.bias() };
-        let (held, of_priors) = held_estimates((&parameters_of(&start), &symmetric), held, &[]);
+        let (held, mut of_priors) = held_estimates((&parameters_of(&start), &symmetric), held, &[]);
+        of_priors += &fit.second_order;
         let by_priors = Mat::from_fn(21, 21, |i, j| if i < 9 && j < 9 { of_priors[(i, j)] } else { 0.0 });
         // An accelerometer does not measure rotations, so the error of a rotation is NaN.
         let cost = || PriorCost { rotation_deg: f64::NAN, ..prior_cost(&by_priors, &fit.triad, &Triad::identity()) };

@@ -173,8 +173,11 @@ impl Outcome {
             .collect();
         let symmetric = Sensitivities { accelerometer: *force.sensitivity(), gyroscope: *rate.sensitivity() };
         let all = 21 + joint.terms.iter().map(|term| term.parameter_names.len()).sum::<usize>();
-        let (held, of_priors) =
+        let (held, mut of_priors) =
             held_estimates((&joint.model.parameters(), &joint.covariance), &data.held(options)?, &misfits.held);
+        if let Some(own) = &joint.second_order {
+            of_priors += own;
+        }
         // A parameter that is determined by its prior does not reduce the degrees of freedom of the residuals.
         let by_priors = held.iter().map(|held| (held.sigma / held.prior.sigma).powi(2)).sum::<f64>().round() as usize;
         let is_any_held = held.iter().any(|held| !held.prior.is_combination());

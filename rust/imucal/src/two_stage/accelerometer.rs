@@ -20,7 +20,7 @@ use crate::held::{HeldParameter, StageRows};
 use crate::numerics::fit_report::FitReport;
 use crate::numerics::lsq::Termination;
 use crate::numerics::lsq::{self, Residuals, Solution};
-use crate::numerics::{robust, stats};
+use crate::numerics::{robust, second_order, stats};
 use crate::parameters::ACCEL;
 use crate::rests::rest::{Rest, sigma_norm};
 use crate::two_stage::ellipsoid::{self, Start};
@@ -44,6 +44,8 @@ pub(crate) struct AccelerometerFit {
     /// Derivative of the parameters with respect to the error of each prior, in standard deviations of the prior; 9 x
     /// number of priors.
     pub(crate) prior_gain: Mat<f64>,
+    /// Mean square of the second-order errors of the parameters that are due to the priors, 9 x 9.
+    pub(crate) second_order: Mat<f64>,
     pub(crate) report: FitReport,
     /// Whether the rests determine all parameters without a prior and without the moves. If not, the moves determine
     /// the other parameters.
@@ -181,6 +183,12 @@ fn finish(
     }
     let first = problem.means.len();
     let prior_gain = Mat::from_fn(9, row_gain.ncols() - first, |i, row| row_gain[(i, first + row)]);
+    let residuals_at = |parameters: &[f64]| {
+        let (mut residuals, mut jacobian) = (Mat::zeros(problem.count(), 1), Mat::zeros(problem.count(), 9));
+        problem.evaluate(parameters, &mut residuals, &mut jacobian);
+        Ok(residuals)
+    };
+    let second_order = second_order::mean_square(solution, first..problem.count(), residuals_at)?;
     let mut report = FitReport::of(solution);
     if !is_determined {
         // Some parameters are determined by the prior instead of the rests. The sum of the leverages of the rests is
@@ -188,7 +196,7 @@ fn finish(
         let of_rests: f64 = lsq::leverages(&solution.jacobian)[..problem.means.len()].iter().sum();
         report.degrees_of_freedom = problem.means.len().saturating_sub(of_rests.round() as usize);
     }
-    Ok(AccelerometerFit { triad, used, gain, prior_gain, report, is_determined })
+    Ok(AccelerometerFit { triad, used, gain, prior_gain, second_order, report, is_determined })
 }
 
 pub(crate) fn parameters_of(start: &Start) -> Vec<f64> {

@@ -76,6 +76,7 @@ pub(crate) fn accelerometer_covariance(rests: &[&Rest], fit: &AccelerometerFit) 
         Mat::from_fn(9, map.ncols(), |i, column| map[(i, column)] * variance(column).sqrt() * fit.report.inflation);
     let mut covariance = &scaled * scaled.transpose();
     covariance += &fit.prior_gain * fit.prior_gain.transpose();
+    covariance += &fit.second_order;
     let forces: Vec<&RestMean> = rests.iter().map(|rest| &rest.specific_force).collect();
     for axis in 0..3 {
         if let Some(own) = rounding_covariance(&forces, axis) {

@@ -7,6 +7,7 @@ use nalgebra::Matrix3;
 
 use super::Joint;
 use crate::error::Error;
+use crate::held::HeldParameter;
 use crate::joint::linear::{Linear, Source};
 use crate::joint::model::Model;
 use crate::joint::move_ends::AtMove;
@@ -17,14 +18,18 @@ use crate::joint::weights::Weights;
 use crate::numerics::fit_report::FitReport;
 use crate::numerics::lsq::Termination;
 use crate::numerics::lsq::{self, Solution};
+use crate::numerics::second_order;
 use crate::parameters::BASE;
 use crate::rests::moves::Ends;
 
 /// Result of a joint fit, with its residuals and weights.
 pub(crate) struct JointFit {
     pub(crate) model: Model,
-    /// Covariance of all parameters in the symmetric frame.
+    /// Covariance of all parameters in the symmetric frame. It includes `second_order`.
     pub(crate) covariance: Mat<f64>,
+    /// Mean square of the second-order errors that are due to the priors of held parameters; `None` without held
+    /// parameters.
+    pub(crate) second_order: Option<Mat<f64>>,
     pub(crate) report: FitReport,
     pub(crate) scales: ResidualScales,
     /// Bias instability and random walk assumed by the weights.
@@ -84,7 +89,11 @@ impl JointFit {
     ) -> Result<Self, Error> {
         let linear = problem.linear(&solution.parameters)?;
         let model = &linear.model;
-        let covariance = lsq::covariance(&solution.jacobian);
+        let second_order = problem.second_order(&linear, &solution)?;
+        let mut covariance = lsq::covariance(&solution.jacobian);
+        if let Some(own) = &second_order {
+            covariance += own;
+        }
         let mut norms = vec![None; problem.prepared.rests.len()];
         let sigma = |k: usize| crate::rests::rest::sigma_norm(&problem.prepared.rests[k].rest, &model.accelerometer);
         for line in &linear.lines {
@@ -126,6 +135,7 @@ impl JointFit {
         Ok(Self {
             model: model.clone(),
             covariance,
+            second_order,
             report,
             scales,
             wander,
@@ -137,6 +147,21 @@ impl JointFit {
             shapes: problem.shapes.clone(),
             linear,
         })
+    }
+}
+
+impl Joint<'_> {
+    /// Mean square of the second-order errors that are due to the priors of held parameters. `None` without held
+    /// parameters, and with a known accelerometer, whose standard deviations are too small for second-order errors.
+    fn second_order(&self, linear: &Linear, found: &Solution) -> Result<Option<Mat<f64>>, Error> {
+        let held = self.prepared.held;
+        if held.iter().all(HeldParameter::is_combination) {
+            return Ok(None);
+        }
+        let first = linear.groups().stand_moves.end;
+        // A first-order update of the linearisation would not contain the second-order terms.
+        let residuals_at = |parameters: &[f64]| Ok(self.whiten(&self.prepared.linearise(self.terms, parameters)?).0);
+        second_order::mean_square(found, first..first + held.len(), residuals_at).map(Some)
     }
 }
 

@@ -1,0 +1,93 @@
+//! Second-order errors of an estimate that are due to the errors of priors (model.md (40)).
+//!
+//! ```text
+//! p(e) = p + v e + c e^2
+//! v = G 1_k                              change of the estimate due to one standard deviation of prior k
+//! c = -G (r(p + v) - 2 r(p) + r(p - v)) / 2
+//! ```
+//!
+//! p is the estimate, e is the error of prior k in standard deviations, G is the gain `(J^T J)^-1 J^T`, and r are the
+//! whitened residuals. The covariance of a least-squares estimate contains v only. The term c matters if prior k alone
+//! determines a parameter, because the other residuals then do not limit e. Example: from six positions, a misalignment
+//! e changes the norm of gravity, and therefore the estimated scales, by e^2 / 2.
+
+use std::ops::Range;
+
+use faer::Mat;
+
+use crate::error::Error;
+use crate::numerics::lsq::{self, Solution};
+
+/// Mean square of the second-order errors for independent normal errors e, `2 sum c c^T + (sum c) (sum c)^T`. The sums
+/// run over the priors, whose residuals are the rows `priors`. `residuals_at` returns all residuals at given
+/// parameters.
+pub(crate) fn mean_square(
+    found: &Solution,
+    priors: Range<usize>,
+    residuals_at: impl Fn(&[f64]) -> Result<Mat<f64>, Error>,
+) -> Result<Mat<f64>, Error> {
+    let gain = lsq::gain(&found.jacobian);
+    let n = found.parameters.len();
+    let (mut sum, mut changes) = (Mat::<f64>::zeros(n, 1), Vec::new());
+    for row in priors {
+        let shifted = |sign: f64| -> Vec<f64> {
+            found.parameters.iter().enumerate().map(|(p, value)| value + sign * gain[(p, row)]).collect()
+        };
+        let (above, below) = (residuals_at(&shifted(1.0))?, residuals_at(&shifted(-1.0))?);
+        let half = Mat::from_fn(above.nrows(), 1, |i, _| {
+            (2.0 * found.residuals[(i, 0)] - above[(i, 0)] - below[(i, 0)]) / 2.0
+        });
+        let change = &gain * half;
+        sum += &change;
+        changes.push(change);
+    }
+    let of_priors = changes.iter().map(|change| change * change.transpose());
+    Ok(of_priors.fold(&sum * sum.transpose(), |all, own| all + &own + &own))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::lsq::Residuals;
+
+    /// A scale s and a misalignment m with the reading `s sqrt(1 + m^2)`, and a prior of m.
+    struct Tilted {
+        reading: f64,
+        sigma: f64,
+        prior: f64,
+    }
+
+    const NOISE: f64 = 1e-6;
+
+    impl Residuals for Tilted {
+        fn evaluate(&self, p: &[f64], residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>) {
+            let norm = (1.0 + p[1] * p[1]).sqrt();
+            residuals[(0, 0)] = (p[0] * norm - self.reading) / NOISE;
+            residuals[(1, 0)] = (p[1] - self.prior) / self.sigma;
+            let rows = [[norm / NOISE, p[0] * p[1] / norm / NOISE], [0.0, 1.0 / self.sigma]];
+            (0..2).for_each(|i| (0..2).for_each(|j| jacobian[(i, j)] = rows[i][j]));
+        }
+
+        fn count(&self) -> usize {
+            2
+        }
+    }
+
+    #[test]
+    fn the_mean_square_is_that_of_fits_with_shifted_priors() {
+        let (sigma, reading) = (0.01, 1.0);
+        let fit = |prior: f64| lsq::minimize(&Tilted { reading, sigma, prior }, &[1.0, 0.0], lsq::EXACT).unwrap();
+        let found = fit(0.0);
+        let problem = Tilted { reading, sigma, prior: 0.0 };
+        let residuals_at = |p: &[f64]| {
+            let (mut residuals, mut jacobian) = (Mat::zeros(2, 1), Mat::zeros(2, 2));
+            problem.evaluate(p, &mut residuals, &mut jacobian);
+            Ok(residuals)
+        };
+        let stated = mean_square(&found, 1..2, residuals_at).unwrap()[(0, 0)];
+        // Gauss-Hermite quadrature with three points is exact for the fourth moment of a normal distribution.
+        let error = |e: f64| (fit(e * sigma).parameters[0] - found.parameters[0]).powi(2);
+        let exact = (error(3f64.sqrt()) + 4.0 * error(0.0) + error(-(3f64.sqrt()))) / 6.0;
+        assert!((stated / exact - 1.0).abs() < 1e-3, "{stated:e} {exact:e}");
+    }
+}
