@@ -348,7 +348,7 @@ def test_mpu6050_saturation_is_refused(data_file):
         "gyro_x holds its extreme value 32767 lsb for 2 samples",
         "gyro_z holds its extreme value -32768 lsb for 6 samples",
         "[gyro_saturation]",
-        "pass exclude_saturated=True",
+        "calibrate with exclude_saturated=True",
     ):
         assert words in str(caught.value)
 

@@ -122,7 +122,7 @@ fn finding(
         unit,
         message: parts.join("; "),
         way_out:
-            "use a larger range, move more slowly, or pass exclude_saturated=True to leave out the moves concerned"
+            "use a larger range or move more slowly; to leave out these moves, calibrate with exclude_saturated=True"
                 .into(),
         ..Finding::error(code, recording.name)
     })
