@@ -102,6 +102,18 @@ def test_six_positions_need_a_smaller_model(means, truth):
     assert "rotation by 90 deg" not in result.summary()
 
 
+@pytest.mark.parametrize("sigma", [0.01, 0.02])
+def test_the_sigma_of_a_scale_includes_the_square_of_unknown_misalignments(sigma):
+    # For a reading along a sensitive axis with misalignments m and n, the norm |T^-1 a| gives the scale
+    # 1 + 3/2 (m^2 + n^2). With the standard deviation s of m and n, the root mean square error is 3 sqrt(2) s^2.
+    means = imucal.Means(specific_force=9.80665 * np.array([*np.eye(3), *-np.eye(3)]))
+    hold = {"accel_misalignment": (0.0, sigma)}
+    result = imucal.calibrate(means, model="orthogonal", noise_mps2=1e-7, hold=hold)
+    scales = [p for p in result.parameters if p.name in [f"accel_sensitivity_{axis * 2}" for axis in "xyz"]]
+    assert [p.std for p in scales] == pytest.approx([3 * np.sqrt(2.0) * sigma**2] * 3, rel=1e-2)
+    assert all(p.value == pytest.approx(1.0, abs=1e-9) for p in scales)
+
+
 def test_without_noise_and_without_residuals_nothing_is_known(means):
     six = imucal.Means(specific_force=means.specific_force[:6], name="six")
     with pytest.raises(imucal.NotEnoughMotionError, match=r"standard deviation \(noise_mps2=..., --noise\)"):
