@@ -17,56 +17,21 @@ ACCEL: Final = {
     *("beschleunigung", "aceleracion", "accelerazione", "aceleracao", "versnelling"),
 }
 GYRO: Final = {
-    *(
-        "g",
-        "gy",
-        "gyr",
-        "gyro",
-        "gyros",
-        "gyroscope",
-        "w",
-        "omega",
-        "angular",
-        "rotation",
-        "rate",
-        "ang",
-        "rot",
-    ),
+    *("g", "gy", "gyr", "gyro", "gyros", "gyroscope", "w", "omega", "angular", "rotation", "rate"),
+    *("ang", "rot"),
     *("angvel", "anglvel", "angrate", "turnrate"),
     *("gyroskop", "drehrate", "winkelgeschwindigkeit", "giroscopio", "gyroscoop"),
 }
 # If a column name contains one of these words, the column belongs to neither the accelerometer (with gravity)
 # nor the gyroscope.
 OTHER: Final = {
-    *(
-        "user",
-        "free",
-        "gravity",
-        "grav",
-        "mag",
-        "magn",
-        "magnet",
-        "magnetic",
-        "magnetometer",
-        "quat",
-        "euler",
-    ),
+    *("user", "free", "gravity", "grav", "mag", "magn", "magnet", "magnetic", "magnetometer"),
+    *("quat", "euler"),
     *("quaternion", "roll", "pitch", "yaw", "orientation", "position", "pos", "std", "var", "cov"),
     *("covariance", "bias", "offset", "absolute", "abs", "norm", "delta", "earth", "world", "nav", "global"),
     *("status", "flag", "velocity", "inc", "dq", "dv", "angle", "temperature", "temp", "setpoint", "debug"),
-    *(
-        "axisp",
-        "axisi",
-        "axisd",
-        "axisf",
-        "motor",
-        "uncorrected",
-        "north",
-        "east",
-        "down",
-        "attitude",
-        "dgyro",
-    ),
+    *("axisp", "axisi", "axisd", "axisf", "motor", "uncorrected", "north", "east", "down"),
+    *("attitude", "dgyro"),
 }
 # Words that name acceleration without gravity.
 LINEAR: Final = {
