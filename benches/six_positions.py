@@ -56,8 +56,8 @@ def main() -> None:
         "The standard deviations of the drawn misalignments are those of the default prior,\n"
         f"{ACCEL_MISALIGNMENT} and {GYRO_MISALIGNMENT} rad, and each face is tilted by {TILT_DEG:g} deg\n"
         "(standard deviation).\n\n"
-        "A misalignment also changes the estimated scales by its square, about 1e-4 for 0.01 rad. The covariance\n"
-        "contains this second-order term (docs/model.md, (40)).\n\n"
+        "A misalignment also changes the estimated scales by its square, about 1e-4 for 0.01 rad. The\n"
+        "covariance contains this second-order term (docs/model.md, (40)).\n\n"
     )
     write_section(REPORT, "Six positions", "Coverage of the intervals", body + "\n".join(rows))
 
