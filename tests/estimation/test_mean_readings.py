@@ -105,7 +105,7 @@ def test_six_positions_need_a_smaller_model(means, truth):
 @pytest.mark.parametrize("sigma", [0.01, 0.02])
 def test_the_sigma_of_a_scale_includes_the_square_of_unknown_misalignments(sigma):
     # For a reading along a sensitive axis with misalignments m and n, the norm |T^-1 a| gives the scale
-    # 1 + 3/2 (m^2 + n^2). With the standard deviation s of m and n, the root mean square error of the scale is
+    # 1 + 3/2 (m^2 + n^2). With the standard deviation s of m and n, the rms error of the scale is
     # 3 sqrt(2) s^2.
     means = imucal.Means(specific_force=9.80665 * np.array([*np.eye(3), *-np.eye(3)]))
     hold = {"accel_misalignment": (0.0, sigma)}
