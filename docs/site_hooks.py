@@ -43,7 +43,8 @@ FORMULA = re.compile(r"\$\$(.+?)\$\$|\$([^$]+)\$", re.DOTALL)
 # results or decisions in which the searched words are as frequent.
 SEARCH_WEIGHTS = {"results/": 0.1, "decisions/": 0.03}
 # Pages of more than one subject, in which most words occur: they come after the page of a subject.
-SEARCH_WEIGHTS |= {"api.md": 0.1, "model.md": 0.2, "commands.md": 0.3, "effects.md": 0.5, "faq.md": 0.5}
+SEARCH_WEIGHTS |= {"api.md": 0.1, "independent.md": 0.1, "model.md": 0.2, "commands.md": 0.3}
+SEARCH_WEIGHTS |= {"effects.md": 0.5, "faq.md": 0.5}
 # Pages of a special case, which have the words of the page of the usual case.
 SEARCH_WEIGHTS |= {"few-poses.md": 0.5, "external-stand.md": 0.7}
 LANGUAGES = {".py": "python", ".rs": "rust", ".sh": "sh", ".c": "c", ".toml": "toml", ".json": "json"}

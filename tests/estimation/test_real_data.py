@@ -221,7 +221,7 @@ def test_xsens_noise_explains_the_moves_once_the_effect_is_known(xsens_with_effe
 
 
 def test_xsens_g_sensitivity_agrees_with_another_program(xsens_with_effect, data_file):
-    """The nine values and their sigma as the README of the recordings tells them, deg/s per g."""
+    """Nine values with sigma, deg/s per g, that a SciPy program of this project found in the rest means."""
     text = data_file("README.md").read_text(encoding="utf-8")
     told = text[text.index("g-sensitivity found in the rest means") :].split("\n\n")[0]
     table = np.array([row.split() for row in re.findall(r"\((-?\.\d+ -?\.\d+ -?\.\d+)\)", told)], dtype=float)
@@ -276,7 +276,10 @@ def test_mpu9150_noise_explains_rests_and_moves(data_file, unit):
 
 
 def test_mpu9150_agrees_with_another_fit(data_file):
-    """Nine parameters fitted to the same file by another program, which takes 9.81 m/s^2 for gravity."""
+    """Nine parameters by a SciPy program of this project, which takes 9.81 m/s^2 for gravity.
+
+    test_published_calibrations.py compares with the figures of the authors.
+    """
     result = imucal.calibrate(mpu9150(data_file, 0), gravity_mps2=9.81)
     accelerometer = result.calibration.accelerometer
     percent = 100 * (np.diag(accelerometer.sensitivity) - 1)
