@@ -46,7 +46,8 @@ def test_the_files_of_a_row_have_its_reference_and_its_figures(row):
     for name in CODE.findall(reference):
         assert any(name in (imported(text) if name in LIBRARIES else text) for text in texts), name
     for number in NUMBER.findall(agreement):
-        assert any(contains_number(text, number) for text in texts), number
+        is_found = any(contains_number(text, number) for text in texts)
+        assert is_found, f"{number} has changed in {where}: write the new figure into docs/independent.md"
 
 
 def test_a_number_is_not_found_in_another_one():
