@@ -1,4 +1,4 @@
-"""Real recordings, judged by an independent SciPy program and by figures of other people's programs.
+"""Real recordings, judged by a SciPy program of this project and by figures of other people's programs.
 
 Sources and licences of the recordings are in the README of each folder.
 """
