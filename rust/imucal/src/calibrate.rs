@@ -54,8 +54,8 @@ pub use user_effects::{BriefCorrection, CorrectedSamples, SampledField, UserEffe
 /// poles. The range has a margin on both sides.
 pub const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
 
-/// Default of the maximum number of iterations of a joint fit, counted over all repetitions with new weights. Fits that
-/// converge need 5 to 100 iterations.
+/// Default limit of the number of iterations of a joint fit. A joint fit is repeated with updated weights, and the
+/// limit applies to the sum over all repetitions. Fits that converge need 5 to 100 iterations.
 pub const MAX_ITERATIONS: u64 = 1000;
 
 /// Options of a calibration.
@@ -89,10 +89,11 @@ pub struct Options<'a> {
     pub wander: Option<UnitWander>,
     /// Effects of the catalogue that are estimated together with the base parameters.
     pub effects: Vec<EffectChoice>,
-    /// Names of the effects that the recordings need to determine only partly. A prior determines the unobservable
-    /// directions of the parameters of these effects.
+    /// Names of effects whose parameters may be partly unobservable. A prior determines their unobservable
+    /// directions.
     pub partly: Vec<String>,
-    /// User-defined effects, given by their fields at every sample.
+    /// User-defined effects. Each is given by its field at every sample: the derivatives of the sensor reading with
+    /// respect to the parameters of the effect.
     pub user_fields: Vec<UserField<'a>>,
     /// Number of folds of a cross-validation. Each fold predicts every `folds`-th move and rest from a fit without
     /// them.
@@ -107,10 +108,11 @@ pub struct Options<'a> {
 pub struct ModelOptions<'a> {
     /// Effects of the catalogue that are estimated together with the base parameters.
     pub effects: Vec<EffectChoice>,
-    /// Names of the effects that the recordings need to determine only partly. A prior determines the unobservable
-    /// directions of the parameters of these effects.
+    /// Names of effects whose parameters may be partly unobservable. A prior determines their unobservable
+    /// directions.
     pub partly: Vec<String>,
-    /// User-defined effects, given by their fields at every sample.
+    /// User-defined effects. Each is given by its field at every sample: the derivatives of the sensor reading with
+    /// respect to the parameters of the effect.
     pub user_fields: Vec<UserField<'a>>,
     /// Number of folds of a cross-validation. Each fold predicts every `folds`-th move and rest from a fit without
     /// them.
@@ -155,7 +157,7 @@ impl<'a> Options<'a> {
         ModelOptions { effects, partly, user_fields, folds }
     }
 
-    /// These options with the given model instead of their own.
+    /// A copy of these options in which `model` replaces the model options.
     fn with_model<'b>(&self, model: &ModelOptions<'b>) -> Options<'b>
     where
         'a: 'b,

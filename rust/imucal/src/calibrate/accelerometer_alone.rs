@@ -55,12 +55,13 @@ pub struct AccelerometerOutcome {
     /// Standard deviation of the measured norm of the mean force at a rest, m/s^2, estimated from the residuals of the
     /// fit. `None` if the noise of the mean forces is known.
     pub noise_from_residuals_mps2: Option<f64>,
-    /// Held parameters with their estimates; empty if none is held.
+    /// Parameters with a prior (held parameters), with their estimates; empty if there are none.
     pub held: Vec<HeldEstimate>,
     /// Share of each parameter's variance that is due to the priors of the held parameters, in the order of `names`;
     /// empty if no parameter is held.
     pub prior_shares: Vec<f64>,
-    /// Errors due to the uncertainty of the priors; `None` if no parameter is held. The error of a rotation is NaN.
+    /// Errors due to the uncertainty of the priors; `None` if no parameter is held. The error of a rotation is NaN,
+    /// because an accelerometer does not measure rotations.
     pub prior_cost: Option<PriorCost>,
     /// Goodness of fit of the norms of the specific force at the rests, relative to noise; empty if there are no
     /// degrees of freedom.
@@ -92,7 +93,7 @@ pub fn calibrate_accelerometer(
     }
 }
 
-/// The calibration of [`calibrate_accelerometer`], with error messages that do not offer a model with fewer parameters.
+/// Calibrates like [`calibrate_accelerometer`], but error messages do not offer a model with fewer parameters.
 fn of_recordings(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<AccelerometerOutcome, Error> {
     let recordings: Vec<Recording<'_>> = recordings.iter().map(Recording::accelerometer_alone).collect();
     let data = UnitData::of_accelerometer(&recordings, options)?;
@@ -129,7 +130,7 @@ pub(super) fn refuse_options(options: &Options<'_>) -> Result<(), Error> {
     }
 }
 
-/// Those of the held parameters that belong to the accelerometer.
+/// The held parameters that belong to the accelerometer.
 pub(super) fn of_accelerometer(held: Vec<HeldParameter>) -> Vec<HeldParameter> {
     held.into_iter().filter(|held| ACCEL.contains(&held.parameter())).collect()
 }

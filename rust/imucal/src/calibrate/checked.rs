@@ -62,8 +62,8 @@ impl<'a> Checked<'a> {
         refuse_errors(&several_units(recordings, Err(error), |recording| fit_alone(recording, options))?)
     }
 
-    /// The function [`Checked::try_new`] with two differences. Error messages do not offer a model with fewer
-    /// parameters. After a failed fit, the function does not test whether the recordings are of several units.
+    /// Like [`Checked::try_new`], with two differences: error messages do not offer a model with fewer parameters,
+    /// and after a failed fit the function does not test whether the recordings are of several units.
     pub(super) fn of_determined(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         let mut data = UnitData::try_new(recordings, options)?;
         let mut accelerometer = data.fit_accelerometer(options)?;
@@ -112,7 +112,7 @@ impl<'a> Checked<'a> {
         &self.options
     }
 
-    /// The calibration of [`calibrate`](super::calibrate()) with the given model. A warm start reduces the number of
+    /// Calibrates like [`calibrate`](super::calibrate()), with the given model. A warm start reduces the number of
     /// iterations, but does not change the result.
     ///
     /// # Errors
@@ -135,7 +135,8 @@ impl<'a> Checked<'a> {
         outcome
     }
 
-    /// Findings about recordings that cannot be fitted together. `plain` is the result of the fit without effects.
+    /// Findings about recordings that cannot be fitted together. `plain` is the result of the joint fit without
+    /// effects.
     fn units(&self, plain: Result<&Outcome, &Error>) -> Result<Vec<Finding>, Error> {
         if let Some(known) = self.units.get() {
             return Ok(known.clone());
@@ -144,7 +145,7 @@ impl<'a> Checked<'a> {
         Ok(self.units.get_or_init(|| found).clone())
     }
 
-    /// The calibration of [`calibrate`](Self::calibrate). It does not test whether the recordings are of several units.
+    /// Calibrates like [`calibrate`](Self::calibrate), but does not test whether the recordings are of several units.
     fn calibrate_one_unit(&self, model: &ModelOptions<'_>, warm_start: Option<&WarmStart>) -> Result<Outcome, Error> {
         let options = &self.options.with_model(model);
         options.check_model()?;
@@ -180,8 +181,9 @@ impl<'a> Checked<'a> {
         Ok(outcome)
     }
 
-    /// Returns an error if there are several recordings, the joint fit has implausible gains, and the two-stage fit,
-    /// from which it started, has plausible gains. The joint fit is then wrong, and not the unit of a column.
+    /// Returns an error if the joint fit of several recordings has implausible gains although the two-stage fit, from
+    /// which it started, has plausible gains. The joint fit has then failed. A wrong unit of a column would make the
+    /// gains of both fits implausible.
     fn require_fit(&self, gains: &[Finding]) -> Result<(), Error> {
         let is_error = |finding: &Finding| finding.severity == Severity::Error;
         let Some(wrong) = gains.iter().find(|finding| is_error(finding)) else { return Ok(()) };

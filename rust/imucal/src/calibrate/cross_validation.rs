@@ -30,8 +30,8 @@ impl CrossValidation {
     }
 }
 
-/// Cross-validation of the two-stage fit. The gyroscope is fitted `folds` times. Each fit omits every `folds`-th move
-/// and is evaluated on the omitted moves.
+/// Cross-validation of the two-stage fit. The gyroscope is fitted `folds` times. Each of these fits omits every
+/// `folds`-th move, and its prediction errors are computed on the omitted moves.
 pub(super) fn cross_validate(
     data: &UnitData<'_>,
     accelerometer: &AccelerometerFit,

@@ -62,10 +62,10 @@ pub(super) struct Reduced {
     pub(super) cost: Option<PriorCost>,
 }
 
-/// The text of a refusal, followed by an offer of another model. The offered model has fewer free parameters than the
-/// requested model, and the most among the models that the data determine. The text also states the errors that this
-/// model leaves. `fit` performs a complete calibration with the given options and returns `None` if it has no usable
-/// result.
+/// The text of a refusal, followed by an offer of a model with fewer free parameters than the requested model. Among
+/// the models that the data determine, the one with the most free parameters is offered. The text also states the
+/// error of this model that is due to its priors. `fit` performs a complete calibration with the given options and
+/// returns `None` if it has no usable result.
 pub(super) fn with_offer(
     options: &Options<'_>,
     words: &str,

@@ -55,13 +55,13 @@ pub struct Outcome {
     pub accelerometer_fit: FitReport,
     /// Report of the gyroscope fit.
     pub gyroscope_fit: FitReport,
-    /// Report of the joint fit; `None` if it was not requested. The other two fits then only provide the start values
-    /// of the joint fit.
+    /// Report of the joint fit; `None` if no joint fit was requested. With a joint fit, the accelerometer and
+    /// gyroscope fits only provide its start values.
     pub joint_fit: Option<FitReport>,
     /// Goodness of fit of the joint fit, with weights from noise only (model.md (26)).
     pub misfit: Option<Misfit>,
-    /// Goodness of fit of each kind of residuals, relative to noise. For the two-stage fit, the kinds are the norms at
-    /// the rests and the directions after the moves.
+    /// Goodness of fit of each kind of residuals, relative to noise. The kinds of the two-stage fit are the norms of
+    /// the specific force at the rests and the gravity directions after the moves.
     pub groups: Vec<GroupMisfit>,
     /// Factors by which the joint fit increases the standard deviations of each kind of residual (model.md (19)).
     pub joint_scales: Option<ResidualScales>,
@@ -71,7 +71,7 @@ pub struct Outcome {
     /// Standard deviation of the tremor about each axis for each recording, rad; `None` for a unit on a rigid support.
     /// Only the joint fit estimates tremor.
     pub tremor_rad: Vec<Option<f64>>,
-    /// Held parameters with their estimates; empty if none is held.
+    /// Parameters with a prior (held parameters), with their estimates; empty if there are none.
     pub held: Vec<HeldEstimate>,
     /// Share of each parameter's variance that is due to the priors of the held parameters, in the order of `names`;
     /// empty if no parameter is held.
@@ -153,7 +153,7 @@ impl Outcome {
         for (report, misfit) in rests.iter_mut().zip(&misfits.rests) {
             report.misfit = *misfit;
         }
-        // Steps between the epochs of a rest do not count as moves.
+        // The step between two epochs of one rest is not a move, because the unit does not rotate.
         let is_move = |m: &Move| !m.is_within_rest(&data.rests);
         let judged = || {
             let all = selection.moves.iter().zip(&joint.moves).zip(&misfits.moves);
@@ -178,7 +178,8 @@ impl Outcome {
         if let Some(own) = &joint.second_order {
             of_priors += own;
         }
-        // A parameter that is determined by its prior does not reduce the degrees of freedom of the residuals.
+        // The degrees of freedom are the number of residuals minus the number of parameters that the residuals
+        // determine. `by_priors` is the number of parameters that the priors determine instead.
         let by_priors = held.iter().map(|held| (held.sigma / held.prior.sigma).powi(2)).sum::<f64>().round() as usize;
         let is_any_held = held.iter().any(|held| !held.prior.is_combination());
         let prior_cost = is_any_held.then(|| prior_cost(&of_priors, force, rate));

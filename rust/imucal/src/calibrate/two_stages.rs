@@ -105,7 +105,7 @@ impl UnitData<'_> {
     }
 
     /// If one of the two stages lacks motion, its message names only the motion that this stage needs. This function
-    /// returns a message about all motion that the calibration needs.
+    /// replaces it by the message of the joint design, which names all motion that the calibration needs.
     fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
         let Error::NotEnoughMotion(_) = &error else { return error };
         match self.joint_information(options) {
@@ -137,9 +137,9 @@ impl UnitData<'_> {
         Ok((moves, unusable))
     }
 
-    /// Replaces the flags of the rests that the accelerometer fit uses by flags of their epochs. All epochs of a long
-    /// rest without known faults are used, even if the fit excluded this rest as an outlier. The deviation of its mean
-    /// is no reason for exclusion, because one mean does not describe a long rest.
+    /// Replaces the flag of each rest, which states whether the accelerometer fit uses it, by flags of its epochs. An
+    /// epoch is a part of a long rest with its own mean. All epochs of a long rest without known faults are used,
+    /// even if the fit excluded this rest as an outlier, because one mean does not describe a long rest.
     pub(super) fn use_epochs(&self, accelerometer: &mut AccelerometerFit) {
         let used = &accelerometer.used;
         let of = |own: Range<usize>| {
@@ -259,8 +259,9 @@ mod tests {
     use crate::calibrate::{calibrate, prospect};
     use crate::simulate::{Program, Simulation, Step, Unit, simulate};
 
-    /// Turns of 90 deg over the faces of a box. There are four turns about each axis while this axis is horizontal. One
-    /// more turn makes the last axis horizontal.
+    /// A box is rolled over its faces by turns of 90 deg: four turns about each of two axes while this axis is
+    /// horizontal, a fifth turn about the second axis that makes the third axis horizontal, and four turns about the
+    /// third axis. The first `turns` of these 13 turns are simulated.
     fn over_faces(turns: usize) -> Simulation {
         let turn = |motor: usize| std::array::from_fn(|k| if k == motor { FRAC_PI_2 } else { 0.0 });
         let motors = [0, 0, 0, 0, 1, 1, 1, 1, 1, 2, 2, 2, 2].into_iter().take(turns);

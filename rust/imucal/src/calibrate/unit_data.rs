@@ -131,14 +131,16 @@ impl<'a> UnitData<'a> {
         UnitData { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings }
     }
 
-    /// Estimates the tremor of a hand and removes it from rests and noise. The estimate needs calibrations of both
-    /// sensors. Only the rests in `used` contribute to the hand model.
+    /// Estimates the tremor of a hand-held unit and subtracts it from the means at the rests and from the noise
+    /// densities. The estimate needs calibrations of both sensors. Only the rests in `used` contribute to the model
+    /// of the tremor.
     pub(super) fn free_of_tremor(&mut self, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>, used: &[bool]) {
         let sensors = Sensors { accelerometer, gyroscope };
         self.hands = tremor::hands(self.recordings, &mut self.rests, used, &mut self.noise, sensors);
     }
 
-    /// Replaces long rests by their epochs, for the joint fit. Returns whether there are any long rests.
+    /// Replaces long rests by their epochs (parts with their own means), for the joint fit. Returns whether there are
+    /// any long rests.
     pub(super) fn cut_into_epochs(&mut self) -> bool {
         let epochs = in_epochs(&self.rests, &self.segments);
         let are_cut = epochs.len() > self.rests.len();
@@ -147,7 +149,7 @@ impl<'a> UnitData<'a> {
         are_cut
     }
 
-    /// Whether each rest is without known faults.
+    /// For each rest, whether it has no known fault.
     pub(super) fn sound(&self) -> Vec<bool> {
         self.excluded.iter().map(Option::is_none).collect()
     }
@@ -214,7 +216,7 @@ impl<'a> UnitData<'a> {
         &self.noise
     }
 
-    /// Data from which the gravity directions at the ends of moves are computed with the given estimates of both
+    /// The input of the computation of gravity directions at the ends of moves, with the given estimates of both
     /// sensors.
     pub(super) fn directions<'b>(&'b self, accelerometer: &'b Triad<f64>, gyroscope: &'b Triad<f64>) -> Directions<'b> {
         let Self { recordings, rests, noise, hands, .. } = self;

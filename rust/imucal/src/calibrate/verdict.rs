@@ -58,8 +58,8 @@ impl Outcome {
         self.held.iter().filter(|held| held.is_contradicted()).map(of).collect()
     }
 
-    /// One reason for each fit that has not converged: of both fits of the two-stage fit, or of the joint fit if there
-    /// is one.
+    /// One reason for each fit that has not converged. If there is a joint fit, only this fit is examined, otherwise
+    /// the accelerometer fit and the gyroscope fit.
     fn fits_not_converged(&self) -> Vec<Reason> {
         let two_stages = [("the accelerometer fit", self.accelerometer_fit), ("the gyroscope fit", self.gyroscope_fit)];
         let fits = self.joint_fit.map_or(two_stages.to_vec(), |joint| vec![("the joint fit", joint)]);

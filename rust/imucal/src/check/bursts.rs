@@ -15,8 +15,8 @@ const FEWEST_PACKETS: usize = 10;
 const LONGEST_S: f64 = 2.0;
 /// The sum of the time steps between packets must exceed this share of the recording's duration.
 const SHARE_OF_TIME: f64 = 0.5;
-/// At least this share of the packets must have nearly the typical number of samples. Random loss of samples leaves
-/// groups of varying size, and this limit excludes it.
+/// At least this share of the packets must have nearly the typical number of samples. If samples are lost at random,
+/// the groups between long time steps have varying sizes, so this limit excludes random loss.
 const ALIKE: f64 = 0.9;
 /// The number of samples of a packet counts as equal to the typical number if the two differ by at most this fraction.
 /// A difference of one sample is always permitted.

@@ -21,14 +21,15 @@ use crate::recording::{Recording, Samples};
 /// Time stamps count as computed from the sample number if they deviate from sample number / rate by at most this
 /// number of time steps. The limit allows stamps that are rounded to a ninth of the time step.
 const EVEN: f64 = 0.12;
-/// The ratio `k` of a change `d_i` of the rate to the mean `m` of the adjacent changes is used only if the norm of `m`
-/// is at least this multiple of the standard deviation of the noise of `d_i - m`. At this norm, the noise of `k` has a
-/// standard deviation of 1/8.
+/// The ratio `k` of a change `d_i` of the rate to the mean `m` of the adjacent changes is used only if the motion is
+/// fast enough: the norm of `m` must be at least this multiple of the standard deviation of the noise of `d_i - m`.
+/// At this limit, the noise of `k` has a standard deviation of 1/8.
 const CLEAR: f64 = 8.0;
-/// A motion counts as smooth if the difference between `d_(i-1)` and `d_(i+1)` is at most this multiple of the norm of
-/// `m`.
+/// The ratio `k` is used only if the motion is smooth: the difference between `d_(i-1)` and `d_(i+1)`, the changes of
+/// the rate before and after `d_i`, is at most this multiple of the norm of their mean `m`.
 const SMOOTH: f64 = 0.5;
-/// `k` is used only if the component of `d_i` perpendicular to `m` is at most this multiple of the norm of `m`.
+/// The ratio `k` is used only if the component of the change `d_i` perpendicular to `m` is at most this multiple of
+/// the norm of `m`.
 const ACROSS: f64 = 0.35;
 /// Range of `k`, the ratio of a change of the rate to the mean of the adjacent changes, for one lost sample: 2 plus or
 /// minus twice the standard deviation of the noise of `k` that [`CLEAR`] permits.
@@ -100,8 +101,8 @@ fn lost(recording: &Recording<'_>, noise: f64) -> Option<Finding> {
     })
 }
 
-/// Reports repeated rows that were written additionally. The rate changes across such a row only by the amount of one
-/// time step.
+/// Reports rows that repeat the previous row and were written in addition to the samples. From the row before such a
+/// row to the row after it, the rate changes by the amount of one time step instead of two.
 fn additional(recording: &Recording<'_>, repeats: &Repeats, noise: f64) -> Option<Finding> {
     let count = repeats.reported()?;
     let rate = recording.angular_rate;

@@ -139,8 +139,9 @@ fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool,
     found
 }
 
-/// End of the part of a tape in which a recording is searched for. This part contains only the recordings before it in
-/// `order`.
+/// End of the part of a tape (concatenated recordings) in which the recording `index` is searched for. It is the end
+/// of the last recording on the tape that comes before `index` in `order` and is compared with it; 0 if there is
+/// none.
 fn searched_until(tape: &Tape, order: &[usize], index: usize, is_compared: impl Fn(usize, usize) -> bool) -> usize {
     let before: Vec<usize> = order.iter().copied().take_while(|&other| other != index).collect();
     let is_searched = |part: &&(usize, Range<usize>)| before.contains(&part.0) && is_compared(part.0, index);
@@ -162,7 +163,8 @@ fn starts(at_rest: &AtRest<'_>, samples: usize) -> Vec<usize> {
     starts
 }
 
-/// The recording on the tape that contains the noise of the template, and the sample at which this noise begins.
+/// The recording that contains the noise of the template at the given peak, and the sample at which this noise
+/// begins.
 fn copy_at(template: &Template, peak: &Peak, tape: &Tape) -> Option<Copy> {
     let middle = (peak.at + (TEMPLATE / 2) as isize).clamp(0, template.until as isize - 1) as usize;
     let (of, range) = tape.parts.iter().find(|(_, range)| range.contains(&middle))?;

@@ -1,4 +1,5 @@
-//! Searches other recordings for a part of the noise of one recording, at all lags.
+//! Searches other recordings for a part of the noise of one recording, at all lags. The searched recordings are
+//! concatenated to tapes (see `noise_tape`).
 //!
 //! The spectra of both signals, of the part and of the searched recording, are divided by their magnitudes (phase
 //! transform, or whitening: Knapp and Carter, The generalized correlation method for estimation of time delay, 1976).
@@ -45,8 +46,8 @@ pub(super) struct Template {
     pub(super) samples: usize,
     /// Index of the tape that is searched.
     pub(super) tape: usize,
-    /// End of the searched part of the tape. The search ends before the template's own recording, so the template is
-    /// not compared with itself.
+    /// The tape (concatenated recordings) is searched up to this sample. The search ends before the template's own
+    /// recording, so the template is not compared with itself.
     pub(super) until: usize,
     /// Conjugate whitened spectrum of each signal; empty for a signal that is zero.
     spectra: [Spectrum; SIGNALS],
@@ -57,7 +58,8 @@ pub(super) struct Template {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Peak {
     pub(super) sigmas: f32,
-    /// Position on the tape at which the template begins; negative before the start of the tape.
+    /// Sample of the tape (concatenated recordings) at which the template begins; negative before the start of the
+    /// tape.
     pub(super) at: isize,
     /// Largest correlation farther away than [`NEAR`].
     pub(super) elsewhere: f32,
@@ -123,8 +125,8 @@ impl Transform {
         Template { recording, first, samples, tape, until, spectra }
     }
 
-    /// For each template, the largest correlation with the tape in which it is searched for, one for each group of
-    /// [`KINDS`].
+    /// For each template, the largest correlation with the tape (concatenated recordings) in which it is searched
+    /// for. There is one value for each group of signals in [`KINDS`].
     pub(super) fn search(&mut self, tapes: &[Tape], templates: &[Template]) -> Vec<[Peak; 2]> {
         let mut tops: Vec<[Vec<Peak>; 2]> = templates.iter().map(|_| Default::default()).collect();
         for (index, tape) in tapes.iter().enumerate() {
@@ -183,8 +185,8 @@ impl Transform {
         spectrum
     }
 
-    /// The largest correlation of a block with a template at the first `lags` lags; `first` is the position of the
-    /// block on the tape. `None` if block and template have no signal in common.
+    /// The largest correlation of a block with a template at the first `lags` lags. `first` is the sample of the tape
+    /// at which the block begins. `None` if, for every signal, the block or the template is zero.
     fn correlate(
         &mut self,
         (block, template): (&[Spectrum], &[Spectrum]),

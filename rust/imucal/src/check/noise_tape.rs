@@ -55,7 +55,7 @@ pub(super) struct Tape {
     pub(super) parts: Vec<(usize, Range<usize>)>,
 }
 
-/// Place of a recording: index of its tape, and its range on that tape.
+/// Position of a recording: index of its tape, and its range of samples on that tape.
 #[derive(Clone)]
 pub(super) struct OnTape {
     pub(super) tape: usize,
@@ -63,8 +63,8 @@ pub(super) struct OnTape {
 }
 
 impl Tape {
-    /// Concatenates the recordings, in the order `order`, to one tape per sampling rate. Also returns the place of each
-    /// recording on its tape.
+    /// Concatenates the recordings, in the order `order`, to one tape per sampling rate. Also returns the position of
+    /// each recording.
     pub(super) fn of(recordings: &[AtRest<'_>], order: &[usize]) -> (Vec<Self>, Vec<OnTape>) {
         let mut tapes: Vec<Self> = Vec::new();
         let mut places = vec![OnTape { tape: 0, range: 0..0 }; recordings.len()];

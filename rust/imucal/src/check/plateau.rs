@@ -12,10 +12,10 @@ const EDGE_STEPS: f64 = 3.0;
 /// During the plateau, another axis of the triad must change by at least this number of its converter steps. This
 /// condition excludes rests without noise.
 const SIBLING_STEPS: f64 = 2.0;
-/// Minimum difference between the plateau and the samples one plateau length before its start and after its end, in
-/// steps of the converter. At high sampling rates and with coarse steps, even a clipped channel changes slowly next to
-/// the plateau, and [`EDGE_STEPS`] does not detect it. A rounded peak whose equal samples are within one step of its
-/// top is only nine steps below its top at this distance.
+/// Minimum difference, in steps of the converter, between the plateau and the samples one plateau length before its
+/// start and after its end. At high sampling rates and with coarse steps, a clipped channel changes slowly next to
+/// the plateau, so [`EDGE_STEPS`] does not detect it. The limit excludes rounded peaks: if n samples at the top of a
+/// parabola are within one step, the parabola is only nine steps lower n samples beyond them.
 const FAR_STEPS: f64 = 12.0;
 /// Minimum change of another axis during a plateau that is detected by [`FAR_STEPS`], as a share of the range of that
 /// axis.
@@ -28,8 +28,8 @@ const BY_CHANCE: f64 = 1e-5;
 /// step, most consecutive samples near an extreme value are equal, so the limit is needed.
 const MOST_EQUAL: f64 = 0.5;
 
-/// Statistics of a set of plateaus: their number, the number of samples in all of them, and the number of samples in
-/// the longest one.
+/// Size of a set of plateaus: the number of plateaus, the number of samples in all of them, and the number of samples
+/// in the longest plateau.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Kind {
     count: usize,
@@ -44,8 +44,8 @@ impl Kind {
         self.longest = self.longest.max(len);
     }
 
-    /// Whether these plateaus differ from the plateaus `usual`: they have more than twice as many samples, or the
-    /// longest of them is at least twice as long as the longest of `usual`.
+    /// Whether these plateaus are more prominent than the plateaus `usual`: they have more than twice as many
+    /// samples, or the longest of them is at least twice as long as the longest of `usual`.
     pub(super) fn stand_out_from(&self, usual: &Self) -> bool {
         self.samples > 2 * usual.samples || (self.longest > 0 && self.longest >= 2 * usual.longest)
     }
@@ -101,7 +101,8 @@ pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], ste
         let change = |k: usize| range(rows.slice(run.clone()), k);
         let sibling = |is_enough: &dyn Fn(usize) -> bool| (1..3).map(|k| (axis + k) % 3).any(is_enough);
         let share = |k: usize| change(k) / (ends[k][1] - ends[k][0]);
-        // An edge of the plateau counts as steep if the sample next to it is missing or if the recording ends there.
+        // An edge of the plateau counts as steep if the channel jumps there, if the adjacent sample is missing, or if
+        // the recording ends there.
         let steep = drop_at(1).iter().all(|drop| drop.is_none_or(|d| d.is_nan() || d >= EDGE_STEPS))
             && sibling(&|k| change(k) >= SIBLING_STEPS * steps[k] && share(k) > 1e-6);
         let far = || {
@@ -118,8 +119,8 @@ pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], ste
     found
 }
 
-/// Whether the extreme value occurs at least twice as often as the values one step inside. If it does not, the extreme
-/// value is the tail of a noise distribution.
+/// Whether the extreme value occurs at least twice as often as the values one step below the maximum or above the
+/// minimum. Otherwise, the extreme value is the tail of a noise distribution.
 pub(super) fn piles_up(rows: Samples<'_>, axis: usize, end: f64, step: f64) -> bool {
     let (mut at_end, mut inside) = (0, 0);
     for value in rows.axis(axis) {

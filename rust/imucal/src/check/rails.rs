@@ -128,19 +128,19 @@ fn finding(
     })
 }
 
-/// The rails that each axis of a triad reaches.
+/// The rails (values at which the channel is clipped) that each axis of a triad reaches.
 ///
 /// There are two kinds of evidence for a rail:
 ///
-/// * A single count at one end of the 16-bit range.
+/// * One sample with the lowest or the highest count of a 16-bit converter.
 /// * Plateaus at the channel's extreme value. A plateau is evidence if the channel changes by several steps just before
 ///   and after it, while another axis moves. In addition, plateaus at other values of the channel must be rare or
 ///   short, and noise must be an unlikely cause. The rail must be at least `lowest_over_median` times the median norm
 ///   of the rows.
 ///
-/// Other powers of two are no evidence for a rail, because common accelerometers read 2048 or 16384 counts at 1 g.
-/// `ends` are the extremes of each axis. `held` are the extremes among the values that the axis keeps for at least the
-/// length of a plateau.
+/// Other powers of two are no evidence of a rail, because common accelerometers read 2048 or 16384 counts at 1 g.
+/// `ends` are the lowest and the highest value of each axis. `held` are the lowest and the highest among those values
+/// that the axis keeps for at least the length of a plateau.
 fn triad_rails(
     rows: Samples<'_>,
     unit: RawUnit,

@@ -38,18 +38,21 @@ pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding>
 }
 
 /// Number of rows that repeat the previous row completely, and number of rows that repeat all but one of its values.
-/// Such rows are counted only between two rows that change, which have at most one repeated value.
+/// Such rows are counted only if at most one value repeats in the rows before and after them.
 #[derive(Default)]
 pub(super) struct Repeats {
     /// Rows in which all values repeat.
     doubled: Tally,
     /// Number of rows in which all values but one repeat.
     near: usize,
-    /// Whether the last row with two or more new values repeated at most one value of the previous row.
+    /// Whether the row before the current sequence of repeated rows repeats at most one value. Only repeats after
+    /// such a row are counted.
     changes_before: bool,
-    /// Number of fully repeated rows since the last row with two or more new values.
+    /// Number of completely repeated rows in the current sequence. A row with two or more new values ends the
+    /// sequence.
     equal_rows: usize,
-    /// Number of rows with exactly one new value since the last row with two or more new values.
+    /// Number of rows with exactly one new value in the current sequence. A row with two or more new values ends the
+    /// sequence.
     near_rows: usize,
 }
 

@@ -65,7 +65,8 @@ pub(super) fn check(recording: &Recording, (lengths, extremes): (&Lengths, &Extr
     findings
 }
 
-/// Numbers of finite rows: all rows, rows with a norm below a lower limit, and rows with a norm above an upper limit.
+/// Three numbers of finite rows: of all rows, of rows whose norm is below a lower limit, and of rows whose norm is
+/// above an upper limit.
 #[derive(Default)]
 pub(super) struct Lengths {
     rows: usize,
@@ -92,7 +93,7 @@ impl Lengths {
         }
     }
 
-    /// Whether the median norm is between the two limits. The counts determine this without sorting.
+    /// Whether the median norm is between the two limits. The three numbers answer this without sorting the norms.
     fn have_median_within(&self) -> bool {
         2 * self.below < self.rows && 2 * self.above < self.rows
     }
@@ -141,8 +142,8 @@ fn median_norm(rows: Samples<'_>, ranges: &[Range<usize>]) -> Option<f64> {
     (!norms.is_empty()).then(|| quantile(&mut norms, 0.5))
 }
 
-/// The [`median_norm`] if it is outside the limits, otherwise `None`. In most recordings it is inside the limits, which
-/// is determined without sorting.
+/// The [`median_norm`] if it is outside the limits, otherwise `None`. The norms are sorted only if the median is
+/// outside the limits, which is rare.
 fn median_norm_beyond(rows: Samples<'_>, ranges: &[Range<usize>], limits: [f64; 2]) -> Option<f64> {
     let mut lengths = Lengths::default();
     ranges.iter().for_each(|range| lengths.add(&rows.part(range.clone()), limits));
