@@ -113,8 +113,8 @@ pub struct MoveReport {
     pub excluded: Option<&'static str>,
 }
 
-/// Gravity at the rests of a recording, in two forms (figures 2 to 4 of the paper): measured by the accelerometer, and
-/// propagated from the first rest by the gyroscope.
+/// Gravity at the rests of a recording, as measured by the accelerometer and as propagated from the first rest by the
+/// gyroscope. Figures 2 to 4 of the paper cited in docs/model.md show these two directions.
 #[derive(Clone, Debug)]
 pub struct CarriedGravity {
     /// Time of the middle of each rest, s.

@@ -104,7 +104,8 @@ impl HeldParameter {
         Self { name: String::new(), value, sigma, source: PriorSource::Given, usual: None, quantity }
     }
 
-    /// Index of the parameter among the 21 base parameters. For a combination, it is the number of the combination.
+    /// Index of the parameter among the 21 base parameters. For a combination of parameters, it is the number of the
+    /// combination.
     pub(crate) fn parameter(&self) -> usize {
         match self.quantity {
             Quantity::Entry { parameter, .. } | Quantity::Misalignment { parameter, .. } => parameter,
@@ -125,14 +126,14 @@ impl HeldParameter {
         }
     }
 
-    /// Whether the held quantity is a combination of the parameters of a known accelerometer. Otherwise, it is a bias,
-    /// a scale or a misalignment.
+    /// Whether the held quantity is a combination of the parameters of an accelerometer that was calibrated earlier.
+    /// Otherwise, it is a bias, a scale or a misalignment.
     pub(crate) fn is_combination(&self) -> bool {
         matches!(self.quantity, Quantity::Combination { .. })
     }
 
-    /// Residual of the prior, in standard deviations, and its derivatives. `parameters` begins with the first base
-    /// parameter, and the indices of the derivatives are counted from it.
+    /// Residual of the prior, in standard deviations of the prior, and its derivatives. `parameters` begins with the
+    /// first base parameter, and the indices of the derivatives are counted from it.
     pub(crate) fn row(&self, parameters: &[f64]) -> HeldRow {
         let residual = (self.estimate(parameters) - self.value) / self.sigma;
         let derivatives = match self.quantity {
@@ -165,12 +166,13 @@ impl<'a> StageRows<'a> {
         self.held.len()
     }
 
-    /// Indices of the held parameters, counted from the first parameter of the stage.
+    /// Indices of the parameters with a prior, counted from the first parameter of the stage.
     pub(crate) fn columns(&self) -> Vec<usize> {
         self.held.iter().map(|held| held.parameter() - self.stage.start).collect()
     }
 
-    /// The parameters of a known accelerometer; `None` if the stage has no prior of a known accelerometer.
+    /// The calibrated parameters of an accelerometer that was calibrated earlier; `None` if the stage has no prior of
+    /// such an accelerometer.
     pub(crate) fn known(&self) -> Option<[f64; 9]> {
         self.held.iter().find_map(|held| match held.quantity {
             Quantity::Combination { at, .. } => Some(at),

@@ -107,8 +107,8 @@ impl Judged<'_> {
 /// rests or moves are excluded, for example rests that were detected in a slow part of a move.
 fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     let chi2: Vec<f64> = z.chunks_exact(size).map(|own| own.iter().map(|z| z * z).sum()).collect();
-    // The scale prevents exclusions if the scatter is large but uniform. The expected median of chi2 is 0.455 for one
-    // residual and 1.386 for two.
+    // The values of chi2 are divided by this scale, so no rest or move is excluded if all of them scatter equally.
+    // The median of chi2 for noise is 0.455 with one residual and 1.386 with two.
     let expected = if size == 1 { 0.455 } else { 1.386 };
     let scale = (median(&mut chi2.clone()) / expected).max(1.0);
     let mut order: Vec<usize> = (0..chi2.len()).collect();

@@ -31,8 +31,8 @@ impl Figures {
         self.reason(RecordingSet::Calibration, Vec::new).is_some()
     }
 
-    /// The reason why these figures make a verdict poor; `None` if they do not. `uncorrected` returns the samples that
-    /// could not be corrected.
+    /// The reason why these figures make a verdict poor; `None` if they do not. `uncorrected` returns the samples
+    /// that could not be corrected. The message lists them if chi2 has no value.
     pub fn reason(&self, set: RecordingSet, uncorrected: impl FnOnce() -> Vec<UncorrectedSamples>) -> Option<Reason> {
         if self.moves == 0 {
             return Some(Reason::NoUsableMove { set, rests: self.rests });

@@ -12,12 +12,12 @@ use crate::joint::is_unobservable_hand_held;
 use crate::numerics::stats::p_value;
 use crate::verdict::{GroupMisfit, ResidualGroup};
 
-/// An increase of chi2 per degree of freedom on unseen data by at most this fraction does not count as a worse
-/// prediction.
+/// If chi2 per degree of freedom of unseen data increases by at most this fraction, the prediction does not count as
+/// worse.
 const SAME: f64 = 0.005;
-/// A prediction of unseen data counts as worse if its chi2 per degree of freedom increases by more than this fraction,
-/// or by a smaller amount that is [`SIGNIFICANT`]. A larger threshold applies if there are so few unseen rests and
-/// moves that noise can cause an increase of this size.
+/// A prediction of unseen data counts as worse if its chi2 per degree of freedom increases by more than this
+/// fraction, or if a smaller increase is significant (see [`SIGNIFICANT`]). The fraction is larger if there are so
+/// few unseen rests and moves that noise can cause an increase of this size.
 const MAY_BE_CHANCE: f64 = 0.1;
 /// An effect with a log Bayes factor below this number of nats is accepted only if it improves the prediction of unseen
 /// data. 8 nats are odds of 3000 to 1.
@@ -149,9 +149,9 @@ impl Fits<'_> {
                 Ok(fit) => fit,
                 Err(error) => {
                     accepted.refused.push(Refusal::NotFitted { name: name.clone(), error });
-                    // Later effects of the path are not tried after a rejection. They were selected from the residuals
-                    // of a model that contains the rejected effect. Without that effect, a later effect could fit
-                    // residuals that the rejected effect causes.
+                    // If an effect is rejected, the effects selected after it are not tried. They were selected from
+                    // the residuals of a model that contains the rejected effect. Without this effect, they could fit
+                    // the residuals that it causes.
                     break;
                 }
             };
@@ -240,7 +240,8 @@ impl Fit {
         terms.iter().map(|(_, chi2)| chi2).sum::<f64>() / count.max(1) as f64
     }
 
-    /// The figure of merit on unseen data whose relative improvement from this fit to the fit `after` is largest.
+    /// The figure of merit on unseen data that improves most, relative to its value, from this fit to the fit
+    /// `after`.
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
             // Without accepted effects, the figure uses the biases of the calibration. It therefore contains any change

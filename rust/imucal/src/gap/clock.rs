@@ -112,8 +112,8 @@ impl Differences {
     /// Reports time stamps that differ from the true sampling instants. They do if evenly spaced sampling instants
     /// explain the angular rates better than the time stamps do.
     fn stamp_fault(&self, recording: &Recording<'_>) -> Option<Finding> {
-        // Change of each fourth difference, in standard deviations of the noise, that uneven sampling would cause if
-        // the time stamps were correct.
+        // If the time stamps are correct, but uneven, each fourth difference changes by this amount, in standard
+        // deviations of the noise.
         let late: Vec<f64> = self.slopes.iter().zip(&self.stamps_s).map(|(slope, stamp)| slope * stamp).collect();
         if late.is_empty() || mean_square(&late) < HARMLESS {
             return None;
@@ -195,8 +195,8 @@ impl Differences {
 struct Rates<'a> {
     recording: &'a Recording<'a>,
     gyroscope: &'a Triad<f64>,
-    /// Mean sample interval, s. Derivatives are computed with equal intervals, because the test is about the time
-    /// stamps.
+    /// Mean sample interval, s. Derivatives are computed with this interval instead of the time stamps, because the
+    /// time stamps themselves are tested.
     step_s: f64,
 }
 

@@ -1,4 +1,5 @@
-//! Elimination of a model's parameters from the normal equations. It is done once and used for many candidate columns.
+//! Elimination of a model's parameters from the normal equations. It is computed once, and the result is used for many
+//! candidate columns.
 
 use std::ops::Range;
 
@@ -94,8 +95,8 @@ impl WithSimd for SweepCommon<'_> {
 struct SweepAs<'a> {
     weighing: &'a Weighing<'a>,
     common: &'a SweptCommon,
-    /// Part of the Gram matrix after the sweep that eliminates the model. Its rows belong to the parameters of the
-    /// model, and its columns are those of `weighing`.
+    /// The rows of the eliminated Gram matrix that belong to the parameters of the model. The columns are those of
+    /// `weighing`.
     known: SymmetricMatrix,
     /// Index of each column of `weighing` among all candidate columns.
     columns: Vec<usize>,

@@ -18,21 +18,21 @@ const SURE: f64 = 3.0;
 /// biases, but the final fit estimates slowly varying biases, so the final standard deviation differs.
 const SLACK: f64 = 2.0;
 
-/// Whether an estimated rate agrees with the Earth's rate and is significantly different from zero.
+/// Whether an estimated rate agrees with the Earth's rate, and is so accurate that the Earth's rate is detectable.
 pub(super) fn is_earth_rate(size_radps: f64, sigma_radps: f64) -> bool {
     may_be(size_radps, sigma_radps, 1.0)
 }
 
-/// The test of [`is_earth_rate`] for a standard deviation that may be wrong by the factor `slack`.
+/// The test of [`is_earth_rate`]. The true standard deviation may be larger than `sigma_radps` by the factor `slack`.
 fn may_be(size_radps: f64, sigma_radps: f64, slack: f64) -> bool {
     let is_near = (size_radps - EARTH_RATE_RADPS).abs() <= SURE * slack * sigma_radps;
     is_near && sigma_radps <= slack * EARTH_RATE_RADPS / SURE
 }
 
 impl Stage {
-    /// Magnitude and standard deviation, rad/s, of the effect `earth_rate` in this model if this effect is not the
-    /// Earth's rate. `None` if the effect is not in the model, or if it may be the Earth's rate. In this test, the
-    /// standard deviation of the effect may be wrong by up to the factor [`SLACK`].
+    /// Magnitude and standard deviation, rad/s, of the rate that the effect `earth_rate` describes in this model, if
+    /// this rate is not the Earth's rate. `None` if the model does not have the effect, or if its rate agrees with
+    /// the Earth's rate. The test allows for a standard deviation that is wrong by up to the factor [`SLACK`].
     pub(super) fn not_the_earth(&self) -> Option<(f64, f64)> {
         let member = self.members.iter().find(|member| member.name == NAME)?;
         let own: Vec<usize> = self.place(NAME)?.collect();

@@ -94,9 +94,9 @@ impl Gram {
         Some(Mat::from_fn(own.len(), own.len(), |i, k| solved[(own[i], k)] / (size[own[i]] * size[own[k]])))
     }
 
-    /// Rows and columns selected from the sum of all Gram matrices, each divided by its noise scale s_g^2. Index i of
-    /// the result, for i below `count`, corresponds to index `place(i)` of the Gram matrices. Only the columns in the
-    /// range `columns` are computed.
+    /// Rows and columns selected from the sum of all Gram matrices, each divided by its noise scale s_g^2. Row or
+    /// column i of the selection is row or column `place(i)` of the Gram matrices, for i below `count`. Only the
+    /// columns in the range `columns` are computed.
     pub(crate) fn at_scales(
         &self,
         scales: &[f64],
@@ -116,8 +116,8 @@ impl Gram {
         all
     }
 
-    /// The number by which each column is divided. It is the larger of the column's length and the square root of its
-    /// prior precision.
+    /// The number by which each column is divided so that the normal matrix is well scaled: the larger of the
+    /// column's length and the square root of its prior precision.
     pub(super) fn sizes(&self, columns: &[Column]) -> Vec<f64> {
         let total = |place: usize| self.sums.iter().map(|sum| sum[(place, place)]).sum::<f64>();
         columns.iter().map(|c| total(c.place).max(c.precision).sqrt().max(1e-300)).collect()

@@ -112,9 +112,10 @@ pub(crate) struct Hypothesis {
 enum Shape {
     /// The deviation of the parameter is a linear combination of eigenfunctions of the kernel.
     Varies(Arc<Shares>),
-    /// The deviation is a nonlinear function of the sensor's input, angular rate or specific force. The second field is
-    /// the largest magnitude of the input. The columns of each axis are the input multiplied by smooth functions of
-    /// this input, the products of the inputs on two axes and, for the gyroscope, the angular acceleration.
+    /// The deviation is a nonlinear function of the sensor's input (angular rate or specific force). The second field
+    /// is the largest magnitude of the input. Each axis has three kinds of columns: the input multiplied by smooth
+    /// functions of this input, the products of the inputs on two axes and, for the gyroscope, the angular
+    /// acceleration.
     Follows(Smooth<f64>, f64),
     /// The deviation is linear in the products of two components of the angular rate and in the components of the
     /// angular acceleration.
@@ -130,7 +131,7 @@ const CURVE_POINTS: usize = 9;
 /// the same typical size as deviations of the scale.
 const LAG_S: f64 = 0.1;
 
-/// All hypotheses that are selected by `asked` and observable in the recordings.
+/// All hypotheses that are observable in the recordings and for which `asked` is true.
 pub(crate) fn hypotheses(
     moments: &Moments,
     inside: bool,
@@ -139,9 +140,9 @@ pub(crate) fn hypotheses(
 ) -> Vec<Hypothesis> {
     let all: &[(Block, Kernel)] = if inside { &INSIDE } else { &ALL };
     let pairs: Vec<(Block, Kernel)> = all.iter().copied().filter(|(block, kernel)| asked(*block, *kernel)).collect();
-    // Kernels whose eigenfunctions are needed. The flag is `true` if the eigenfunctions are evaluated in the middle of
-    // the moves, and `false` if they are evaluated at the rests. Hypotheses with a rate or force kernel have no
-    // eigenfunctions here.
+    // The kernels whose eigenfunctions are needed. The flag is `true` if the eigenfunctions are evaluated in the
+    // middle of the moves, and `false` if they are evaluated at the rests. Hypotheses with a rate or force kernel do
+    // not use these eigenfunctions.
     let varies = |(block, kernel): (Block, Kernel)| {
         (!matches!(kernel, Kernel::Rate | Kernel::Force)).then_some((kernel, block == Block::GyroscopeScale))
     };
@@ -191,8 +192,8 @@ impl Hypothesis {
         }
     }
 
-    /// Error of the sensor's input at each evaluation time, SI units, if the coefficient of one column is 1 and all
-    /// others are 0. There is one value for each column.
+    /// For each evaluation time and each column: the error of the sensor's input, SI units, if the coefficient of
+    /// this column is 1 and all other coefficients are 0.
     pub(crate) fn columns(&self, moments: &Moments, place: Place) -> Vec<f64> {
         let force = |at: &Moment| at.up * self.gravity_mps2;
         let moments = moments.at(place);
@@ -233,8 +234,8 @@ impl Hypothesis {
         }
     }
 
-    /// Deviation of the sensor parameter at each evaluation time if the coefficient of one column is 1 and all others
-    /// are 0. There is one value for each column.
+    /// For each evaluation time and each column: the deviation of the sensor parameter if the coefficient of this
+    /// column is 1 and all other coefficients are 0.
     pub(crate) fn shares(&self, moments: &Moments, place: Place) -> Vec<f64> {
         match &self.shape {
             Shape::Varies(shares) => shares.times(place, std::iter::repeat(Vector3::repeat(1.0))),

@@ -31,8 +31,8 @@ pub(crate) struct Epoch {
     pub(crate) time_s: f64,
 }
 
-/// A linearisation of the residuals. It also contains the quantities on which kernels depend, at the rests and inside
-/// the moves.
+/// A linearisation of the residuals, with the quantities on which kernels depend (for example temperature and
+/// attitude) at the rests and inside the moves.
 pub(crate) struct Setting<'a> {
     prepared: &'a Prepared<'a>,
     problem: Joint<'a>,
@@ -42,9 +42,9 @@ pub(crate) struct Setting<'a> {
 }
 
 impl<'a> Setting<'a> {
-    /// `terms` are the effects of the model. They may be omitted if the effects are small, because a small effect
-    /// changes the Jacobian by a negligible amount. Large effects may change the body axes from which the directions of
-    /// the tilt residuals are constructed, see [`has_axes`](Self::has_axes).
+    /// `terms` are the effects of the model. If all effects are small, they may be omitted, because they hardly
+    /// change the Jacobian. Large effects must not be omitted. They may change the body axes from which the
+    /// directions of the tilt residuals are constructed, see [`has_axes`](Self::has_axes).
     pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, model: &Model) -> Result<Self, Error> {
         let values = if terms.count == 0 { Vec::new() } else { model.values.clone() };
         let plain = Model { values, stand: Vec::new(), ..model.clone() };
@@ -55,14 +55,14 @@ impl<'a> Setting<'a> {
         Ok(Self { prepared, problem, linear, segments, moments })
     }
 
-    /// The hypotheses that are selected by `asked` and observable in the recordings.
+    /// The hypotheses that are observable in the recordings and for which `asked` is true.
     pub(crate) fn hypotheses(&self, asked: impl Fn(Block, Kernel) -> bool) -> Vec<Hypothesis> {
         hypotheses(&self.moments, self.linear.sees_inside(), self.prepared.gravity_mps2, asked)
     }
 
-    /// Whether the rows of this linearisation can be compared with the rows of another linearisation. `axes` are the
-    /// body axes from which the directions of the tilt residuals are constructed in the other linearisation. Tilt
-    /// residuals are perpendicular to gravity.
+    /// Whether the rows of this linearisation can be compared with the rows of another linearisation. Both must have
+    /// tilt residuals along equal directions, which are perpendicular to gravity and constructed from a body axis.
+    /// `axes` contains the body axis for each tilt direction of the other linearisation.
     pub(crate) fn has_axes(&self, axes: &[usize]) -> bool {
         axes_of(&self.linear) == axes
     }
@@ -127,9 +127,9 @@ impl<'a> Setting<'a> {
         (epochs.into_iter().map(|(epoch, ..)| epoch).collect(), columns)
     }
 
-    /// Deviation on each axis for the given coefficients of a hypothesis, and the index of the rest. A hypothesis about
-    /// rests gives the deviation at each rest that the fit uses. A hypothesis about moves gives the deviation in the
-    /// middle of each move, with the index of the rest before the move.
+    /// Deviation of the sensor parameter on each axis for the given coefficients of a hypothesis, with the index of a
+    /// rest. A hypothesis about rests gives the deviation at each rest that the fit uses. A hypothesis about moves
+    /// gives the deviation in the middle of each move, with the index of the rest before the move.
     pub(crate) fn wrong(&self, hypothesis: &Hypothesis, weights: &[f64]) -> Vec<(usize, Vector3<f64>)> {
         let count = weights.len() / 3;
         let wrong = |shares: &[f64]| {

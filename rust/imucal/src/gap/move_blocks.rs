@@ -32,8 +32,8 @@ pub(super) struct Block {
     /// Mean over the block of the rotation from the body frame at each sample to the body frame at the start of the
     /// move.
     rotation: Matrix3<f64>,
-    /// Time from the start of the recording to the first sample of the block, s. Time stamps may be seconds since 1970,
-    /// and a rate error in proportion to these would be nearly constant.
+    /// Time from the start of the recording to the first sample of the block, s. The time stamp itself is not used as
+    /// a regressor. It may be the time since 1970, which is nearly constant relative to its size.
     start_s: f64,
     /// Time from the start of the move to the last sample of the block, s.
     pub(super) since_start_s: f64,
@@ -106,8 +106,8 @@ impl MoveBlocks {
                 }
             }
         }
-        // Attitude error caused by a rate error on each body axis. The rate error is proportional to the factor of this
-        // axis.
+        // Attitude error caused by a rate error on each body axis. The rate error on an axis equals the component of
+        // `factor` along this axis.
         let by_axis = |factor: &dyn Fn(&Block) -> Vector3<f64>| -> [Vec<f64>; 3] {
             let sum = blocks().fold(Matrix3::zeros(), |sum: Matrix3<f64>, (block, change)| {
                 sum + change * Matrix3::from_diagonal(&factor(block))

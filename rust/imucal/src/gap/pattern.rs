@@ -30,11 +30,12 @@ const LEAST_GAIN: f64 = 2.0;
 /// number of nats.
 const NOT_ALL: f64 = 12.0;
 /// A generic hypothesis is reported in addition to the selected effects only if its log Bayes factor is larger than
-/// this multiple of that of the effects. Linearisation errors of large effects may cause smaller ratios.
+/// this fraction of that of the effects. Linearisation errors of large effects may cause smaller fractions.
 const REMAINDER: f64 = 0.02;
-/// A generic hypothesis is reported only if the chi2 that it explains is larger than this multiple of the chi2 that the
-/// selected effects explain. Linearisation errors of large effects may cause smaller ratios. [`REMAINDER`] is not
-/// sufficient, because the log Bayes factor grows only with the logarithm of an effect's size.
+/// Minimum chi2 that a reported generic hypothesis must explain, as a fraction of the chi2 that the selected effects
+/// explain. It is counted in addition to the effects, or in excess of them if the hypothesis replaces them.
+/// Linearisation errors of large effects may explain a smaller fraction. The limit [`REMAINDER`] is not sufficient,
+/// because the log Bayes factor grows only with the logarithm of an effect's size.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 
 /// The generic hypothesis with the largest evidence, and its fit.
@@ -154,7 +155,7 @@ impl Pattern {
         self.on_top.as_ref().filter(is_large)
     }
 
-    /// Whether a decrease of chi2 is larger than linearisation errors of the selected effects can cause.
+    /// Whether a decrease of chi2 is too large to be caused by linearisation errors of the selected effects.
     fn is_no_remainder(&self, chi2: f64) -> bool {
         self.path_chi2 <= 0.0 || chi2 > REMAINDER_OF_CHI2 * self.path_chi2
     }

@@ -36,10 +36,10 @@ impl Gram {
         Self::of_groups(sums, &groups, columns.ncols() - 1)
     }
 
-    /// Gram matrices with only the products that scoring needs. These are products of the model's columns with all
-    /// columns, products within each block of candidate columns, and products of the residual with all columns. The
-    /// model's columns come first. All other entries are NaN. `order` contains the position of each column within a
-    /// row. The residual is the last column. The second list that is returned contains the residuals inside moves.
+    /// Gram matrices with only the products that scoring needs: the model's columns with all columns, the columns of
+    /// each block of candidates with each other, and the residual with all columns. All other entries are NaN. The
+    /// model's columns come first, and the residual is the last column. `order` contains the position of each column
+    /// within a row. The second result contains the residuals inside moves.
     pub(crate) fn beside(
         (rows, group_of_row): (&Lanes, &[usize]),
         insides: Option<&Insides>,

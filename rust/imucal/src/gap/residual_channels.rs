@@ -28,8 +28,8 @@ use crate::rests::noise_density::variance_by_axis;
 const LEAST_DENSITY: [f64; 2] = [1e-5, 1e-6];
 
 /// Lower bound of the share of an attitude error that changes the direction of gravity. A rotation about gravity does
-/// not change this direction. Without the bound, the standard deviation of the residual would be zero for such a
-/// rotation.
+/// not change this direction, so the share and the standard deviation of the residual would be zero for such an
+/// error.
 const LEAST_VISIBLE_SHARE: f64 = 1e-4;
 
 /// Residuals of one kind on one body axis.

@@ -95,7 +95,8 @@ impl Shares {
         self.rests.nrows()
     }
 
-    /// Each eigenfunction times a factor for each axis, in the order of the moments.
+    /// Each eigenfunction multiplied by a factor for each axis. `numbers` contains the factors for the three axes at
+    /// each evaluation time.
     pub(super) fn times(&self, place: Place, numbers: impl Iterator<Item = Vector3<f64>>) -> Vec<f64> {
         let shares = match place {
             Place::Rests => &self.rests,
@@ -117,8 +118,8 @@ fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment
     let side = |m: &Moment| m.up.cross(&m.ahead);
     let tilt = |b: &Moment| (a.up - b.up).norm_squared();
     match kernel {
-        // The random-walk kernel is used first for any variation in time. Smooth and switching variations are examined
-        // only if a random walk explains the residuals.
+        // For all variations in time, the random-walk kernel is evaluated first. Smooth and switching variations are
+        // examined only if a random walk explains the residuals, so they have no kernels of their own here.
         Kernel::RandomWalk | Kernel::Time | Kernel::Switching => {
             each(to, others, |b| if a.recording == b.recording { a.time_s.min(b.time_s) } else { 0.0 });
         }

@@ -31,8 +31,8 @@ pub(crate) use left::Left;
 /// Maximum number of rounds of an iteration that alternately estimates the noise scales and the parameters. If the
 /// iteration does not converge, the result of the last round is used.
 const SCALE_ROUNDS: usize = 20;
-/// If an update of the noise scales increases the log evidence by less than this number of nats, the parameters are not
-/// refitted. A refit would increase the log evidence by at most 3 % of this threshold.
+/// If an update of the noise scales increases the log evidence by less than this number of nats, the parameters are
+/// not fitted again. Another fit would increase the log evidence by at most 3 % of this threshold.
 const FORESEEN: f64 = 0.05;
 
 /// An additional column, given by its index in the Gram matrices and the typical size of its parameter.
@@ -100,8 +100,8 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Sets the rows of `to` from row `from` on. Their values are the sum of the Gram matrices divided by their noise
-    /// scales, plus the prior precisions of the model.
+    /// Sets the rows of `to` from row `from` on to the sum of the Gram matrices, each divided by its noise scale,
+    /// plus the prior precisions of the model.
     #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn add_up<S: Simd>(
         &self,

@@ -184,7 +184,7 @@ impl Priors {
         let requests: Vec<Option<&Hold>> = all
             .iter()
             .map(|p| {
-                // A request for the parameter has priority over a request for its group.
+                // A request that names the parameter has priority over a request that names its group.
                 let of = |name: &str| self.hold.iter().rev().find(|hold| hold.name == name);
                 of(&p.name).or_else(|| of(p.group))
             })
