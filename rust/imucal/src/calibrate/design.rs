@@ -1,6 +1,6 @@
 //! The design matrix of the joint fit, computed before any fit. It shows which parameters the rests and the moves
-//! determine when they are used together. It also gives least-squares values of these parameters, which are start values
-//! of a fit (model.md (12)).
+//! determine when they are used together. It also gives least-squares values of these parameters, the start values of
+//! a fit (model.md (12)).
 
 use std::ops::Range;
 

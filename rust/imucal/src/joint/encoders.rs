@@ -156,9 +156,9 @@ impl Angles {
         all
     }
 
-    /// Derivative of the attitude with respect to every parameter, averaged over `samples`: one rotation vector in the
-    /// world frame for each parameter. The stand is linearised at the middle sample. The columns of the effects are
-    /// averaged over all samples, because they may jump when a motor reverses.
+    /// Derivative of the attitude with respect to every parameter: one rotation vector in the world frame for each
+    /// parameter, averaged over `samples`. The stand is linearised at the middle sample. The columns of the effects
+    /// are averaged over all samples, because they may jump when a motor reverses.
     pub(super) fn attitude_jacobian(
         &self,
         samples: Range<usize>,
@@ -180,8 +180,8 @@ impl Angles {
     }
 }
 
-/// Two residuals of a rest, rad. The gravity direction computed from the stand minus the measured gravity direction has
-/// two components perpendicular to the measured direction. These are the residuals. Each row contains the derivatives,
+/// Two residuals of a rest, rad: the components, perpendicular to the measured gravity direction, of the gravity
+/// direction computed from the stand minus the measured one. Each row contains the derivatives of a residual,
 /// followed by the residual.
 pub(crate) fn rest_rows(
     angles: &Angles,

@@ -64,8 +64,8 @@ impl Field {
         axis * count..(axis + 1) * count
     }
 
-    /// Adds `matrix` times the field to `to`. `numbers` contains the value of each column. For each column, component i
-    /// of `to` increases by `matrix[(i, axis)] * value`, where `axis` is the body axis of the column.
+    /// Adds the product of `matrix` and the field to `to`. `numbers` contains the value of each column. A column with
+    /// this value on body axis `axis` adds `matrix[(i, axis)] * value` to component i of its vector in `to`.
     fn add(&self, matrix: &Matrix3<f64>, numbers: &[f64], to: &mut [f64]) {
         let width = to.len() / 3;
         for (component, to) in to.chunks_exact_mut(width.max(1)).enumerate() {
@@ -87,8 +87,8 @@ pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usi
 }
 
 impl Field {
-    /// Change of the attitude due to each column of the field, rad, at the midpoint of each segment of a move and at
-    /// the end of the move. Between two midpoints, the field is the mean of its values in the two segments.
+    /// Attitude change due to each column of the field, rad, at the midpoint of each segment of a move and at the end
+    /// of the move. Between two midpoints, the field is assumed to be the mean of its values in the two segments.
     fn turns(&self, k: usize, way: &MoveSegments) -> Planes {
         let count = way.stretches.len();
         let mut turns = Planes::new((0..self.width).collect(), count + 1);
@@ -107,8 +107,8 @@ impl Field {
 }
 
 impl Joint<'_> {
-    /// Whitened derivatives of the residuals with respect to the columns of a field. Residuals relative to the stand
-    /// are omitted.
+    /// Whitened derivatives of the residuals with respect to the columns of a field. Derivatives of the residuals
+    /// relative to the stand are not computed.
     pub(crate) fn by_field(&self, linear: &Linear, ways: &[MoveSegments], field: &Field) -> Mat<f64> {
         let mut all = Mat::zeros(self.rows(), field.width);
         let mut lines = Mat::zeros(linear.lines.len(), field.width);

@@ -30,10 +30,10 @@ use crate::numerics::instructions::Instructions;
 use crate::rests::moves::across;
 use blocks::{Derivatives, IntoColumns, IntoLanes};
 
-/// Derivatives of a move's residuals with respect to one parameter, m/s^2. They contain only the part that is caused by
-/// the gravity directions of the adjacent rests. `start` has one value for each of the three directions and is added to
-/// the derivatives of all residuals along this direction. `end` has one value for each of the two directions
-/// perpendicular to gravity and is also added to the derivative of the last residual.
+/// The part of the derivatives of a move's residuals with respect to one parameter, m/s^2, that is due to the gravity
+/// directions at the adjacent rests. `start` is added to the derivatives of all residuals along the three directions.
+/// `end` is also added to the derivatives of the last residuals of the move, along the two directions perpendicular
+/// to gravity.
 pub(super) struct Edges {
     pub(super) start: [f64; 3],
     pub(super) end: [f64; 2],
@@ -64,9 +64,9 @@ impl<'a> Rows<'a> {
         Self { target: Target::Lanes(lanes), next: 0, place: 0 }
     }
 
-    /// Writes the whitened derivatives of a move's residuals with respect to the parameters of `planes`. For each block
-    /// and each parameter, `planes` contains a 3-vector. The derivative of the block's residual along the direction d
-    /// is the dot product of this vector and `toward(block, d)`, plus the terms of `edges`.
+    /// Writes the whitened derivatives of a move's residuals with respect to the parameters of `planes`. For each
+    /// block and each parameter, `planes` contains a 3-vector. The derivative of the block's residual along the
+    /// direction d is the dot product of this 3-vector and `toward(block, d)`, plus the terms of `edges`.
     pub(super) fn write_block(
         &mut self,
         inside: &Inside<'_>,

@@ -7,7 +7,8 @@ use faer::Mat;
 use super::pass::Pass;
 use crate::numerics::aligned::{Aligned, WIDEST};
 
-/// Matrix of derivatives, stored row by row. The residual is the last column. Columns that are zero are not stored.
+/// Matrix of derivatives, stored row by row. The residual is the last column. Columns without nonzero values are not
+/// stored.
 #[derive(Clone)]
 pub(crate) struct Lanes {
     /// Position of each column within a row; `None` for a column that is zero. The last entry is the position of the

@@ -43,7 +43,8 @@ impl Line {
     }
 }
 
-/// The rest or the move to which a residual belongs, by index. `Norm` is also used for the mean rates of a rest.
+/// The rest or the move to which a residual belongs, by index. `Norm` stands for a residual of a rest: the norm of
+/// its mean force or a component of its mean rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Source {
     Norm(usize),
@@ -61,12 +62,14 @@ pub(crate) struct Linear {
     /// Gravity direction at each rest that the fit uses.
     pub(super) directions: Vec<(usize, Arc<EndDirection>)>,
     /// Change of the parameters since the samples of the moves were last integrated; empty if the parameters have not
-    /// changed. The residuals inside the moves are corrected by their derivatives times this change.
+    /// changed. The residuals inside the moves are corrected to first order: their derivatives times this change are
+    /// added.
     pub(super) change: Vec<f64>,
     kinds: Kinds,
 }
 
-/// Row ranges of the whitened residuals that come after the norms, moves and mean rates.
+/// Row ranges of the whitened residuals that come after the residuals of norms, moves and mean rates: forces inside
+/// the moves, gravity directions and attitudes relative to the stand.
 pub(crate) struct Groups {
     pub(crate) inside: Range<usize>,
     pub(crate) stand_rests: Range<usize>,
@@ -178,8 +181,9 @@ impl Prepared<'_> {
             let route = Route { preintegrated, ..self.route(index, attitude, &before, has_blocks) };
             AtMove { pass: route.pass(&model, &evaluated), before, after }
         };
-        // If no effect changes the rate, the rotations of all moves are integrated first, which is fast. They determine
-        // the attitude of every rest. The moves can then be integrated completely in parallel.
+        // If no effect changes the rate, the rotations of all moves are integrated first, which is fast. They give
+        // the attitude at every rest. The complete integration of the moves, which needs these attitudes, then runs
+        // in parallel.
         let goes_ahead = evaluated.adds_nothing();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
@@ -288,8 +292,9 @@ impl Prepared<'_> {
         let mut by_bias = -Matrix3::identity();
         let mut turned_by_effects = vec![Vector3::zeros(); terms.count];
         if let Some((PropagatedMean { mean_s, .. }, error)) = propagated.as_ref().zip(bias_error) {
-            // The rotation of the unit within a hand-held rest is computed from the gravity directions at the two ends
-            // of the rest. These directions depend on the gyroscope bias (model.md (27)).
+            // The mean rate of a hand-held rest is reduced by the rotation between its two ends. This rotation is
+            // computed from the gravity directions at the two ends, which depend on the gyroscope bias (model.md
+            // (27)).
             let across = Matrix3::identity() - up * up.transpose();
             let turned = sensitivity * across * (2.0 * mean_s / (rest.end_s - rest.start_s));
             residual += turned * error.value;

@@ -148,17 +148,17 @@ impl Joint<'_> {
     }
 }
 
-/// Whitened residuals, divided into a correlated and an independent part, so that the fit can be repeated without the
-/// residuals of a fold.
+/// Whitened residuals in two parts, from which the fit can be repeated quickly without the residuals of a fold: a
+/// part whose residuals have correlated errors, and a part whose residuals are independent.
 struct Parts {
     /// Length of each column of the whitened Jacobian before scaling.
     size: Vec<f64>,
     kept: Vec<usize>,
-    /// Whitened rows of norms, moves and mean rates. The errors of these residuals are correlated before whitening.
-    /// Columns: those of the Jacobian, scaled to length one, then the residuals.
+    /// Whitened residuals of norms, moves and mean rates, whose errors are correlated before whitening. The first
+    /// columns are those of the Jacobian, scaled to length one. The last column contains the residuals.
     shared: Mat<f64>,
-    /// Gram matrix `[J r]^T [J r]` of the independent residuals of each rest or move, which are those inside moves and
-    /// those relative to the stand. J and r are their whitened Jacobian and residuals.
+    /// For each rest or move: Gram matrix `[J r]^T [J r]` of its independent residuals, which are the residuals
+    /// inside moves and the residuals relative to the stand. J and r are their whitened Jacobian and residuals.
     others: Vec<(Source, Mat<f64>)>,
     /// Gram matrix `[J r]^T [J r]` of the residuals of the priors.
     given: Mat<f64>,
@@ -203,9 +203,10 @@ impl Parts {
         places.flat_map(|place| [rates, means].map(|first| first + 3 * place)).flat_map(|at| at..at + 3).collect()
     }
 
-    /// Change of the parameters in a modified fit. In this fit, the errors `columns` (indices into `units`) are free,
-    /// and the independent residuals of a rest or move are omitted if `is_out` is true for it. `None` if this fit does
-    /// not determine all parameters.
+    /// Change of the parameters in a fit with held-out residuals. Residuals of norms, moves and mean rates are held
+    /// out by additional free parameters: the errors `columns` (indices into `units`). The independent residuals of a
+    /// rest or move are held out by omission if `is_out` is true for it. `None` if this fit does not determine all
+    /// parameters.
     fn without(&self, columns: &[usize], is_out: impl Fn(Source) -> bool) -> Option<Vec<f64>> {
         let (rows, n) = (self.shared.nrows(), self.kept.len());
         let mut basis: Vec<Stretch> = Vec::with_capacity(columns.len());

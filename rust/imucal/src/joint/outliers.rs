@@ -61,7 +61,7 @@ pub(crate) enum Item {
     Move(usize),
 }
 
-/// Columns of A (model.md (25)) of one rest or move that are tested together.
+/// A rest or move, and those columns of A (model.md (25)) that are tested together.
 struct Group {
     item: Item,
     columns: Vec<usize>,
@@ -85,8 +85,8 @@ enum Kind {
     Norm,
     Rate,
     Move,
-    /// Error of the mean force of a rest, which gives a wrong gravity direction and affects the moves before and after
-    /// the rest.
+    /// Error of the mean force of a rest. It changes the norm and the gravity direction of the rest, and thus also
+    /// the residuals of the moves before and after the rest.
     Mean,
 }
 
@@ -166,9 +166,9 @@ pub(crate) fn outliers(
 }
 
 /// Rests whose norm the other rests do not predict, for example the only rest on one face of a box. Only the moves
-/// predict the norm of such a rest, so the test of this norm uses the larger of the scales of norms and of moves. As in
-/// model.md (12), the design matrix of the norms is divided by the model error of a rest, and the prior is appended to
-/// it.
+/// predict the norm of such a rest. Its scale is therefore the larger of the scales of norms and of moves. The
+/// leverages are computed from the design matrix of model.md (12): the derivatives of the norms divided by the model
+/// error of a rest, and the rows of the prior.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear
@@ -179,7 +179,8 @@ fn only_moves_judge(linear: &Linear) -> Vec<Item> {
             Source::Move(_) => None,
         })
         .collect();
-    // The scale of a bias parameter is the reading at 1 g.
+    // The derivatives with respect to a bias are scaled to the reading at 1 g, those with respect to the sensitivity
+    // to the mean scale.
     let size = |p: usize| if p < 3 { STANDARD_GRAVITY_MPS2 * scale } else { scale };
     let design = Mat::from_fn(norms.len() + ACCEL.len(), ACCEL.len(), |i, p| match norms.get(i) {
         Some((_, by)) => by[p] * size(p) * LARGEST_SHIFT / REST_ERROR_MPS2,
@@ -197,15 +198,15 @@ fn log_p_value(misfit: f64, freedom: usize) -> f64 {
     if p > 1e-200 { p.ln() } else { (half - 1.0) * x.ln() - x - ln_gamma(half) }
 }
 
-/// Groups of columns to be tested together. There is one column for each norm, move and mean-rate residual, followed by
-/// three columns for the mean force of each rest.
+/// Groups of columns that are tested together. The columns are: one for each norm, move and mean-rate residual, then
+/// three for the mean force of each rest.
 fn groups(linear: &Linear) -> Vec<Group> {
     let lines = &linear.lines;
     let mut groups: Vec<Group> =
         (0..linear.moves.len()).map(|k| Group::new(Item::Move(k), Vec::new(), Kind::Move, false)).collect();
     let mut norm_of = vec![None; linear.rates.iter().map(|(k, _)| k + 1).max().unwrap_or(0)];
-    // A hand-held rest enters the adjacent moves with the gravity directions at its two ends. These moves therefore do
-    // not depend on the mean force of the rest.
+    // The gravity directions at the two ends of a hand-held rest are computed separately from the mean force. The
+    // adjacent moves therefore do not depend on the mean force of this rest.
     let mut in_moves = vec![false; norm_of.len()];
     for (row, line) in lines.iter().enumerate() {
         match line.source {
@@ -261,8 +262,8 @@ fn scale((kind, later): (Kind, bool), judged: &[(&Group, f64, usize)]) -> f64 {
     if ratios.is_empty() { 1.0 } else { median(&mut ratios).max(1.0) }
 }
 
-/// Linearised and whitened fit from which residuals can be excluded. To exclude residuals, a column of A is added as a
-/// further parameter.
+/// Linearised and whitened fit from which residuals can be excluded. A residual is excluded by a further parameter,
+/// whose derivatives are a column of A.
 pub(super) struct LeaveOut {
     /// Columns of `L^-1 A` (model.md (25)), where L is the Cholesky factor of the residual covariance C. Each is stored
     /// as the index of its first nonzero row and the values from that row on.
@@ -315,7 +316,7 @@ impl LeaveOut {
         (free > MIN_JUDGED).then(|| (self.residuals[row] / free.sqrt(), free))
     }
 
-    /// chi2 of all residuals and its degrees of freedom.
+    /// chi2 of all residuals, and its number of degrees of freedom.
     pub(super) fn whole(&self) -> (f64, usize) {
         (dot(&self.residuals, &self.residuals), self.residuals.len().saturating_sub(self.basis.len()))
     }

@@ -50,7 +50,7 @@ impl<'a> Joint<'a> {
         Self::with(prepared, terms, linear, weights)
     }
 
-    /// Problem at a linearisation, with weights from noise only.
+    /// The problem with weights from noise only, at the linearisation `linear`.
     pub(crate) fn of_noise(
         prepared: &'a Prepared<'a>,
         terms: &'a Terms<'a>,
@@ -60,7 +60,7 @@ impl<'a> Joint<'a> {
         Self::with(prepared, terms, linear, weights)
     }
 
-    /// Problem at the end of a fit, with the weights and priors of that fit.
+    /// The problem with the weights and priors with which the fit `fit` ended.
     pub(crate) fn of_fit(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, fit: &JointFit) -> Result<Self, Error> {
         let mut problem = Self::with(prepared, terms, Arc::clone(&fit.linear), fit.weights.clone())?;
         problem.hold(fit.priors.clone());
@@ -110,20 +110,20 @@ impl<'a> Joint<'a> {
         (seen != [0.0; 3]).then(|| UnitWander::of_gyroscope(seen.map(|b| b / raw)))
     }
 
-    /// Estimates the weights again from the residuals of a fit.
+    /// Replaces the weights by weights that are estimated from the residuals of the fit `found`.
     pub(crate) fn weigh_by(&mut self, found: &Solution) -> Result<(), Error> {
         let excess = self.excess_of(found, None)?;
         self.weigh_with(found, &excess)
     }
 
-    /// Excess of a fit's residuals over their noise. For the kinds of residuals in `kept`, the standard deviations are
-    /// increased even if the excess is not significant.
+    /// Excess of the residuals of the fit `found` over their noise. For the kinds of residuals in `kept`, the
+    /// standard deviations are increased even if the excess is not significant.
     pub(super) fn excess_of(&self, found: &Solution, kept: Option<&Widened>) -> Result<Widening, Error> {
         let linear = self.linear(&found.parameters)?;
         Ok(self.weights.excess(self.prepared, &linear, found, kept))
     }
 
-    /// Sets the weights that correspond to a given excess, at the end of a fit.
+    /// Sets the weights that correspond to a given excess of the residuals over noise, at the parameters `found`.
     pub(super) fn weigh_with(&mut self, found: &Solution, excess: &Widening) -> Result<(), Error> {
         let linear = self.linear(&found.parameters)?;
         self.weights = Weights::with(self.prepared, self.terms, &linear, excess);
@@ -167,9 +167,9 @@ impl<'a> Joint<'a> {
         (entries.iter().map(|e| e * e).sum::<f64>() / 3.0).sqrt()
     }
 
-    /// Whitened derivatives with respect to an individual bias at each rest, with three columns per rest. The first
+    /// Whitened derivatives with respect to a separate bias at each rest, with three columns per rest. The first
     /// matrix is for the gyroscope, the second for the accelerometer. The gyroscope bias in a move is the mean of the
-    /// biases at the two adjacent rests. Only the rows of norms, moves and mean rates are nonzero.
+    /// biases at the two adjacent rests. Only the rows of norm, move and mean-rate residuals are nonzero.
     pub(crate) fn by_biases_of_rests(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let (head, count) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let (mut gyroscope, mut accelerometer) = (Mat::zeros(head, count), Mat::zeros(head, count));
@@ -206,17 +206,17 @@ impl<'a> Joint<'a> {
         self.rows
     }
 
-    /// Whitens columns for the errors that are correlated between rests (varying biases, rounding errors, pose errors).
-    /// Without such errors, the columns are not changed.
+    /// Whitens the columns for errors that are correlated between rests: varying biases, rounding errors, pose
+    /// errors. If there are no such errors, the columns do not change.
     pub(super) fn let_wander(&self, columns: &mut Mat<f64>) {
         if let Some(wandering) = &self.wandering {
             wandering.apply(columns);
         }
     }
 
-    /// Columns of L^-1, where L is the Cholesky factor of the residual covariance. They are the changes of the whitened
-    /// residuals due to a unit error of each norm, move and mean-rate residual. Each column is stored as the index of
-    /// its first nonzero row and the values from that row on.
+    /// Columns of L^-1, where L is the Cholesky factor of the residual covariance. Column k is the change of the
+    /// whitened residuals due to a unit error of the k-th norm, move or mean-rate residual. It is stored as the index
+    /// of its first nonzero row and the values from that row on.
     pub(crate) fn whitened_units(&self, linear: &Linear) -> Vec<(usize, Vec<f64>)> {
         let head = linear.lines.len();
         let lines = (0..head).map(|row| (row, self.weights.whitening.unit(row)));
@@ -231,8 +231,9 @@ impl<'a> Joint<'a> {
         lines.chain(rates).map(white).collect()
     }
 
-    /// Whitened residuals and Jacobian. The order of the rows is: norms and moves, mean rates, force inside the moves,
-    /// residuals relative to the stand, priors of held parameters, priors of effects, priors of time constants.
+    /// Whitened residuals and Jacobian. The order of the rows is: residuals of norms and moves, mean rates, force
+    /// inside the moves, attitude relative to the stand, priors of base parameters, priors of effects, priors of time
+    /// constants.
     pub(crate) fn whitened(&self, parameters: &[f64]) -> Result<(Mat<f64>, Mat<f64>), Error> {
         Ok(self.whiten(&*self.linear(parameters)?))
     }
@@ -258,8 +259,8 @@ impl<'a> Joint<'a> {
         (rows, Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2))
     }
 
-    /// Whitened rows of norms, moves and mean rates. With encoders, they are followed by the rows inside the moves and
-    /// the rows relative to the stand.
+    /// Whitened rows of the norm, move and mean-rate residuals. With encoders, the rows inside the moves and the rows
+    /// relative to the stand follow.
     fn whiten_rows(&self, linear: &Linear) -> Lanes {
         let n = self.terms.total();
         let (head, groups) = (linear.lines.len(), linear.groups());

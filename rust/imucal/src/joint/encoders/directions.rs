@@ -30,8 +30,8 @@ const FEWEST: usize = 8;
 /// A reading has left the level if two consecutive samples deviate from the level by more than this number of standard
 /// deviations of the readings at standstill.
 const OFF: f64 = 3.0;
-/// Margin of the search for the first sample of a motion, in samples. The motion is detected n samples after the
-/// reading leaves the level. The search begins n samples plus this margin before the reading leaves the level.
+/// Margin of the search for the first sample of a motion, in samples. If the motion is detected n samples after the
+/// reading has left the level, the search begins n samples plus this margin before the reading leaves the level.
 const EARLIER: usize = 5;
 /// Angle over which the start of a motion is fitted, in multiples of the largest change at rest. For larger angles, a
 /// polynomial of fourth degree no longer describes the motion.
@@ -99,8 +99,8 @@ impl Motor {
         signs
     }
 
-    /// Estimates the first sample of a motion. The motion is detected at the end of `stretch`, and its slow start is
-    /// inside `stretch`. If `stretch` is too short for an estimate, its end is returned.
+    /// Estimates the first sample of a motion. `stretch` ends at the sample at which the motion is detected, and
+    /// contains its slow start. If `stretch` is too short for an estimate, its end is returned.
     fn start(&self, stretch: Range<usize>) -> usize {
         let (readings, clear) = (&self.readings, stretch.end);
         // The first half of `stretch` is not used because it contains the end of the previous motion.
@@ -123,14 +123,14 @@ impl Motor {
     }
 }
 
-/// Sum of squared deviations from the mean.
+/// Sum of squared deviations of the readings from their mean, before the motion starts.
 fn about_level(readings: &[f64]) -> f64 {
     let mean = readings.iter().map(|r| r - readings[0]).sum::<f64>() / readings.len() as f64 + readings[0];
     readings.iter().map(|r| (r - mean).powi(2)).sum()
 }
 
-/// Sum of squared deviations from the polynomial of a motion that starts from standstill at the first reading. The
-/// angle at the start is a free parameter.
+/// Sum of squared deviations from the fitted polynomial of a motion that starts from standstill at the first reading.
+/// The angle at the start is a free parameter, because the jump by the backlash is unknown.
 fn about_start(readings: &[f64]) -> f64 {
     let powers = |k: usize| {
         let t = k as f64 / readings.len() as f64;
@@ -187,7 +187,8 @@ mod tests {
         (0..samples).map(|i| (at(i).0 + backlash_rad * at(i).1 + noise(i), at(i).1)).unzip()
     }
 
-    /// Sum of the squared errors of the readings due to wrong signs, divided by the noise variance.
+    /// Damage done by wrong signs: the sum of the squared errors of the readings that they cause, divided by the
+    /// noise variance.
     fn harm(backlash_rad: f64) -> f64 {
         let (readings, truth) = there_and_back(backlash_rad);
         let found = Motor { readings, span: 30, still_rad: 8e-4 }.signs();

@@ -118,8 +118,8 @@ fn by_direction<T>(rows: &mut [T], blocks: usize, length: usize) -> [&mut [T]; 3
     [along, one, other]
 }
 
-/// Dot product of `direction` and a vector, added to `there`. `planes` contains the x, y and z components of the
-/// vector. Each SIMD lane is one parameter.
+/// For each SIMD lane, which is one parameter: the dot product of `direction` and a vector, added to `there`.
+/// `planes` contains the x, y and z components of the vectors.
 #[inline(always)]
 fn along_direction<S: Simd>(simd: S, direction: &Vector3<f64>, planes: [S::f64s; 3], there: S::f64s) -> S::f64s {
     let mut seen = simd.mul_add_e_f64s(simd.splat_f64s(direction.x), planes[0], there);

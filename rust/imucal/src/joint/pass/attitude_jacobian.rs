@@ -29,9 +29,9 @@ use crate::numerics::aligned::{Aligned, WIDEST};
 use crate::numerics::instructions::Instructions;
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 
-/// Accumulates the Jacobians of attitude and force inside a move, block by block. The stored values are the derivatives
-/// with the opposite sign. They are computed from the changes of the measured rate and force per unit of the parameter,
-/// which the correction subtracts.
+/// Accumulates the Jacobians of attitude and force inside a move, block by block. The stored values are the negative
+/// derivatives: they are computed from the changes of the measured rate and force per unit of the parameter, and the
+/// correction subtracts these changes.
 pub(super) struct Turns<'a> {
     route: &'a Route<'a>,
     model: &'a Model,
@@ -47,8 +47,8 @@ pub(super) struct Turns<'a> {
     /// this midpoint.
     rates: Columns<'a>,
     forces: Columns<'a>,
-    /// `next` is the first segment of the next block. `turned` is the attitude error accumulated up to the start of
-    /// this segment.
+    /// `next` is the index of the first segment of the next block. `turned` contains the attitude error of each
+    /// parameter at the start of this segment.
     next: usize,
     turned: Vec<f64>,
     /// Number of segments per block.
@@ -120,8 +120,8 @@ impl<'a> Turns<'a> {
         turns
     }
 
-    /// Computes the columns of all segments before `end` that have not been computed yet. The force columns of the base
-    /// parameters are evaluated at the propagated gravity.
+    /// Computes the columns of the segments before `end` that have not been computed yet. The force columns of the
+    /// base parameters are evaluated at the propagated gravity, which contains no noise.
     fn look_to(&mut self, end: usize) {
         let Self { route, model, freed, stretches, weights, on_rate, on_force, rates, forces, .. } = self;
         let inverse = model.gyroscope.inverse();

@@ -25,7 +25,7 @@ pub(super) struct Corrected {
     has_effects: bool,
 }
 
-/// Integration step between two samples. It contains the weights of the samples in the mean over the step.
+/// Integration step between two samples, with the weights of the samples in the mean rate over the step.
 #[derive(Clone, Copy)]
 pub(super) struct Step {
     /// Index of the sample at the start of the step.
@@ -103,7 +103,8 @@ impl Route<'_> {
         all
     }
 
-    /// One iteration: corrects the samples for the effects, with the current estimate of the angular acceleration.
+    /// One iteration: corrects the samples for the effects. The effects are evaluated with the angular acceleration
+    /// of the previous iteration.
     fn free(&self, all: &mut Corrected, model: &Model, active: &Terms<'_>) {
         let mut attitude = self.rotation_world_from_start;
         let mut settling = Settling::new(active, &model.values);
@@ -115,8 +116,8 @@ impl Route<'_> {
             around.angular_acceleration = all.slopes.get(k).copied();
             if let (Some(attitude), true) = (&mut attitude, index > self.span.first) {
                 let h = self.recording.time_s[index] - self.recording.time_s[index - 1];
-                // The corrected rate of this sample is not known yet. The effects at the previous sample are used
-                // instead.
+                // The rate of this sample is not corrected yet. Its correction is approximated by that of the
+                // previous sample.
                 *attitude *= so3::exp(&increment(&all.rate[k - 1], &(seen_rate - added_rate), h));
             }
             around.rotation_world_from_body = attitude;

@@ -135,9 +135,9 @@ impl Groups {
     }
 }
 
-/// Derivatives of attitude and force inside a move, with one state per block. The stored values are the derivatives
-/// with the opposite sign. They are computed from the changes of the measured rate and force per unit of the parameter,
-/// which the correction subtracts.
+/// Derivatives of attitude and force inside a move, with one state per block. The stored values are the negative
+/// derivatives: they are computed from the changes of the measured rate and force per unit of the parameter, and the
+/// correction subtracts these changes.
 pub(crate) struct Changes {
     /// Mean attitude error over each block, rad per unit of the parameter.
     pub(crate) turn: Planes,

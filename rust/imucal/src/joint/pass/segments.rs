@@ -24,13 +24,13 @@ pub(crate) struct Stretch {
     /// Rotation from the body frame at the midpoint to the start of the move: `v_start = attitude v_here`.
     pub(crate) attitude: Matrix3<f64>,
     pub(crate) rate: Vector3<f64>,
-    /// Change of the attitude at the midpoint if one unit is subtracted from the rate since the start of the move, s.
-    /// Column k is for the rate about body axis k.
+    /// Attitude change at the midpoint per unit of rate, s, if the rate is reduced by a constant from the start of
+    /// the move. Column k is for the rate about body axis k.
     pub(crate) turn: Matrix3<f64>,
 }
 
-/// Segments of a move, and the change of the attitude at the end of the move if one unit is subtracted from the rate
-/// (as in [`Stretch::turn`]).
+/// Segments of a move. `end` is the attitude change at the end of the move if the rate is reduced, like
+/// [`Stretch::turn`].
 pub(crate) struct MoveSegments {
     pub(crate) stretches: Vec<Stretch>,
     pub(crate) end: Matrix3<f64>,
@@ -122,8 +122,8 @@ impl Route<'_> {
         pass(rotation, turn)
     }
 
-    /// Rotation over the move, and the integrals for the Jacobian of the base parameters. The samples have been
-    /// corrected for the effects.
+    /// Rotation over the move, and the integrals for the Jacobian of the base parameters, from samples that are
+    /// already corrected for the effects.
     fn preintegrate_corrected(
         &self,
         model: &Model,
@@ -136,8 +136,8 @@ impl Route<'_> {
         let (first, last) = (span.first - reach.start, span.last - reach.start);
         let time_s = &self.recording.time_s[reach];
         let (rotation, mut sums) = preintegrate(time_s, Samples::from(&rates), first, last, &Triad::identity());
-        // The derivative with respect to the sensitivity needs the rate that still contains the effects. The
-        // contribution of the effects is therefore added to the corrected rate.
+        // The derivative with respect to the sensitivity is proportional to the rate before the correction for the
+        // effects. The change by the effects is therefore added to the corrected rate.
         for (k, weight) in weights.iter().enumerate() {
             let [on_rate, _] = self.mean_added(model, all, stretches.groups.samples(k));
             sums.add_beyond(weight, &on_rate);

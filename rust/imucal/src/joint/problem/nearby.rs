@@ -60,8 +60,8 @@ impl Joint<'_> {
         self.linear_within(parameters, None)
     }
 
-    /// Linearisation at the end of a fit. A first-order update is usually sufficient, because the last step of the fit
-    /// is small.
+    /// Linearisation at the end of a fit. A first-order update is usually accurate enough, because the last step of
+    /// the fit is small.
     pub(crate) fn linear_at_end(&self, found: &Solution) -> Result<Arc<Linear>, Error> {
         self.linear_within(&found.parameters, Some(&found.jacobian))
     }
@@ -80,8 +80,8 @@ impl Joint<'_> {
         Ok(linear)
     }
 
-    /// If only a first-order update is known at these parameters, computes the linearisation from the samples. Returns
-    /// whether it was computed.
+    /// Computes the linearisation from the samples if only a first-order update is known at these parameters. Returns
+    /// whether it was computed from the samples.
     pub(crate) fn refresh(&self, parameters: &[f64]) -> Result<bool, Error> {
         let is_moved = known(&self.nearby.last).parameters != parameters && self.moved(parameters, None)?.is_some();
         if is_moved {

@@ -119,8 +119,8 @@ impl JointFit {
             .collect();
         let scales = &problem.weights.widening.scales;
         let mut report = FitReport { inflation: scales.largest(), iterations, ..FitReport::of(&solution) };
-        // The gradient test of the last minimisation does not show whether the weights have converged. The argument
-        // `ending` does.
+        // The gradient test shows whether the last minimisation has converged, but not whether the weights have
+        // converged. If they have not, `ending` contains this reason.
         if let Some(ending) = ending.filter(|_| report.termination == Termination::Converged) {
             report.termination = ending;
         }
