@@ -1,5 +1,5 @@
-//! Quantities of the rests at given parameters. They are the mean force, the gravity direction at both ends of each
-//! move, and the change of the mean rate by the effects.
+//! Quantities of the rests at given parameters: the mean force, the gravity direction at both ends of each move, and the
+//! change of the mean rate by the effects.
 //!
 //! The true rate at rest is zero, so the effects on the force are solved first, by fixed-point iteration. The effects
 //! on the rate are then evaluated once. No catalogue effect on the force depends on the attitude, which a test of the
@@ -52,9 +52,9 @@ pub(super) struct Rests<'a> {
     mean_rates: Vec<Rate>,
 }
 
-/// The samples of a hand-held rest were propagated with an estimated gyroscope bias. This is the bias of the model
-/// minus the estimated bias, rad/s, and the derivatives of this difference with respect to the parameters of the
-/// effects. The derivative with respect to the bias parameter is `T^-1` and is not stored.
+/// Bias of the model minus the bias with which the samples of a hand-held rest were propagated, rad/s, and the
+/// derivatives of this difference with respect to the parameters of the effects. The derivative with respect to the
+/// bias parameter is `T^-1` and is not stored.
 pub(super) struct BiasError {
     pub(super) value: Vector3<f64>,
     pub(super) columns: Vec<Vector3<f64>>,
@@ -88,7 +88,7 @@ impl<'a> Rests<'a> {
         rests
     }
 
-    /// Mean change of the rate by the effects, over all rests of a recording that the fit uses.
+    /// Mean of the rate change by the effects, over all rests of a recording that the fit uses.
     fn mean_rate(&self, recording: usize) -> Rate {
         let (own, _) = self.prepared.rests_of(recording);
         let mut mean = Rate { added: Vector3::zeros(), columns: vec![Vector3::zeros(); self.on_rate.count] };
@@ -100,11 +100,11 @@ impl<'a> Rests<'a> {
         mean
     }
 
-    /// Error of the bias of a hand-held rest; `None` for a rest without tremor. The bias was estimated without effects:
-    /// it is the mean rate of the rest, shrunk towards the mean rate of all rests. If the effects of the model explain
-    /// why the mean rates differ, the estimated bias lacks a part of this difference. This missing part is the error,
-    /// and it has two contributions. The first was removed by the shrinkage. The second was interpreted as a rotation
-    /// of the hand, because the samples had been propagated with the mean bias.
+    /// Bias of the model minus the bias with which the samples of a hand-held rest were propagated; `None` for a rest
+    /// without tremor. The latter bias was estimated without effects: it is the mean rate of the rest, shrunk towards
+    /// the mean rate of all rests. If effects cause the difference between the two mean rates, the estimated bias
+    /// lacks a part of this difference for two reasons. The shrinkage removed one part. Another part was mistaken for
+    /// a rotation of the hand, because the samples had been propagated with the mean bias.
     pub(super) fn bias_error(&self, k: usize) -> Option<BiasError> {
         let UnitRest { recording, rest, propagated, .. } = &self.prepared.rests[k];
         let PropagatedMean { mean_s, bias, shrunk } = propagated.as_ref()?;

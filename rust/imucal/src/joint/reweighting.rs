@@ -37,8 +37,9 @@ impl Reweighting {
         let mut excess = problem.excess_of(found, self.kept.as_ref())?;
         let widened = excess.widened();
         if self.alternates(widened) {
-            // The significance test refers to a fit with weights from noise only, and after such a fit the excess was
-            // significant. The standard deviations of these kinds are therefore increased without a test from now on.
+            // The excess was significant in a fit with weights from noise only, for which the significance test is
+            // valid. The standard deviations of these kinds of residuals are therefore always increased from now on,
+            // without a test.
             let all = self.widened.iter().copied().chain(self.kept).fold(widened, |all, one| one.union(all));
             self.kept = Some(all);
             self.widened.clear();
@@ -56,9 +57,9 @@ impl Reweighting {
         self.widened.last().is_some_and(|last| *last != widened) && self.widened.contains(&widened)
     }
 
-    /// Excess to which the iteration is expected to converge. It is extrapolated by a secant step along the last change
-    /// (Anderson acceleration of depth one). `None` for the first fits, and unless the last two fits increased the
-    /// standard deviations of the same kinds.
+    /// Excess to which the iteration is expected to converge, extrapolated by a secant step along the last change
+    /// (Anderson acceleration of depth one). `None` for the first fits. Also `None` if the last two fits increased
+    /// the standard deviations of different kinds.
     fn extrapolated(&mut self, from: &Widening, to: &Widening) -> Option<Widening> {
         let now = [from.logarithms(), to.logarithms()];
         let before = self.last.replace(now)?;

@@ -121,8 +121,8 @@ impl Terms<'_> {
                 continue;
             }
             let count = if changes(term) { states.len() } else { 1 };
-            // All columns are stored before they are added. Reading each value immediately after it was written would
-            // be slow.
+            // All columns are stored before any of them is added, because reading a value immediately after it was
+            // written would be slow.
             for (state, one) in states[..count].iter().zip(&mut each) {
                 term.columns_at(values, state, sample, one);
             }

@@ -58,8 +58,8 @@ impl Weights {
         Self::with(prepared, terms, linear, &Widening::NONE)
     }
 
-    /// Weights before the first fit. The variances of the mean rates include their excess over noise at the
-    /// linearisation `linear`. No other standard deviation is increased.
+    /// Weights before the first fit. The variances of the mean rates include their excess over noise, computed at the
+    /// linearisation `linear`. All other standard deviations are from noise only.
     pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Linear) -> Self {
         Self::with(prepared, terms, linear, &Widening::of(prepared, linear, None, None))
     }
@@ -162,8 +162,8 @@ fn move_sigma_rad(prepared: &Prepared<'_>, model: &Model, k: usize) -> f64 {
     (own_variance(prepared, model, Source::Move(k), &Scales::NONE) + shared).sqrt()
 }
 
-/// Dependence of a residual on the errors of a rest's mean force. For each error: its index, and its standard deviation
-/// times the derivative of the residual.
+/// Dependence of a residual on the errors of a rest's mean force. Each entry contains the index of an error, and the
+/// standard deviation of this error times the derivative of the residual.
 fn share(prepared: &Prepared<'_>, rest: usize, by: &Vector3<f64>, scale: f64) -> [(usize, f64); 3] {
     let variance = prepared.rests[rest].rest.specific_force.variance_of_mean;
     [0, 1, 2].map(|axis| (3 * rest + axis, by[axis] * variance[axis].sqrt() * scale))
@@ -183,9 +183,9 @@ fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: 
             let ends: f64 = prepared.ends[k].iter().map(|end| end.own_variance).sum();
             let own = walk * walk + ends + FINEST_RAD * FINEST_RAD;
             if m.is_within_rest(prepared.rests) {
-                // The residual of the move from one epoch to the next contains the noise of both epochs' mean forces.
-                // `scales.epochs` is the ratio of the scatter of such means to their noise. The variance in excess of
-                // noise is added here.
+                // The residual of the move from one epoch to the next contains the noise of the mean forces of both
+                // epochs. `scales.epochs` is the ratio of the scatter of these means to their noise. Their noise is
+                // among the common errors (see `share`), so only the variance in excess of noise is added here.
                 let means: f64 = prepared.ends[k].iter().map(|end| end.shared_variance).sum();
                 return own + means * (scales.epochs * scales.epochs - 1.0);
             }

@@ -19,10 +19,10 @@ pub(super) const MISFIT: f64 = 5.0;
 /// Quantisation is included in the model if it increases twice the log-likelihood by more than this value. Without
 /// quantisation, random variation reaches this increase with a probability of 0.001.
 const QUANTISATION_GAIN: f64 = 10.83;
-/// If a filter has changed the noise, the highest octaves below half the sampling rate are omitted. These numbers of
-/// octaves are tried. The cosines of a window of 32 values have wide side lobes, so power that is missing at high
-/// frequencies changes all cosines of a stage. Therefore complete stages of five octaves are omitted. The first octave
-/// of the next stage is also omitted, because its values are means of filtered noise.
+/// Trial numbers of octaves to omit below half the sampling rate, if a filter has changed the noise there. The
+/// spectrum is computed in stages of five octaves. In a stage, power that is missing at high frequencies changes all
+/// cosines, because a window of 32 values has wide side lobes. Therefore one or two complete stages are omitted, and
+/// the first octave of the next stage, whose values are means of filtered noise.
 const FILTERED: [u32; 2] = [6, 11];
 /// The white noise is estimated only if a count is at most this multiple of the standard deviation of a sample, which
 /// is due to white noise and rounding. With larger counts, rounding errors depend on the signal and are not white.
@@ -116,7 +116,7 @@ impl AxisNoise {
             let estimate = model.estimate(&powers, kind, unit);
             match (is_below_lsb, kind) {
                 (false, _) => estimate,
-                // The size of a count is unknown for a constant axis, so the noise has no upper limit.
+                // For a constant axis, the size of a count is unknown, so the data give no upper limit of the noise.
                 (true, _) if is_constant => estimate.bounded(f64::INFINITY),
                 (true, WHITE) => estimate.bounded((model.rounding / rate_hz).sqrt()),
                 (true, _) => estimate.bounded(0.0),
@@ -147,8 +147,8 @@ impl AxisNoise {
 }
 
 impl Estimate {
-    /// Estimate without a value, for a value that would be meaningless. The upper end of the band is increased by
-    /// `least` (root sum square).
+    /// The estimate without its value, if the noise of the axis is below a count and the value would be meaningless.
+    /// The upper end of the band stays, and is increased by `least` (root sum square).
     fn bounded(self, least: f64) -> Self {
         Self { value: None, std: None, low: 0.0, high: self.high.hypot(least) }
     }

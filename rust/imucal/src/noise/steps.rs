@@ -247,7 +247,8 @@ mod tests {
 
     const RATE_HZ: f64 = 50.0;
     const DURATION_S: f64 = 600.0;
-    /// Noise density of all axes. The standard deviation of a sample is seven times this number.
+    /// Two-sided noise density of all axes, per sqrt(Hz). At 50 Hz, the standard deviation of a sample is sqrt(50) =
+    /// 7 times this number.
     const DENSITY: f64 = 1e-3;
 
     fn still(instability: f64, walk: f64, seed: u64) -> Simulation {

@@ -50,7 +50,7 @@ impl Aligned {
 }
 
 impl Clone for Aligned {
-    /// Aligns the copy again. A plain copy of the buffer may have a different position relative to cache lines.
+    /// Copies the values to an aligned position. A plain copy of the buffer would not start at a cache line.
     fn clone(&self) -> Self {
         let mut copy = Self::zeros(self.len);
         copy.copy_from_slice(self);

@@ -16,23 +16,23 @@ use crate::rests::moves::{Move, rows_across};
 use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
 
-/// This limit, in quantisation steps, defines the quiet ends of a move. At a quiet end, the rate of an axis differs
-/// from the mean rate at the adjacent rest by less than this limit. The rounding error of the rate is then assumed to
-/// be that of the rest. In simulated moves, the computed rotation error agrees best with the true error at a limit of
-/// 0.8 steps, for filter bandwidths from 5 to 40 Hz.
+/// Limit that defines the quiet ends of a move, in quantisation steps. At a quiet end, the rate of an axis differs
+/// from the mean rate at the adjacent rest by less than this limit, and its rounding error is assumed to be that of
+/// the rest. In simulated moves, the computed rotation error agrees best with the true error at a limit of 0.8 steps,
+/// for filter bandwidths from 5 to 40 Hz.
 const QUIET: f64 = 0.8;
-/// Standard deviation of the error that the mean rates of all epochs of a long rest have in common, because the epochs
-/// have one pose, rad/s. It is 0.1 deg/s, the effect of 1 g on a consumer gyroscope (g-sensitivity). With this error,
-/// the later epochs determine only changes of the bias.
+/// Standard deviation of the error that the mean rates of the second and later epochs of a long rest have in common,
+/// because they have one pose, rad/s. It is 0.1 deg/s, the effect of 1 g on a consumer gyroscope (g-sensitivity).
+/// With this error, the later epochs determine only changes of the bias.
 const POSE_ERROR_RADPS: f64 = 1.7e-3;
 
 /// Second whitening of the residuals of norms, moves and mean rates. It accounts for three covariances: that of biases
 /// that vary between rests (model.md (28)), that of rounding errors in the means of the rests (model.md (37)), and that
 /// of the pose errors of long rests (model.md (41)).
 pub(crate) struct Wandering {
-    /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the biases and errors. D contains the derivatives
-    /// of the whitened residuals with respect to the bias at each rest, and with respect to the errors of its mean rate
-    /// and mean force.
+    /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the errors: the bias at each rest, and the
+    /// rounding errors of its mean rate and mean force. D contains the derivatives of the whitened residuals with
+    /// respect to these errors.
     factor: Mat<f64>,
 }
 
@@ -84,14 +84,14 @@ impl Wandering {
         Ok(Some(Self { factor: factor.L().to_owned() }))
     }
 
-    /// Whitens the rows of norms, moves and mean rates of a matrix.
+    /// Whitens those rows of a matrix that belong to residuals of norms, moves and mean rates.
     pub(crate) fn apply(&self, matrix: &mut Mat<f64>) {
         let head = matrix.as_ref().subrows(0, self.factor.nrows()).to_owned();
         let white = self.solved(&head);
         matrix.as_mut().subrows_mut(0, self.factor.nrows()).copy_from(&white);
     }
 
-    /// Whitens the rows of norms, moves and mean rates of a matrix that is stored row by row.
+    /// Whitens those rows, of a matrix stored row by row, that belong to residuals of norms, moves and mean rates.
     pub(crate) fn apply_to_rows(&self, rows: &mut Lanes) {
         let (count, width) = (self.factor.nrows(), rows.width());
         let head = Mat::from_fn(count, width, |row, place| rows.row(row)[place]);
@@ -150,7 +150,7 @@ impl Joint<'_> {
     /// have in common.
     fn share_poses(&self, linear: &Linear, covariance: &mut Mat<f64>) {
         let variance = (POSE_ERROR_RADPS * self.raw_scale(Sensor::Gyroscope, &linear.model.parameters())).powi(2);
-        // The bias may also drift between the first epoch and the later epochs.
+        // The common error also contains the drift of the bias between the first epoch and the later epochs.
         let variance = Matrix3::from_diagonal(&Vector3::from(self.weights.epoch_rates().map(|drift| variance + drift)));
         let later: Vec<(usize, usize)> = linear
             .rates
@@ -198,9 +198,8 @@ impl Joint<'_> {
     /// Derivatives of the whitened residuals with respect to rounding errors. The first matrix is for the rounding
     /// errors of the mean rates, the second for those of the mean forces. Each rest has three columns.
     ///
-    /// These errors are also multiplied by the factors on the standard deviations of norms and moves. Otherwise, the
-    /// whitened residuals would hardly depend on these factors if rounding is the dominant error, and the factors would
-    /// not converge.
+    /// These errors are multiplied by the same factors as the noise of norms and moves. Otherwise, a factor would
+    /// hardly change the whitened residuals if rounding is the dominant error, and the factors would not converge.
     fn by_rounding(&self, linear: &Linear, rows: usize) -> [Mat<f64>; 2] {
         let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let scales = &self.weights.widening.scales;

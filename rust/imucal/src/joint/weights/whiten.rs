@@ -14,8 +14,8 @@ use pulp::{Simd, WithSimd};
 
 use crate::numerics::instructions::Instructions;
 
-/// Dependence of one residual on errors that also affect other residuals. For each error: its index, and its standard
-/// deviation times the derivative of the residual.
+/// Dependence of one residual on errors that also affect other residuals. Each entry contains the index of an error,
+/// and the standard deviation of this error times the derivative of the residual.
 pub(crate) type Shares = Vec<(usize, f64)>;
 
 /// Lower Cholesky factor L of a covariance. Each row is stored from its first nonzero entry on.
@@ -28,8 +28,8 @@ impl Whitening {
     /// `own` contains the variance of the independent error of each residual, which must be positive. `shares` contains
     /// the dependence of each residual on the common errors.
     pub(crate) fn new(own: &[f64], shares: &[Shares], error_count: usize) -> Self {
-        // For each error: the first residual that depends on it. The nonzero entries of row i begin at the first
-        // residual that has an error in common with residual i.
+        // `first_row_of` contains, for each error, the first residual that depends on it. Row i of the factor begins
+        // at the first residual that has an error in common with residual i.
         let mut first_row_of = vec![usize::MAX; error_count];
         let mut rows: Vec<(usize, Vec<f64>)> = Vec::with_capacity(own.len());
         for (i, seen) in shares.iter().enumerate() {

@@ -57,7 +57,7 @@ pub(in crate::joint) struct Widened {
 }
 
 impl Widened {
-    /// Kinds of residuals whose standard deviations are increased in `self`, in `other`, or in both. The flag for bias
+    /// Kinds of residuals whose standard deviations are increased in `self` or in `other`. The flag for bias
     /// instability is that of `other`.
     pub(in crate::joint) fn union(self, other: Self) -> Self {
         let either = |(a, b): (bool, bool)| a || b;
@@ -190,8 +190,8 @@ fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], ke
 fn rates_of(prepared: &Prepared<'_>, linear: &Linear, axis: usize, later: bool) -> (Vec<f64>, Vec<f64>) {
     let rounding = |k: usize| prepared.rests[k].rest.angular_rate.rounding[axis].error_variance;
     let of_rest = |(k, lines): &(usize, [Line; 3])| {
-        // Rests with equal readings have equal rounding errors. The variance of the rounding error is therefore an
-        // upper bound of its variance between rests.
+        // Rests with equal readings have equal rounding errors, which do not scatter between rests. The variance of
+        // the rounding error is therefore an upper limit of its scatter.
         let covariance = rate_covariance(prepared, &linear.model, *k);
         (lines[axis].residual, covariance[(axis, axis)] + rounding(*k))
     };

@@ -80,9 +80,9 @@ pub(super) struct Stencil {
 struct Even {
     /// The polynomial as a function of the means over the boxes.
     polynomial: Polynomial,
-    /// The slope at the middle sample is the sum of the means over the boxes times these weights.
+    /// The slope at the middle sample is the sum of these weights times the means over the boxes.
     weights: [f64; BOXES],
-    /// The same slope is the sum of the cumulative sums at the edges of the boxes times these weights.
+    /// The same slope is also the sum of these weights times the cumulative sums at the edges of the boxes.
     edges: Edges,
 }
 
@@ -176,8 +176,8 @@ impl Stencil {
         self.stride as f64 * self.steps.interval_s
     }
 
-    /// Means over each box (columns) of the powers (rows) of the time since sample `k`, in box widths. The boxes begin
-    /// at sample `first`. If there are fewer than five boxes, the polynomial has a lower degree.
+    /// Means over each box (columns) of the powers 0, 1, 2, ... (rows) of the time since sample `k`, in box widths.
+    /// The boxes begin at sample `first`. If there are fewer than five boxes, the polynomial has a lower degree.
     fn powers(&self, time_s: &[f64], k: usize, first: usize) -> Polynomial {
         let mut powers = Polynomial::identity();
         for (j, mut column) in powers.column_iter_mut().enumerate().take(self.boxes) {
@@ -249,8 +249,8 @@ struct Run {
     edges: Edges,
 }
 
-/// For each axis, the sum of squares of the difference between the slopes of two stencils, of which the first is wider.
-/// The second result is the number of samples at which no value is missing.
+/// The first result is, for each axis, the sum of squares of the difference between the slopes of two stencils, of
+/// which the first is wider. The second result is the number of samples at which no value is missing.
 struct Squares<'a> {
     sums: &'a Sums,
     runs: &'a [Run; 2],

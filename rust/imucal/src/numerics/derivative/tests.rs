@@ -21,7 +21,7 @@ fn sine(frequency_hz: f64, seed: u64) -> (Vec<f64>, Vec<Vector3<f64>>, Vec<Vecto
     (time_s.clone(), rates.collect(), slopes.collect())
 }
 
-/// Root mean square error of the derivative, and the relative amount by which it is too small.
+/// Root mean square error of the derivative, and the relative amount by which the derivative is too small.
 fn errors(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> (f64, f64) {
     let of = |product: fn(&Vector3<f64>, &Vector3<f64>) -> f64| -> f64 {
         found.iter().zip(truth).map(|(found, truth)| product(found, truth)).sum()
@@ -33,7 +33,8 @@ fn errors(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> (f64, f64) {
 
 #[test]
 fn noise_goes_as_far_as_the_motion_allows() {
-    // Slow motion permits stronger smoothing than fast motion. The truncation error is below 0.2 %.
+    // `times_less` is the minimum factor by which smoothing reduces the rms error of the derivative. Slow motion
+    // permits more smoothing than fast motion. The truncation error is below 0.2 %.
     for (frequency_hz, times_less) in [(0.3, 80.0), (1.0, 25.0), (5.0, 4.0)] {
         let (time_s, rates, truth) = sine(frequency_hz, 1);
         let neighbours = errors(&Derivative::narrow(&time_s).of(&rates), &truth);
