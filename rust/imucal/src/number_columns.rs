@@ -166,7 +166,7 @@ impl Growing {
     fn reals(&mut self) -> &mut Vec<f64> {
         if let Column::Whole(values) = &self.numbers {
             let mut reals: Vec<f64> = Vec::with_capacity(values.capacity());
-            #[allow(clippy::cast_precision_loss)] // The conversion rounds to the nearest f64, as parsing the text would.
+            #[allow(clippy::cast_precision_loss)] // Rounds to the nearest f64, as parsing the text would.
             reals.extend(values.iter().map(|&value| value as f64));
             for row in self.negative_zeros.drain(..) {
                 reals[row] = -0.0;

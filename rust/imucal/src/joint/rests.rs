@@ -1,5 +1,5 @@
-//! Quantities of the rests at given parameters: the mean force, the gravity direction at both ends of each move, and the
-//! change of the mean rate by the effects.
+//! Quantities of the rests at given parameters: the mean force, the gravity direction at both ends of each move, and
+//! the change of the mean rate by the effects.
 //!
 //! The true rate at rest is zero, so the effects on the force are solved first, by fixed-point iteration. The effects
 //! on the rate are then evaluated once. No catalogue effect on the force depends on the attitude, which a test of the
