@@ -105,8 +105,8 @@ impl<'a> Samples<'a> {
         self.iter().map(move |row| row[axis])
     }
 
-    /// Calls `each` with the values of one axis for every pair of consecutive samples. The number type is selected once
-    /// instead of for each sample.
+    /// Calls `each` with every pair of consecutive values of one axis. The number type is selected once for all
+    /// pairs, instead of once for each pair.
     #[inline(always)]
     pub(crate) fn neighbours(self, axis: usize, each: impl FnMut(f64, f64)) {
         match self {

@@ -25,9 +25,9 @@ use statrs::function::erf::erfc;
 /// Standard deviation of rounded samples above which rounding needs no treatment, in steps. The noise is then above
 /// 0.58 steps, the rounding error of a mean is below 3e-4 steps, and the variance of the samples includes q^2 / 12.
 pub(crate) const LEAST_SCATTER: f64 = 0.65;
-/// Distance between two readings at which the Gaussian factor of the correlation of their errors is exp(-1/2), in
-/// steps. The correlation is this factor times the cosine in the formula for cov(d_k, d_l). Errors of readings that are
-/// more than a step apart count as independent, because their phases are not known accurately.
+/// Distance between two readings, in steps, at which the factor exp(-2 D^2) of the correlation cov(d_k, d_l) of their
+/// errors is exp(-1/2). Errors of readings that are more than a step apart count as independent, because the phase of
+/// the cosine is then not known accurately.
 const CORRELATED: f64 = 0.5;
 /// Smallest and largest trial standard deviation of the noise, in steps. With the smallest, nearly all samples of a
 /// rest are equal. With the largest, rounding causes no error of the mean.
@@ -41,7 +41,8 @@ const REACH: f64 = 0.75;
 /// The likelihood is negligible if its logarithm is more than this amount below the maximum.
 const NEGLIGIBLE: f64 = 12.0;
 /// Standard deviation of the prior of ln(a / b), where a and b are the standard deviations of the noise of two axes.
-/// With a smaller value, the levels of one axis have more influence on the estimated noise of another axis.
+/// The prior states that the axes have similar noise. With a narrower prior, the levels of one axis have more
+/// influence on the estimated noise of another axis.
 const SIMILAR: f64 = 0.3;
 /// Maximum relative difference between two quantisation steps that count as equal.
 const EQUAL_STEPS: f64 = 1e-3;
@@ -131,8 +132,8 @@ impl Rounding {
         self.error_variance > 0.0
     }
 
-    /// Whether the rounding error of a mean exceeds 3 % of a step. The errors of short means of a slowly varying force
-    /// are then not white noise.
+    /// Whether the rounding error of a mean exceeds 3 % of a step. Means over short intervals of a slowly varying
+    /// force then have correlated rounding errors, which are not white noise.
     pub(crate) fn is_not_white_in_moves(&self) -> bool {
         self.error_variance > (0.03 * self.step).powi(2)
     }

@@ -25,8 +25,8 @@ pub struct FitReport {
     pub chi2: f64,
     /// Number of residuals minus number of parameters.
     pub degrees_of_freedom: usize,
-    /// Factor by which the standard deviations of the parameters are increased. It exceeds 1 only if chi2 is
-    /// significantly larger than noise explains. The excess must be at least three standard deviations of chi2.
+    /// Factor by which the standard deviations of the parameters are increased. It exceeds 1 only if chi2 is above
+    /// its expected value by more than three standard deviations, so that noise does not explain the residuals.
     pub inflation: f64,
     /// Number of iterations of the solver.
     pub iterations: u64,
@@ -40,8 +40,8 @@ impl FitReport {
     /// The report of one minimisation.
     pub(crate) fn of(solution: &Solution) -> Self {
         let degrees_of_freedom = solution.residuals.nrows().saturating_sub(solution.parameters.len());
-        // chi2 / dof has a standard deviation of sqrt(2 / dof). If every value above one increased the standard
-        // deviations of the parameters, they would be too large on average.
+        // chi2 / dof has a standard deviation of sqrt(2 / dof). An increase for every value above one would make the
+        // standard deviations of the parameters too large on average.
         let reduced = solution.chi2 / degrees_of_freedom.max(1) as f64;
         let predicted_decrease = predicted_decrease(&solution.residuals, &solution.jacobian);
         let passes = predicted_decrease <= LARGEST_DECREASE * reduced.max(1.0);
@@ -57,7 +57,8 @@ impl FitReport {
             termination: match solution.termination {
                 Termination::NotFinite => Termination::NotFinite,
                 _ if passes => Termination::Converged,
-                // The steps are negligible only because of the damping.
+                // The step is negligible only because of strong damping. The gradient shows that the optimum is not
+                // reached.
                 Termination::Converged => Termination::Stalled,
                 other => other,
             },

@@ -73,7 +73,8 @@ impl Solution {
 /// limit. Both are scaled by the column norms of the Jacobian. If the model describes the data, the remaining error is
 /// smaller than the last step by orders of magnitude.
 pub(crate) const EXACT: f64 = 1e-10;
-/// A start value has converged if the relative length of the step (see [`EXACT`]) is below this limit.
+/// A fit that only gives a start value has converged if the relative length of the step (see [`EXACT`]) is below this
+/// limit.
 pub(crate) const ROUGH: f64 = 1e-3;
 /// Maximum number of iterations of a fit. It is far above the number that a convergent fit needs.
 pub(crate) const ITERATION_LIMIT: u64 = 200;
@@ -300,7 +301,7 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
         let negligible = self.length(&step) <= self.tolerance * self.length(&current);
         let trial: Vec<f64> = current.iter().zip(&step).map(|(p, h)| p + h).collect();
         if negligible {
-            // The residuals would change only by rounding errors, so they are not evaluated again.
+            // A step this short would change the residuals only by rounding errors, so they are not computed again.
             self.termination = Some(Termination::Converged);
             return Ok((state.param(trial).cost(self.chi2), None));
         }

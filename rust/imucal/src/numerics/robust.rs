@@ -17,7 +17,8 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
     (0..residuals.nrows() / size)
         .map(|item| {
             let rows = item * size..(item + 1) * size;
-            // With a leverage near one, the fit reproduces any value of the measurement, so the residual is not tested.
+            // If the leverage is near one, the fit reproduces any value of the measurement. The residual then tests
+            // nothing and counts as zero.
             rows.map(|row| {
                 let free = (1.0 - hat_rows[row]).max(0.0);
                 if free > 0.05 { residuals[(row, 0)].powi(2) / free } else { 0.0 }
@@ -28,9 +29,9 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
         .collect()
 }
 
-/// The item with the largest score; `None` if it is not an outlier. Scores are divided by a scale and then compared
-/// with the limit. The scale is the median score divided by its expected median for normally distributed errors, and at
-/// least one.
+/// The item with the largest score; `None` if it is not an outlier. Each score is divided by a common scale before it
+/// is compared with the limit. The scale is the median score divided by the median expected for normally distributed
+/// errors, and at least one.
 pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
     // Median of the score for normal errors. The score is |z| for one residual, and the square root of chi2 for two.
     let median_of_clean = if size == 1 { MEDIAN_SIZE } else { 1.177_410_02 };

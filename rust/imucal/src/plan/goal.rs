@@ -30,13 +30,13 @@ impl Goal {
         match self {
             Self::MostIn { .. } => Some(-log_determinant(information, prior)? / prior.len() as f64),
             Self::ShortestTo { .. } => {
-                // The p-norm approximates the largest ratio of a variance to its target variance. It also decreases if
-                // one of the other ratios decreases.
+                // The p-norm approximates the largest ratio of a variance to its target variance. Unlike the maximum,
+                // it also decreases if one of the smaller ratios decreases.
                 let shares = self.shares(information, prior)?;
                 let worst = shares.iter().map(|share| share.powf(NORM_ORDER)).sum::<f64>().powf(1.0 / NORM_ORDER);
-                // A variance is inversely proportional to the duration of the program. With weight 2, a missed target
-                // costs more than the time needed to reach it. With weight 1/2, a variance below its target reduces the
-                // cost by less than the additional time increases it.
+                // A variance is inversely proportional to the duration of the program. With weight 2, missing a
+                // target costs more than the time needed to reach it. With weight 1/2, time spent on reducing a
+                // variance below its target costs more than it gains.
                 let weight = if worst > 1.0 { 2.0 } else { 0.5 };
                 Some(duration_s.ln() + weight * worst.ln())
             }

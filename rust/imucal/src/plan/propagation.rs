@@ -23,12 +23,12 @@ const STEPS: usize = 32;
 pub(super) struct RestInformation {
     force: [Vec<f64>; 3],
     rate: [Vec<f64>; 3],
-    /// Variances of the rounding errors of the mean force and of the mean rate. Each is divided by the white-noise
-    /// variance of the mean over one second.
+    /// Variances of the rounding errors of the mean force and of the mean rate, divided by the white-noise variances
+    /// of these means over one second.
     rounding: [f64; 2],
-    /// Propagation of the gravity direction over half of [`HELD_S`]; `None` for a rest on a stand. The mean force of an
-    /// interval of a hand-held rest observes the gravity direction at the middle of the interval. The filter therefore
-    /// propagates the direction to the middle, adds the force, and propagates the direction to the end.
+    /// Propagation of the gravity direction over half of [`HELD_S`]; `None` for a rest on a stand. The mean force
+    /// over an interval of a hand-held rest measures the gravity direction at the middle of the interval. The filter
+    /// therefore propagates the direction to the middle, adds the force, and propagates the direction to the end.
     half_interval: Option<Propagation>,
 }
 
@@ -62,9 +62,9 @@ impl RestInformation {
         }
     }
 
-    /// Adds the information of a rest of this duration, s. `rests` is the number of all rests. The gyroscope has the
-    /// same reading at all rests, so all rests have the same rounding error. The rounding variance of each rest is
-    /// therefore multiplied by `rests`.
+    /// Adds the information of a rest of this duration, s. `rests` is the number of all rests. The rounding error of
+    /// the rate is equal at all rests, because the gyroscope has the same reading at all of them, so it is not
+    /// averaged over the rests. The rounding variance of each rest is therefore multiplied by `rests`.
     pub(super) fn add_to(&self, filter: &mut InformationFilter, duration_s: f64, rests: usize) {
         let Some(half) = &self.half_interval else {
             let [force, rate] = self.rounding;

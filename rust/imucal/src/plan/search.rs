@@ -21,8 +21,8 @@ use crate::simulate::Program;
 
 /// Initial numbers of poses, one for each start of the search. The search can add and remove poses.
 const STARTS: [usize; 4] = [8, 16, 32, 64];
-/// Divisor of the number of proposals. Each start of the search has the number of proposals divided by this value. The
-/// start with the best result then has all remaining proposals.
+/// Divisor of the number of proposals. Each start of the search has the number of proposals divided by this value.
+/// All remaining proposals then improve the best result.
 const SHARE_OF_START: usize = 16;
 /// Annealing temperature at the start of the search. The cost of a program is a logarithm, so the temperature has no
 /// unit. An increase of the cost by this temperature is accepted with a probability of about one third.
@@ -227,8 +227,8 @@ impl Annealing<'_> {
         }
     }
 
-    /// Scales the holds to the shortest duration that reaches the goal. Returns the program and whether the goal is
-    /// reached.
+    /// Multiplies all holds by the smallest common factor with which the program reaches the goal. A hold does not
+    /// become shorter than its minimum duration. Returns the program and whether it reaches the goal.
     fn just_enough(&self, trial: Trial) -> (Trial, bool) {
         let scene = self.scene;
         let shortest = scene.shortest_hold_s();

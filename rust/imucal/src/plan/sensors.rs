@@ -166,8 +166,7 @@ impl Sensors {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::Time))
     }
 
-    /// Ratio of the reading at this body rate to the usable range of the gyroscope. If it is above 1, the rate is too
-    /// fast.
+    /// Ratio of the reading at this body rate to the usable range of the gyroscope. Above 1, the gyroscope saturates.
     pub(super) fn too_fast(&self, rate: &Vector3<f64>) -> f64 {
         let reading = self.gyroscope * rate;
         let share = |axis: usize| {

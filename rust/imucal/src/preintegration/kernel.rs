@@ -13,7 +13,7 @@ const TILE: usize = STEPS_OF_A_NODE / 2;
 /// Memory is prefetched this number of samples before it is used.
 const AHEAD: usize = 64;
 
-/// Block of consecutive samples. Each lane processes an equal part of the block.
+/// Block of consecutive samples. Each lane of a SIMD register processes an equal part of the block.
 #[derive(Clone, Copy)]
 pub(super) struct Block<'a> {
     /// Raw samples. A block of n steps has n + 1 samples. With cubic interpolation, it has n + 3 samples: one
@@ -24,9 +24,9 @@ pub(super) struct Block<'a> {
     pub(super) map: &'a Map,
 }
 
-/// Linear map from raw readings to rates, in a frame in which its matrix is upper triangular. The triangular form saves
-/// a third of the multiplications. Rates are in rad/s. If time steps are equal, they are multiplied by a sixth of the
-/// time step.
+/// Linear map from raw readings to rates, in a frame in which its matrix is upper triangular. The triangular form
+/// saves a third of the multiplications. The rates are in rad/s. If time steps are equal, the rates are also
+/// multiplied by a sixth of the time step.
 #[derive(Clone, Copy)]
 pub(super) struct Map {
     pub(super) upper: Matrix3<f64>,
@@ -99,8 +99,8 @@ impl Block<'_> {
             std::array::from_fn(|l| self.stamps_s.map_or(&[][..], |stamps| &stamps[first(l)..first(l) + samples]));
         let map = LaneMap::new(simd, self.map);
 
-        // Number of samples that are read before the first step. They are all samples up to the start of this step.
-        // With cubic interpolation, the sample at the end of this step is also read.
+        // Number of samples that are read before the first step: all samples up to the start of this step and, with
+        // cubic interpolation, the sample at its end.
         let known = samples - steps;
         let (zero, half) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 0.5));
         let mut run: LaneState<S> = LaneState::new(simd);

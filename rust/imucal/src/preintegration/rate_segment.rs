@@ -20,8 +20,8 @@ pub enum SampleTimes<'a> {
 }
 
 impl<'a> SampleTimes<'a> {
-    /// `Even` if the time stamps deviate from equal steps only by rounding, otherwise `Stamps`. The rounding of stamps
-    /// then does not affect the integral.
+    /// `Even` if the time stamps deviate from equal steps only by rounding, otherwise `Stamps`. With equal steps, the
+    /// rounding of the stamps does not affect the integral.
     pub fn of(stamps_s: &'a [f64]) -> Self {
         let (Some(first), Some(last)) = (stamps_s.first(), stamps_s.last()) else { return Self::Stamps(stamps_s) };
         let interval_s = Self::Stamps(stamps_s).mean_interval_s();
@@ -247,9 +247,9 @@ impl<'a> RateSegment<'a> {
     fn all_sums(&self, all: &Increment, axes: &Matrix3<f64>) -> Sums {
         let (by_time, by_turn) = self.units_of_sums();
         let [bias, mut by_rate @ ..] = all.sums;
-        // The remaining sums are computed from R' = R [w]x, where R is the rotation, R' its derivative with respect to
-        // time, and w the rate. For two columns of R, multiply each column by the rate component of the other column.
-        // The difference of the two sums is the change of the third column.
+        // The remaining sums are computed from R' = R [w]x, where R is the rotation, R' its derivative with respect
+        // to time, and w the rate. For example, the derivative of the first column of R is R_y w_z - R_z w_y, so the
+        // difference of the two sums is the change of the first column over the segment.
         let turned = (all.rotation.to_rotation_matrix().matrix() - Matrix3::identity()) / by_turn;
         for (c, j, sign, across) in [(1, 0, -1.0, 2), (2, 0, 1.0, 1), (2, 1, -1.0, 0)] {
             let column = by_rate[c].column(j) + turned.column(across) * sign;

@@ -31,11 +31,13 @@ const N: f64 = STEPS_OF_A_NODE as f64;
 pub(super) const SECOND: f64 = (1.0 + 2.0 / (N * N)) / 24.0;
 /// Ratio b / a of the coefficients of W.
 const FOURTH: f64 = (1.0 / 1920.0 + 1.0 / (288.0 * N * N) - 1.0 / (720.0 * N * N * N * N)) / SECOND;
-/// Coefficient that would replace b / a if D were only the difference between the sums over the two halves of a node.
+/// Value that the coefficient b / a would have if D contained only the difference between the sums over the two
+/// halves of a node.
 const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
-/// Coefficient that would replace b / a if D were only the difference between the samples at the two ends of a node.
+/// Value that the coefficient b / a would have if D contained only the difference between the samples at the two ends
+/// of a node.
 const OF_ENDS: f64 = 1.0 / 24.0;
-/// Weight, in D, of the difference between the end samples. With this weight, the coefficient of D has the value b / a.
+/// Weight, in D, of the difference between the end samples, chosen so that the coefficient of D has the value b / a.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
 /// Factor, in D, of the difference between the sums over the two halves of a node. It is for rates that are multiplied
 /// by a sixth of the time step.

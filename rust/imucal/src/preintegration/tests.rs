@@ -140,7 +140,7 @@ impl Samples<'_> {
     }
 
     /// For each instruction set: the largest error of the rotation, rad, and of the sums, rad and s. If `by_nodes` is
-    /// set, the reference sums are computed over the same nodes, otherwise sample by sample.
+    /// true, the reference sums are computed over the same nodes, otherwise sample by sample.
     fn errors(&self, by_nodes: bool) -> Vec<(Instructions, f64, f64)> {
         let error = |instructions: Instructions| {
             let at_nodes = if by_nodes { self.steps_at_nodes(instructions) } else { 0 };

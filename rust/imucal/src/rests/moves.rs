@@ -187,8 +187,9 @@ pub(crate) struct End {
 }
 
 impl Directions<'_> {
-    /// The gravity directions and the standard deviation of each move. The second result is the part of each standard
-    /// deviation that is not due to the means of the rests, rad. This part is independent between moves.
+    /// The gravity directions at the ends of each move, and the standard deviation of its residual. The second result
+    /// is the part of each standard deviation that is not due to the means of the rests, rad. This part is
+    /// independent between moves.
     pub(crate) fn ends_of(&self, moves: &[Move]) -> (Vec<Ends>, Vec<f64>) {
         moves
             .iter()
@@ -206,8 +207,8 @@ impl Directions<'_> {
 
     /// Readings of gravity at the start and at the end of a move.
     ///
-    /// `sensors_drift` states that a drift of the sensors can explain a changing mean force. Only the gyroscope then
-    /// determines whether a rest is hand-held.
+    /// `sensors_drift` states that a drift of the sensors may explain a changing mean force. Whether a rest is
+    /// hand-held is then determined from the gyroscope only.
     pub(crate) fn readings(&self, m: &Move, sensors_drift: bool) -> [End; 2] {
         let steady = |k: usize| {
             let UnitRest { recording, rest, .. } = &self.rests[k];
@@ -216,8 +217,8 @@ impl Directions<'_> {
         [self.reading(m.from, true, steady(m.from)), self.reading(m.to, false, steady(m.to))]
     }
 
-    /// Whether rest `k` is hand-held according to the gyroscope. It is hand-held if the scatter of the rates within
-    /// 0.1 s exceeds the noise.
+    /// Whether the gyroscope shows that the unit is hand-held at rest `k`. The scatter of its rates within 0.1 s then
+    /// exceeds its noise.
     fn trembles(&self, k: usize) -> bool {
         let UnitRest { recording, rest, .. } = &self.rests[k];
         let rates = self.recordings[*recording].angular_rate.part(rest.first..rest.end);
@@ -257,8 +258,8 @@ impl Directions<'_> {
         }
         let (force, scatter, span_s) = self.tremor_free(k, at_end);
         let walk = random_walk_rad(&self.noise[*recording].angular_rate, self.gyroscope.inverse(), span_s);
-        // A random walk that is zero at one end of a span has a variance at the other end. The mean over the span has a
-        // third of this variance.
+        // The error of the rotation is a random walk that is zero at this end of the rest and grows with the distance
+        // in time. Its mean over the span has a third of the variance at the other end of the span.
         let raw = self.accelerometer.measure(force);
         End { raw, steady: false, shared_variance: 0.0, own_variance: scatter + walk * walk / 3.0 + rounding }
     }

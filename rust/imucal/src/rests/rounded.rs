@@ -13,9 +13,9 @@ use crate::recording::{RawUnit, Recording, Samples};
 use crate::rests::rest::Rest;
 use crate::rounding::{Levels, Rounding};
 
-/// The samples of neighbouring readings are pooled if the readings differ by less than this number of quantisation
-/// steps. Readings are sorted in ascending order. The gyroscope has nearly equal readings at all rests. If they were
-/// treated as separate means, a wide transition between two levels, and thus large noise, would seem too likely.
+/// Rests whose mean readings differ by less than this number of quantisation steps are pooled, in ascending order of
+/// their readings. The gyroscope has nearly equal readings at all rests. Treated as separate means, they would
+/// suggest a wide transition between two levels, and thus too much noise.
 const SAME_READING: f64 = 0.15;
 /// A level that is more than 1.5 steps from the mean is omitted if it has at most this share of the samples. Its
 /// samples are due to a jolt or a transmission error, and a single such sample would dominate the estimated noise.
@@ -63,9 +63,9 @@ pub(super) fn roundings(
     [a, b, c, d, e, f]
 }
 
-/// Rounding of the six channels at one rest. If all samples of a force channel have the same level, its reading does
-/// not determine its rounding error. The rounding error of a rate channel is determined, because the true rate is zero
-/// at every rest.
+/// Rounding of the six channels at one rest. If all samples of an accelerometer channel have the same level, its
+/// reading does not determine its rounding error. The reading of a gyroscope channel always determines the rounding
+/// error, because the true rate is zero at every rest.
 pub(super) fn at_rest(recording: &Recording<'_>, rest: &Rest, roundings: &[Rounding; 6]) -> [Rounding; 6] {
     std::array::from_fn(|channel| {
         let (rows, axis) = of_channel(recording, channel);

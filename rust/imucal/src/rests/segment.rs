@@ -105,7 +105,8 @@ impl Segments {
         };
         let (statistic, floor, coarse) = window_statistic(variances, &(steps / averaged.sqrt()), step_of);
         let threshold = choose_threshold(&statistic, min_blocks);
-        // Without an accelerometer, the gravity direction cannot be checked. An infinite gravity disables the check.
+        // Without an accelerometer, a tilt of gravity cannot be detected. With an infinite magnitude of gravity,
+        // every interval passes this check.
         let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };
         let block_s = block_samples as f64 * dt_s;
         // At very low sampling rates, a block may last minutes. A lower limit of the number of blocks is therefore
@@ -280,7 +281,7 @@ fn mean_temperature(degc: &[f64]) -> Option<f64> {
     (count > 0).then(|| known().sum::<f64>() / count as f64)
 }
 
-/// For each interval at rest, in blocks: the range from the end of the previous interval to the start of the next
+/// For each interval at rest: the range of blocks from the end of the previous interval to the start of the next
 /// interval.
 fn around(still: &[Range<usize>], blocks: usize) -> impl Iterator<Item = Range<usize>> + '_ {
     let before = std::iter::once(0).chain(still.iter().map(|range| range.end));

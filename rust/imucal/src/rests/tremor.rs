@@ -213,8 +213,8 @@ pub(crate) fn hands(
         if own.is_empty() {
             return None;
         }
-        // If most rests of this recording are excluded, isolated slow rotations are not the reason. The bias then
-        // differs from the biases of the other recordings, and all rests contribute.
+        // If most rests of a recording are excluded, isolated slow rotations are not the reason. Then the bias
+        // differs from the biases in the other recordings, and all rests contribute.
         if 2 * own.iter().filter(|own| own.contributes).count() < own.len() {
             own.iter_mut().for_each(|own| own.contributes = true);
         }
@@ -222,8 +222,8 @@ pub(crate) fn hands(
         let mut hand = Hand::of(recording, &contributing, sensors)?;
         noise[index] = hand.noise;
         own.iter_mut().for_each(|own| own.rest.bias = *sensors.gyroscope.bias());
-        // The rotation about gravity is assumed to be as large as the rotations about the two perpendicular axes. The
-        // variance of the direction errors is subtracted from the variance about the perpendicular axes.
+        // The rotation about gravity is unknown. Its variance is assumed to equal that about each of the two
+        // perpendicular axes, from which the variance of the direction errors is subtracted.
         let turned = |own: &mut OwnRest<'_>| {
             let errors = 2.0 * hand.variance_rad2(&own.rest.rest);
             let turn = hand.remove_tremor(recording, own.rest, sensors);
@@ -254,10 +254,10 @@ struct OwnRest<'a> {
     contributes: bool,
 }
 
-/// Estimates the gyroscope bias at each rest. Returns the mean bias of all rests, raw units, and the share by which
-/// each rest is shrunk. A bias may depend on the pose, but the mean rate of a rest also contains rotation of the hand.
-/// Therefore the mean rate of each rest is shrunk towards the mean of all rests. The share is computed from the scatter
-/// between rests in excess of noise.
+/// Estimates the gyroscope bias at each rest. The bias may depend on the pose, but the mean rate of a rest also
+/// contains rotation of the hand. Therefore the mean rate of each rest is shrunk towards the mean of all rests. The
+/// share of the shrinkage is computed from the scatter between rests in excess of noise. Returns the mean bias of all
+/// rests, raw units, and the share of each rest.
 fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>>) {
     let mut shrunk = vec![Vector3::repeat(1.0); rests.len()];
     let bias = Vector3::from_fn(|axis, _| {

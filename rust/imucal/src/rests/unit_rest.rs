@@ -28,8 +28,8 @@ pub(crate) struct UnitRest {
     pub(crate) epoch: usize,
 }
 
-/// Parameters of the mean of a hand-held rest. The mean is computed from samples that are rotated by the integrated
-/// gyroscope rate to an end of the rest (model.md (27)).
+/// Parameters of the mean of a hand-held rest. Before averaging, each sample is rotated by the integrated gyroscope
+/// rate to an end of the rest (model.md (27)).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PropagatedMean {
     /// Time constant of the exponential weights, s.

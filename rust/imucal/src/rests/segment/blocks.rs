@@ -111,8 +111,8 @@ impl WithSimd for Summing<'_> {
             }
         }
         if averaged > 1 && !variances[0].is_empty() {
-            // The last windows extend into the blocks of the next job, so the means of these blocks are also computed
-            // here.
+            // The last windows of this job extend into the blocks of the next job, so the means of these blocks are
+            // computed here, too.
             for block in means.len()..variances[0].len() + WINDOW_BLOCKS - 1 {
                 let own = (first + block) * block_samples..(first + block + 1) * block_samples;
                 let (rates, forces) = (recording.angular_rate.part(own.clone()), recording.specific_force.part(own));

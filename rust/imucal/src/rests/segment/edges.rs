@@ -16,9 +16,9 @@ pub(super) fn trim(blocks: &Range<usize>, windows: usize) -> Range<usize> {
     start..end.max(start)
 }
 
-/// Removes blocks at both ends as long as their statistic exceeds three times the unsteadiness of the rest. These
-/// blocks contain the slow settling of a hand. The limit adapts to the tremor of the rest, which determines the
-/// unsteadiness.
+/// Removes blocks at both ends as long as their statistic exceeds three times the unsteadiness of the rest, because
+/// they contain the slow settling of a hand. The limit is proportional to the unsteadiness, so it adapts to the
+/// tremor of the rest.
 pub(super) fn calm(mut blocks: Range<usize>, statistic: &[f64]) -> Range<usize> {
     if blocks.len() <= WINDOW_BLOCKS {
         return blocks;
@@ -103,8 +103,8 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
     range
 }
 
-/// A rest may contain the end of the move before it and the start of the move after it, hidden in noise. This function
-/// removes these parts from the rest. Blocks outside `within` are not used.
+/// Removes the end of the previous move and the start of the next move from a rest, if they are hidden in its noise.
+/// Blocks outside `within` are not used.
 ///
 /// The jerk of a move is bounded, so a move begins with the angle c t^3 and the rate 3 c t^2, with a constant c and the
 /// time t since its start. The time since the start of the move is therefore three times the angle divided by the rate.
@@ -131,8 +131,8 @@ pub(super) fn onset(
         return range;
     }
     let inner = Inner::of(&blocks[range.start + EDGE..range.end - EDGE], coarse);
-    // Number of blocks at one end that remain in the rest. The blocks are passed in order from the inside to the
-    // outside.
+    // Number of blocks at one end that remain in the rest. `outwards` gives the blocks in order from the inside of
+    // the rest to its outside.
     let still = |outwards: &mut dyn Iterator<Item = &Block>| {
         let rates: Vec<_> = outwards.take(EDGE + REACH).map(|block| rate(block) - inner.mean).collect();
         let mut turn = Vector3::zeros();

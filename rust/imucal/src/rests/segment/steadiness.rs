@@ -116,16 +116,16 @@ impl Steadiness {
 
 /// Median of the statistic over the windows inside a rest.
 pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
-    // After its ends have been removed, an interval of one window at the end of the recording may start after the last
-    // window.
+    // An interval of one window at the end of the recording may start after the last window once its ends have been
+    // removed.
     let first = blocks.start.min(statistic.len().saturating_sub(1));
     let end = (blocks.end + 1).saturating_sub(WINDOW_BLOCKS).max(first + 1).min(statistic.len());
     median(&mut statistic[first..end].to_vec())
 }
 
 /// Whether the mean force of any window deviates from the mean force of the interval by more than 5 % of gravity (3
-/// deg). `size` is the magnitude of gravity. A uniform tumble passes the test of the statistic if no window of the
-/// recording is quieter. This test excludes it.
+/// deg). `size` is the magnitude of gravity. This check excludes a uniform tumble, whose window statistic is low if
+/// the recording contains no quieter window.
 ///
 /// In a rest of more than `long` blocks, accelerometer drift may reach the same limit. Each part of `long` blocks is
 /// therefore compared with its own mean. Over the whole rest, three times the deviation is permitted.

@@ -155,7 +155,8 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
     (from * (to / from).powf(0.25), from, to)
 }
 
-/// Intervals of blocks in chronological order. Each of their blocks is in at least one window below the threshold.
+/// Intervals of blocks in chronological order. Every block of an interval is in at least one window whose statistic
+/// is below the threshold.
 pub(super) fn still(statistic: &[f64], threshold: f64) -> impl Iterator<Item = Range<usize>> + '_ {
     let below = move |(window, value): (usize, &f64)| (*value < threshold).then_some(window);
     let mut windows = statistic.iter().enumerate().filter_map(below).peekable();
@@ -170,11 +171,12 @@ pub(super) fn still(statistic: &[f64], threshold: f64) -> impl Iterator<Item = R
     })
 }
 
-/// The intervals of [`still`]. They are updated while the threshold increases and windows are added.
+/// The intervals of the function [`still`], stored in a form that is updated when the threshold increases and windows
+/// are added.
 struct Stretches {
-    /// For each window, an index. At the first window of an interval, it is the index of the interval's last window. At
-    /// the last window, it is the index of the first window. At windows between them, it is the index of any window of
-    /// the interval. A window outside all intervals has [`Self::OUTSIDE`].
+    /// For each window, an index. The first window of an interval has the index of the last window, and the last
+    /// window has the index of the first. The windows between them have the index of any window of the interval. A
+    /// window outside all intervals has [`Self::OUTSIDE`].
     other_end: Vec<usize>,
 }
 
