@@ -1,14 +1,14 @@
 //! Simulation of calibration runs: the samples that a unit with all its errors measures during a motion, and the true
 //! values of force and rate.
 //!
-//! * [`program`]: the commands to the motors of a stand, either one of the two programs of the paper (`docs/model.md`)
-//!   or any list of steps.
+//! * [`program`]: the commands to the motors of a stand, either one of the two programs of the paper cited in
+//!   `docs/model.md` or any list of steps.
 //! * [`profile`]: the motion of the motors in closed form, with limited jerk.
 //! * [`gimbal`]: the attitude as a function of the three motor angles.
 //! * [`stand`]: errors of the stand. [`tremor`] and [`slip`]: motions of the unit relative to the stand. [`tumble`]: a
 //!   hand-held run. [`motion`]: the resulting motion as a function of time.
 //! * [`earth`]: gravity and the rate of the Earth at a location.
-//! * [`mod@unit`]: sensitivity, bias, noise, filter and converter of the sensors, and the unit of the paper. The
+//! * [`mod@unit`]: sensitivity, bias, noise, filter and converter of the sensors, and the unit of this paper. The
 //!   effects of a unit are from the catalogue ([`imucal_core::effects`]), evaluated at the true state.
 //! * [`temperature`]: the temperature of the unit over the run. [`faults`]: clock errors and lost or repeated samples.
 //!

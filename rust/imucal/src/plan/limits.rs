@@ -56,9 +56,9 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Limits of the paper's stand: three motors without end stops at 120 deg/s. The paper does not state the
-    /// acceleration. It is assumed to be the peak acceleration of a turn of 240 deg in 2 s, the largest turn in the
-    /// random program of the paper.
+    /// Limits of the stand of the paper cited in docs/model.md: three motors without end stops at 120 deg/s. The
+    /// paper does not state the acceleration. It is assumed to be the peak acceleration of a turn of 240 deg in 2 s,
+    /// the largest turn in the random program of the paper.
     pub fn paper() -> Self {
         let axis = Axis {
             max_rate_radps: 120_f64.to_radians(),

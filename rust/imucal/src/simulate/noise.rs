@@ -37,7 +37,7 @@ use rand_distr::StandardNormal;
 
 use super::unit::Sensor;
 
-/// Values of three axes and an unused fourth value. The array thus has the width of a vector register.
+/// Values of three axes and an unused fourth value, which gives the array the width of a vector register.
 type Lanes = [f64; 4];
 
 /// One random number generator per axis.
@@ -121,8 +121,8 @@ struct Flicker {
     input_std: f64,
     poles: Vec<Pole>,
     states: Vec<Lanes>,
-    /// Sum of the coefficients c of the poles that decay within one step. Such a pole is treated as a filter without
-    /// memory.
+    /// Sum of the coefficients c of the poles whose response decays within one step. They are treated as filters
+    /// without memory, so their output is this sum times the input.
     through: f64,
     generators: Generators,
 }
@@ -131,12 +131,12 @@ struct Flicker {
 const RATIO: f64 = 2.5;
 /// Largest decay d of a pole. A pole with a larger decay has a coefficient c below 1e-12 and is omitted.
 const FASTEST: f64 = 64.0;
-/// Decay d above which a pole has p below 1e-6. It is then treated as a filter without memory.
+/// Decay d above which a pole is treated as a filter without memory. Its factor p per step is then below 1e-6.
 const MEMORYLESS: f64 = 14.0;
 
 impl Flicker {
-    /// A filter that is in its steady state from the first step on. A sensor has usually been switched on long before
-    /// its record starts.
+    /// A filter that is in its steady state from the first step on, because a sensor has usually been switched on
+    /// long before its record starts.
     fn new(instability: f64, steps: usize, mut generators: Generators) -> Self {
         // Decay of the pole whose corner frequency is a tenth of the lowest frequency in the record.
         let slowest = TAU / (10.0 * steps.max(1) as f64);
@@ -155,8 +155,9 @@ impl Flicker {
             }
             decay /= RATIO;
         }
-        // Poles with smaller decays are omitted. Their coefficients c form a geometric series: each c is the previous c
-        // divided by the square root of RATIO. The sum of this series is added to the last c.
+        // Poles with smaller decays are omitted. Each of their coefficients c is the previous one divided by the
+        // square root of RATIO, so the coefficients form a geometric series. The sum of this series is added to the
+        // last c.
         if let Some(last) = poles.last_mut() {
             last.c /= 1.0 - RATIO.sqrt().recip();
         }
@@ -226,9 +227,9 @@ mod tests {
     }
 
     /// Tests that the Allan variance agrees with a function of tau within four standard deviations. With K pairs of
-    /// consecutive means, the relative standard deviation of the Allan variance is sqrt(3 / K) for white noise. It is
-    /// smaller for flicker noise and for a random walk, because the correlation of adjacent differences of means has a
-    /// magnitude of about 1/4, and of 1/2 for white noise.
+    /// consecutive means, the relative standard deviation of the Allan variance is sqrt(3 / K) for white noise, for
+    /// which adjacent differences of means have a correlation of -1/2. For flicker noise and a random walk, the
+    /// correlation is about 1/4 in magnitude, so the standard deviation is smaller.
     fn check_allan(sensor: &Sensor, from: usize, expected: impl Fn(f64) -> f64) {
         let (rate_hz, n) = (50.0, 1_000_000);
         let mut noise = noise(sensor, rate_hz, n, 3);

@@ -98,7 +98,8 @@ const SEGMENTS: [Segment; 4] = [
 ];
 
 impl Course {
-    /// The seven-segment profile: increases from 0 to 1 while `share` increases from 0 to 1.
+    /// The seven-segment profile. It increases from 0 to 1 while `share`, the elapsed share of the duration,
+    /// increases from 0 to 1.
     #[inline]
     pub(super) fn jerk_limited(share: f64) -> Self {
         // The second half is the mirrored first half, so that both ends are exact.
@@ -144,7 +145,7 @@ impl Course {
         Self { value: sine, rate: frequency_radps * cosine, acceleration: -frequency_radps * frequency_radps * sine }
     }
 
-    /// Converts derivatives with respect to the elapsed share of a move into derivatives with respect to time.
+    /// Converts derivatives with respect to the elapsed share of a motion into derivatives with respect to time.
     #[inline]
     pub(super) fn in_time(self, duration_s: f64) -> Self {
         Self {
@@ -222,8 +223,8 @@ mod tests {
         assert_eq!(state(-1.0), MotorState::still(start));
         assert_eq!(state(DURATION_S), MotorState::still(start + turn()));
         assert_eq!(state(3.0), MotorState::still(start + turn()));
-        // Rate and acceleration are continuous at the end of the turn if their limits from inside the turn equal these
-        // values.
+        // Limits of rate and acceleration at the end of the turn, from inside the turn. They must equal the values
+        // after the turn.
         let last = state(DURATION_S * (1.0 - 1e-9));
         assert!((last.angle_rad - start - turn()).norm() < 1e-15);
         assert!(last.rate_radps.norm() < 1e-15);

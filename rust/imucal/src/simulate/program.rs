@@ -35,8 +35,8 @@ impl Step {
         self.turn_rad != [0.0; 3]
     }
 
-    /// For each motor, the direction of its last turn after this step. `before` contains the directions before this
-    /// step.
+    /// For each motor, the sign of its last turn after this step. `before` contains the signs before this step; a
+    /// motor that does not turn keeps its sign.
     fn direction_after(&self, before: &Vector3<f64>) -> Vector3<f64> {
         before.zip_map(&self.turn_rad.into(), |before, turn: f64| if turn == 0.0 { before } else { turn.signum() })
     }
@@ -58,8 +58,9 @@ impl Step {
     }
 }
 
-/// The accelerometer program of the paper. Motor 3 makes a full revolution in equal steps, and then motor 2 makes one
-/// step of the same size. This sequence is repeated until motor 2 has turned by half a revolution.
+/// The accelerometer program of the paper cited in docs/model.md. Motor 3 makes a full revolution in equal steps, and
+/// then motor 2 makes one step of the same size. This sequence is repeated until motor 2 has turned by half a
+/// revolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
     /// Step of both motors, rad. Half a revolution must be an integer multiple of the step. The paper uses 20 deg.
@@ -76,7 +77,8 @@ impl Default for Grid {
     }
 }
 
-/// The gyroscope program of the paper: random turns of all motors, with a hold before, between and after them.
+/// The gyroscope program of the paper cited in docs/model.md: random turns of all motors, with a hold before, between
+/// and after them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RandomMoves {
     /// Number of turns. The paper uses 45.
@@ -150,7 +152,8 @@ impl Program {
         Ok(program)
     }
 
-    /// The accelerometer program of the paper. The default has 19 x 10 = 190 positions in 1139 s.
+    /// The accelerometer program of the paper cited in docs/model.md. The default has 19 x 10 = 190 positions in 1139
+    /// s.
     ///
     /// # Errors
     /// [`Error::Input`] if half a revolution is not an integer multiple of the step, or if a time is invalid.
@@ -175,8 +178,8 @@ impl Program {
         Self::try_new(steps)
     }
 
-    /// The gyroscope program of the paper. The default has 46 rests and 45 moves in 320 s. The same seed always gives
-    /// the same turns.
+    /// The gyroscope program of the paper cited in docs/model.md. The default has 46 rests and 45 moves in 320 s. The
+    /// same seed always gives the same turns.
     ///
     /// # Errors
     /// [`Error::Input`] if the maximum rate or a time is invalid.
@@ -229,7 +232,7 @@ impl Program {
         }
     }
 
-    /// The latest time, s, until which no motor moves; `None` during a turn.
+    /// The latest time, s, until which no motor moves; infinite after the last turn, and `None` during a turn.
     pub(super) fn still_until(&self, time_s: f64) -> Option<f64> {
         let started = self.started(time_s);
         if let Some(index) = started.checked_sub(1)

@@ -102,12 +102,13 @@ impl Analogue {
 }
 
 impl Memory {
-    /// Steady state of the filter for the first input value. The state contains noise, because the first samples would
-    /// otherwise contain too little noise.
+    /// Steady state of the filter for the first input value. Noise has already passed through the filter, because the
+    /// first samples would otherwise have less noise than later samples.
     fn settled(sensor: &Sensor, noise: &mut Noise, rate_hz: f64, first: &Vector3<f64>) -> Self {
         let filter = sensor.low_pass.map(|low_pass| {
             let mut filter = Filter::new(&low_pass, rate_hz, first);
-            // After three periods of the bandwidth frequency, the influence of the start has decreased to exp(-13).
+            // After three periods of the bandwidth frequency, the start value of the filter has decayed to exp(-13)
+            // of its size.
             for _ in 0..(3.0 * rate_hz / low_pass.bandwidth_hz).min(1e6) as usize {
                 let mut value = *first;
                 noise.add_to(&mut value, false);

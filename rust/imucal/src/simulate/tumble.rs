@@ -81,7 +81,7 @@ impl Tumble {
             (0..moves.poses).map(|_| (attitude(&mut generator), place(&mut generator) * moves.translation_m)).collect();
         let poses = (0..moves.poses).map(|k| {
             let (rotation, place_m) = places[k];
-            // No move follows the last pose, so the move stored with it ends at the same pose.
+            // No move follows the last pose. Its stored move therefore ends at the same pose.
             let (next_rotation, next_place_m) = places[(k + 1).min(moves.poses - 1)];
             Pose {
                 rotation,
@@ -141,8 +141,8 @@ impl Tumble {
         (turned, pose.carry_m * step.acceleration)
     }
 
-    /// Index of the pose that the unit reached last, and the elapsed share of the move to the next pose. The share is
-    /// `None` while the unit rests in the pose.
+    /// Index of the last pose that the unit has reached. If the unit is moving to the next pose, also the elapsed
+    /// share of this move, otherwise `None`.
     fn place_in_time(&self, time_s: f64) -> (usize, Option<f64>) {
         let last = self.poses.len() - 1;
         let k = ((time_s / (self.moves.hold_s + self.moves.move_s)).max(0.0) as usize).min(last);

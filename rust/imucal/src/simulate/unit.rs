@@ -24,7 +24,7 @@ pub struct Unit {
 /// (22).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensor {
-    /// Sensitivity, which is the product M S in the paper; the identity for a sensor without errors.
+    /// Sensitivity (the product M S in the paper cited in docs/model.md); the identity for a sensor without errors.
     pub sensitivity: Matrix3<f64>,
     /// Bias at the start of the run, SI unit.
     pub bias: Vector3<f64>,
@@ -150,8 +150,8 @@ impl Unit {
         Self { accelerometer: Sensor::ideal(), gyroscope: Sensor::ideal(), effects: EffectSet::none() }
     }
 
-    /// The unit of the paper (Tables 1 and 2), NXP FXOS8700CQ and FXAS21002CQ, with noise and resolution from the
-    /// datasheets.
+    /// The unit of the paper cited in docs/model.md (Tables 1 and 2 of the paper), NXP FXOS8700CQ and FXAS21002CQ,
+    /// with noise and resolution from the datasheets.
     ///
     /// Densities in datasheets are one-sided, so they are divided by sqrt(2) (`docs/model.md` (22)).
     ///

@@ -36,10 +36,10 @@ const NOISE_OVER_SIZE: f64 = 0.02;
 pub(crate) struct AccelerometerFit {
     /// The fitted accelerometer.
     pub(crate) triad: Triad<f64>,
-    /// For each rest, whether the fit uses it. Rests that the fit does not use are outliers.
+    /// For each rest, whether the fit uses it. The other rests were excluded as outliers.
     pub(crate) used: Vec<bool>,
-    /// Derivative of the parameters with respect to the error of |f| at each rest in m/s^2; 9 x number of rests. The
-    /// columns of rests that are not used are zero.
+    /// Derivative of the parameters with respect to the error of |f| (the norm of the mean force) at each rest in
+    /// m/s^2; 9 rows, and one column per rest. The columns of rests that are not used are zero.
     pub(crate) gain: Mat<f64>,
     /// Derivative of the parameters with respect to the error of each prior, in standard deviations of the prior; 9 x
     /// number of priors.
@@ -47,8 +47,8 @@ pub(crate) struct AccelerometerFit {
     /// Mean square of the second-order errors of the parameters that are due to the priors, 9 x 9.
     pub(crate) second_order: Mat<f64>,
     pub(crate) report: FitReport,
-    /// Whether the rests determine all parameters without a prior and without the moves. If not, the moves determine
-    /// the other parameters.
+    /// Whether the rests determine all parameters without priors and without moves. If not, the moves determine the
+    /// parameters that are missing.
     pub(crate) is_determined: bool,
 }
 
@@ -93,9 +93,9 @@ pub(crate) fn fit(
     fit_from(rests, gravity_mps2, &start, held, true)
 }
 
-/// Fits the accelerometer to rests that do not determine some of its parameters. These parameters keep the values of
-/// `start`, and all others are fitted. For this purpose, every parameter has a prior with a standard deviation of a
-/// hundredth of its size. This prior changes a determined parameter by much less than its standard deviation.
+/// Fits the accelerometer to rests that do not determine some of its parameters. These parameters stay at the values
+/// of `start`, and all others are fitted. For this purpose, every parameter has a prior with a standard deviation of
+/// a hundredth of its size, which hardly changes a parameter that the rests determine.
 ///
 /// All rests are used. With a few rests on the faces of a box, a wrong rest cannot be detected. The joint fit excludes
 /// outliers.
@@ -191,8 +191,8 @@ fn finish(
     let second_order = second_order::mean_square(solution, first..problem.count(), residuals_at)?;
     let mut report = FitReport::of(solution);
     if !is_determined {
-        // Some parameters are determined by the prior instead of the rests. The sum of the leverages of the rests is
-        // the number of parameters that the rests determine.
+        // The residuals of the priors also determine parameters. Only the parameters that the rests determine reduce
+        // the degrees of freedom; their number is the sum of the leverages of the rests.
         let of_rests: f64 = lsq::leverages(&solution.jacobian)[..problem.means.len()].iter().sum();
         report.degrees_of_freedom = problem.means.len().saturating_sub(of_rests.round() as usize);
     }
@@ -229,7 +229,7 @@ pub(crate) fn norm_and_gradient(triad: &Triad<f64>, mean: &Vector3<f64>) -> (f64
     (norm, gradient)
 }
 
-/// The residuals of the used rests. Their weights are those of the start value.
+/// The residuals of the rests that are used. Their weights are computed from the start value and stay fixed.
 struct Norms<'a> {
     means: Vec<Vector3<f64>>,
     sigma: Vec<f64>,

@@ -40,7 +40,7 @@ pub(crate) use bias::{GyroscopeBias, bias_from_rests};
 pub(crate) struct GyroscopeFit {
     /// The fitted gyroscope.
     pub(crate) triad: Triad<f64>,
-    /// For each move, whether the fit uses it. Moves that the fit does not use are outliers.
+    /// For each move, whether the fit uses it. The other moves were excluded as outliers.
     pub(crate) used: Vec<bool>,
     /// Preintegrated rotation and Jacobian integrals of each move at the solution.
     pub(crate) preintegrated: Vec<Preintegrated>,
@@ -66,7 +66,7 @@ struct Linearised {
     preintegrated: Vec<Preintegrated>,
 }
 
-/// Rms direction error below which a fit is close to the global minimum, rad.
+/// A first fit is close to the global minimum if the rms of its direction errors is below this limit, rad.
 const CLOSE_RAD: f64 = 0.05;
 /// A preintegration is reused with a slightly different gyroscope if the second-order error is at most this fraction of
 /// the standard deviation of the direction residual of a move. Otherwise, the samples are integrated again.
@@ -83,8 +83,8 @@ impl<'a> PreintegratedMoves<'a> {
         Self { segments, bias, held, last: RefCell::new(None) }
     }
 
-    /// A first estimate. The fit starts from the start value with the smallest misfit. If its residuals are large, fits
-    /// from the other start values are also tried.
+    /// A first estimate of the gyroscope. The fit starts from the start value with the smallest rms direction error.
+    /// If the direction errors of this fit are large, fits from the other start values are also tried.
     ///
     /// # Errors
     /// [`Error::Fit`] if no start value leads to a finite result.
@@ -148,8 +148,8 @@ impl<'a> PreintegratedMoves<'a> {
         Weighed { moves: self, ends, rows: (0..self.segments.len()).collect() }
     }
 
-    /// All moves preintegrated with this gyroscope. If the second-order error is small, the most recent preintegration
-    /// is corrected to first order. Otherwise, the samples are integrated again.
+    /// All moves, preintegrated with this gyroscope. If the second-order error is small, the most recent
+    /// preintegration is corrected to first order instead of integrating the samples again.
     fn preintegrated(&self, triad: &Triad<f64>, ends: &[Ends]) -> Rc<Linearised> {
         let known = self.last.borrow().clone();
         if let Some(moved) = known.and_then(|last| last.moved(triad, ends)) {
@@ -170,8 +170,8 @@ impl Linearised {
         if self.triad == *triad {
             return Some(self);
         }
-        // `change` times the old rate is the change of the rate due to the new gyroscope. Both gyroscopes have the same
-        // bias.
+        // The new inverse sensitivity is (I + `change`) times the old one, and both gyroscopes have the same bias.
+        // `change` times the old rate is therefore the change of the rate.
         let change = triad.inverse() * self.triad.sensitivity() - Matrix3::identity();
         let mut preintegrated = self.preintegrated.clone();
         for (preintegrated, ends) in preintegrated.iter_mut().zip(ends) {

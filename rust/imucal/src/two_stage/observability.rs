@@ -25,8 +25,8 @@ pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
 pub(crate) const LARGEST_SHIFT: f64 = 0.01;
 /// Standard deviation of the prior of a parameter about its nominal value, as a fraction of its size.
 pub(crate) const FARTHEST: f64 = 0.1;
-/// An undetermined parameter is not assigned to a group if it makes up at least this share of the squared length of an
-/// unobservable direction.
+/// An undetermined parameter is not assigned to a group if an unobservable direction is almost parallel to it, so
+/// that the parameter makes up at least this share of the squared length of the direction.
 const OWN_SHARE: f64 = 0.95;
 /// Minimum correlation of undetermined parameters of one group, within the unobservable directions.
 const TRADED: f64 = 0.1;
@@ -34,9 +34,9 @@ const TRADED: f64 = 0.1;
 const FACE_LIMIT_DEG: f64 = 40.0;
 /// Recommendation if all rests are on the six faces.
 pub(crate) const EDGES_AND_CORNERS: &str = "add rests with edges and corners up";
-/// Alternative recommendation for a unit with a gyroscope, which measures the rotations between the faces. The
-/// recommendation is four turns about each axis while this axis is horizontal. They include every face, and separate
-/// the misalignment of the gyroscope from its scale.
+/// Alternative recommendation for a unit with a gyroscope, which measures the rotations between the faces. Four turns
+/// about each axis while this axis is horizontal include every face, and they separate the misalignment of the
+/// gyroscope from its scale.
 pub(crate) const OR_ROLL: &str = ", or roll the unit over its faces: four turns of 90 deg about each axis while that \
                                   axis is level, with a rest after each";
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -46,7 +46,8 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 pub(crate) struct Open {
     /// Columns of the design whose parameters are not determined.
     pub(crate) columns: Vec<usize>,
-    /// Groups of undetermined columns. Each group has the number of its linear combinations that are determined.
+    /// Groups of undetermined columns, each with the number of those linear combinations of its columns that are
+    /// determined.
     pub(crate) traded: Vec<(Vec<usize>, usize)>,
 }
 
@@ -123,8 +124,8 @@ impl Open {
     }
 }
 
-/// Groups of undetermined columns that are correlated within the unobservable directions. Each group has the number of
-/// its linear combinations that are determined.
+/// Groups of undetermined columns that are correlated within the unobservable directions. Each group is listed with
+/// the number of those linear combinations of its columns that are determined.
 fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(Vec<usize>, usize)> {
     let mut left: Vec<usize> = columns.iter().copied().filter(|&j| projection(j, j) < OWN_SHARE).collect();
     let mut groups = Vec::new();
@@ -282,8 +283,8 @@ mod tests {
 
     #[test]
     fn a_small_component_in_an_unobservable_direction_is_tolerated() {
-        // Under its prior, the second parameter deviates by a tenth of its size. Multiplied by 0.05, this deviation
-        // changes the first parameter by less than a hundredth.
+        // With its prior, the second parameter may deviate by a tenth of its size. For `part` = 0.05, this deviation
+        // changes the first parameter by less than a hundredth of its size, so the first parameter is determined.
         let open = |part: f64| Open::of(&design(&[&[50.0, 50.0 * part]])).unwrap().columns;
         assert_eq!(open(0.05), [1]);
         assert_eq!(open(0.2), [0, 1]);

@@ -38,8 +38,8 @@ pub(crate) fn covariance(
     }
     gyroscope_rows(&mut map, rests, moves, ends, accelerometer, gyroscope);
 
-    // If the residuals of a stage are significantly larger than noise, the standard deviations of its errors are
-    // multiplied by the inflation of the fit.
+    // If the residuals of a stage are significantly larger than noise, the standard deviations of the errors in this
+    // stage are multiplied by the inflation factor of the fit.
     let (widen_rests, widen_moves) = (accelerometer.report.inflation, gyroscope.report.inflation);
     let deviation = |column: usize| {
         let (item, axis) = (column / 3, column % 3);
@@ -126,8 +126,8 @@ fn gyroscope_rows(
         for (rest, by_direction) in [(m.from, before), (m.to, after)] {
             let (by_mean, direction_by_parameters) = &directions[rest];
             by_parameters += by_direction * direction_by_parameters;
-            // At a hand-held rest, the gravity direction is computed from a part of the samples only. The variance of
-            // the move already contains the noise of these samples, so the rest adds no further term.
+            // At a hand-held rest, the gravity direction is computed from a part of the samples. The variance of the
+            // move already contains the noise of these samples, so nothing is added for the mean force of the rest.
             if rests[rest].is_steady() {
                 subtract(map, 3 * rest, &(by_direction * by_mean));
             }

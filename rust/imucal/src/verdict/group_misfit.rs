@@ -18,8 +18,9 @@ use crate::numerics::stats::p_value_of;
 /// a sensor is estimated far more accurately than to a factor of two. At this ratio, noise explains only a quarter of
 /// the variance.
 const EXCESS_RATIO: f64 = 2.0;
-/// Maximum p-value of a significant excess. A calibration with a control set tests seven groups, so noise alone gives a
-/// p-value below this limit in fewer than one of 10 000 calibrations. This holds for any number of residuals.
+/// Maximum p-value of a significant excess. Seven kinds of residuals are tested in a calibration with control
+/// recordings, so noise alone gives a p-value below this limit in fewer than one of 10 000 calibrations, for any
+/// number of residuals.
 const SIGNIFICANCE: f64 = 1e-5;
 
 /// Kind of residuals. All residuals of a kind are compared with their noise together.
@@ -89,7 +90,7 @@ pub struct GroupMisfit {
     /// Sum of the squared residuals. Each residual is divided by the standard deviation of its noise.
     pub chi2: f64,
     /// Number of residuals minus the number of parameters that they determine. It is not an integer, because several
-    /// groups of residuals determine the parameters together.
+    /// kinds of residuals determine the parameters together.
     pub degrees_of_freedom: f64,
 }
 

@@ -106,7 +106,8 @@ pub enum Reason {
         /// Number of all rests.
         all: usize,
     },
-    /// The recordings contradict the prior of a held parameter, so the other parameters are also wrong.
+    /// The recordings contradict the prior of a held parameter (a parameter with a prior). Therefore the other
+    /// parameters are also wrong.
     PriorContradicted {
         /// Name of the parameter.
         parameter: String,
@@ -115,7 +116,7 @@ pub enum Reason {
         /// Difference between prior and recordings in standard deviations of this difference.
         sigmas: f64,
     },
-    /// Held parameters that the recordings do not determine have only the default prior. The verdict is incomplete.
+    /// The recordings do not determine some parameters, which keep the default prior. The verdict is incomplete.
     ParametersHeld {
         /// Names of the parameters or of their groups.
         parameters: String,
@@ -194,8 +195,9 @@ impl Reason {
         )
     }
 
-    /// The reason for an incomplete verdict if groups exceed their noise; `None` if no group does. If there is a
-    /// finding about the time stamps, and only residuals of moves exceed their noise, the reason is an irregular clock.
+    /// The reason for an incomplete verdict if the residuals of any group exceed their noise, otherwise `None`. If
+    /// there is a finding about time stamps or about missing or repeated samples, and only residuals of moves exceed
+    /// their noise, the reason is an irregular clock.
     pub(crate) fn above_noise(set: RecordingSet, groups: &[GroupMisfit], findings: &[Finding]) -> Option<Self> {
         let groups: Vec<GroupMisfit> = groups.iter().filter(|group| group.exceeds_noise()).copied().collect();
         let is_of_move = |misfit: &GroupMisfit| {

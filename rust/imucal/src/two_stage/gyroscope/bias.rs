@@ -29,10 +29,10 @@ impl GyroscopeBias {
     }
 }
 
-/// Estimates the bias. The weights are computed from the noise of each rest and the scatter between rests. At least one
-/// rest is required. `wander` is the variance of the mean rates over the epochs of each rest, squared raw units; zero
-/// for a rest without epochs. It is added to the variance from noise. The bias at a rest may differ from that at other
-/// rests by as much as it changes within the rest.
+/// Estimates the bias. The weights are computed from the noise of each rest and the scatter between rests. At least
+/// one rest is required. `wander` is the variance of the mean rates over the epochs of each rest, squared raw units;
+/// zero for a rest without epochs. It is added to the variance from noise, because the bias may differ between rests
+/// by as much as it changes within a rest.
 pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> GyroscopeBias {
     let mut result = GyroscopeBias {
         bias: Vector3::zeros(),
@@ -58,8 +58,8 @@ pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> Gyros
     result
 }
 
-/// Indices of the rests whose deviation from the median is at most [`LIMIT`]. The deviation is divided by the noise of
-/// the rest and by the common scatter.
+/// Indices of the rests whose score is at most [`LIMIT`]. The score is the deviation from the median, divided by the
+/// noise of the rest and by the common scatter.
 fn kept(means: &[f64], variances: &[f64]) -> Vec<usize> {
     let centre = median(&mut means.to_vec());
     let scores: Vec<f64> = means.iter().zip(variances).map(|(m, v)| (m - centre).abs() / v.sqrt()).collect();
