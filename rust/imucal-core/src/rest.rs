@@ -69,7 +69,7 @@ pub struct RestDetector<F: RealField + Copy> {
     open: Option<OpenRest<F>>,
 }
 
-/// A rest that may still be extended. `sums` contains all blocks of the rest except its first and its last block.
+/// A rest that may still become longer. `sums` contains all of its blocks except the first and the last.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct OpenRest<F: RealField + Copy> {
     first_block: usize,
@@ -161,7 +161,7 @@ impl<F: RealField + Copy> RestDetector<F> {
             self.extend_rest(window_start);
             None
         } else if self.open.is_some_and(|rest| window_start.wrapping_add(2) > rest.end_block) {
-            // The next window will not overlap the current rest, so the current rest is complete.
+            // No later window can overlap the current rest, so the rest is complete.
             self.close()
         } else {
             None
@@ -175,8 +175,8 @@ impl<F: RealField + Copy> RestDetector<F> {
             end_block: window_start.wrapping_add(2),
             sums: BlockSums::new(),
         });
-        // The previous last block of the rest is not in the sums yet, because the last block of a rest is trimmed. The
-        // ring buffer still contains this block, because the window overlaps it.
+        // The last block of a rest is trimmed and is therefore not in the sums. If the rest is extended, its previous
+        // last block must be added. The ring buffer still contains this block, because the new window overlaps it.
         let mut block = window_start;
         for sums in self.window() {
             if block.wrapping_add(1) >= rest.end_block && block.wrapping_add(1) < self.blocks {

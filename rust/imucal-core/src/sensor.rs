@@ -154,7 +154,7 @@ fn is_finite<F: RealField + Copy>(m: &Matrix3<F>) -> bool {
 mod tests {
     use super::*;
 
-    /// The accelerometer of the paper (`docs/model.md`), in units of g.
+    /// The accelerometer of the paper cited in docs/model.md, in units of g.
     fn paper_accelerometer() -> (Matrix3<f64>, Vector3<f64>) {
         (
             Matrix3::new(0.9804, 0.0012, 0.0055, 0.0012, 0.9727, 0.0043, 0.0055, 0.0043, 0.9921),

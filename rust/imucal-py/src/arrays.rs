@@ -30,8 +30,8 @@ pub(crate) struct RecordingColumns<'py> {
 }
 
 impl RecordingColumns<'_> {
-    /// The recordings in the form that the library uses, without a copy of the columns, for a function that needs both
-    /// sensors. Raises InputError with the finding `sensor_missing` for a recording with only one sensor.
+    /// The recordings in the form that the library uses, without a copy of the columns. For functions that need both
+    /// sensors: InputError with the finding `sensor_missing` is raised for a recording with only one sensor.
     pub(crate) fn views<'a>(py: Python<'_>, recordings: &'a [Self]) -> PyResult<Vec<Recording<'a>>> {
         let views = Self::views_of_any(py, recordings)?;
         let missing: Vec<_> = views.iter().filter_map(sensor_missing).collect();

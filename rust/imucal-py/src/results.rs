@@ -113,7 +113,7 @@ pub(crate) struct Outcome {
     /// RMS tremor of each recording, rad; None for a unit that is not hand-held.
     tremor_rad: Vec<Option<f64>>,
     effects: Vec<Py<EffectEstimate>>,
-    /// Held parameters with their priors and estimates; empty if none is held.
+    /// Parameters with a prior (held parameters), with their priors and estimates; empty if there are none.
     held: Vec<Fields>,
     /// Share of each parameter's variance that is due to the priors; empty if no parameter is held.
     prior_shares: Vec<f64>,
@@ -131,7 +131,7 @@ pub(crate) struct Outcome {
     diagnosis: Vec<Fields>,
 }
 
-/// Cross-validation: moves and rests, each predicted by a fit without it.
+/// Cross-validation: prediction errors at moves and rests. Each is predicted by a fit that does not use it.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct HeldOut {
     gravity_direction_rms_deg: f64,
@@ -268,8 +268,8 @@ impl Outcome {
     }
 }
 
-/// Gravity at the rests of one recording: as measured by the accelerometer, and as propagated from the first rest by
-/// the uncalibrated and by the calibrated gyroscope.
+/// Gravity at the rests of one recording: measured by the accelerometer, and propagated from the first rest by the
+/// uncalibrated and by the calibrated gyroscope.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Carried {
     time_s: Vector,
@@ -335,7 +335,7 @@ pub(crate) struct Inspection {
     /// Start and end of each rest, s, and the number of its epochs.
     rests: Vec<(f64, f64, usize)>,
     threshold: Option<Fields>,
-    /// Explanation why the threshold was chosen, or why there is no rest.
+    /// Explanation of the chosen threshold, or the reason why there are no rests.
     explanation: String,
 }
 
@@ -360,7 +360,7 @@ impl Inspection {
     }
 }
 
-/// Parameters that the recordings determine, predicted before any fit.
+/// Which parameters the recordings determine, predicted before any fit.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Prospect {
     /// Predicted standard deviation of each parameter in its unit; None if it is not determined.

@@ -87,8 +87,8 @@ fn sampled(py: Python<'_>, fields: &[UserFieldArrays<'_>]) -> PyResult<Vec<Sampl
     fields.iter().map(of_field).collect()
 }
 
-/// The library's error that corresponds to an exception of a Python function. An exception of a class that the library
-/// does not know is passed through unchanged.
+/// The library's error that corresponds to an exception of a Python function. Exceptions of other classes, and an
+/// InputError with findings, are passed through unchanged.
 pub(crate) fn library_error(py: Python<'_>, error: PyErr) -> Error {
     let message = error.value(py).to_string();
     let is = |name: &str| {

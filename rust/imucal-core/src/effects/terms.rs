@@ -1,5 +1,5 @@
-//! Evaluation of the field Phi of an effect. With the parameters theta, the effect is `Phi theta`. The formula of the
-//! field is written once. From it, either the columns of Phi or the product `Phi theta` are computed.
+//! Evaluation of the field Phi of an effect. With the parameters theta, the effect is `Phi theta`. The formula of a field
+//! is written once. It gives either the columns of Phi or the product `Phi theta`, depending on the receiver ([`Terms`]).
 
 #[cfg(feature = "catalogue")]
 use super::Columns;
@@ -97,8 +97,8 @@ impl<'a, F: RealField + Copy> Sum<'a, F> {
         Self { values, next: 0, sum: same(F::zero()) }
     }
 
-    /// Value of the next parameter. If the effect has its plain form, the parameters that only the full form has are
-    /// zero.
+    /// Value of the next parameter. An effect in its plain form has fewer parameters than in its full form, and the
+    /// missing parameters count as zero.
     #[inline(always)]
     fn value(&mut self) -> F {
         let value = self.values.get(self.next).copied().unwrap_or(F::zero());

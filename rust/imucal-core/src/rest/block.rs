@@ -118,7 +118,8 @@ pub fn statistic_of<F: RealField + Copy>(variance: &Vector6<F>, noise_variance: 
     (ratio.x + ratio.y + ratio.z + ratio.w + ratio.a + ratio.b) / convert(6.0)
 }
 
-/// Applies `f` to the two vectors channel by channel. Like the functions of `vector.rs`, it has no branch that panics.
+/// Applies `f` to the two vectors channel by channel. Like the functions of `vector.rs`, it cannot panic at any
+/// optimisation level.
 #[inline]
 fn both<F: RealField + Copy>(a: &Vector6<F>, b: &Vector6<F>, f: impl Fn(F, F) -> F) -> Vector6<F> {
     Vector6::new(f(a.x, b.x), f(a.y, b.y), f(a.z, b.z), f(a.w, b.w), f(a.a, b.a), f(a.b, b.b))

@@ -12,7 +12,7 @@ const FORCE_STD: f64 = 0.02;
 const REST_S: [f64; 5] = [2.0, 1.2, 5.0, 1.7, 3.1];
 const MOVE_S: f64 = 1.5;
 
-/// A linear congruential generator. The sum of twelve uniform numbers is approximately Gaussian.
+/// A linear congruential generator of random numbers. The sum of twelve uniform numbers is approximately Gaussian.
 struct Noise(u64);
 
 impl Noise {
