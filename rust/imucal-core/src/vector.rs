@@ -1,9 +1,9 @@
 //! Arithmetic of 3-vectors and 3x3 matrices, component by component.
 //!
 //! The operators of nalgebra compare the sizes of vectors at run time unless the optimiser removes the comparisons. At
-//! `opt-level = "z"`, the comparisons and their panics remain, and a product of a matrix and a vector takes several times
-//! as many instructions. The functions of this module have no branch that panics at any optimisation level. They round
-//! exactly as the operators of nalgebra do.
+//! `opt-level = "z"`, the comparisons and their panics remain, and a product of a matrix and a vector takes several
+//! times as many instructions. The functions of this module have no branch that panics at any optimisation level. They
+//! round exactly as the operators of nalgebra do.
 
 use nalgebra::{Matrix3, RealField, Vector3};
 

@@ -1,5 +1,6 @@
-//! Evaluation of the field Phi of an effect. With the parameters theta, the effect is `Phi theta`. The formula of a field
-//! is written once. It gives either the columns of Phi or the product `Phi theta`, depending on the receiver ([`Terms`]).
+//! Evaluation of the field Phi of an effect. With the parameters theta, the effect is `Phi theta`. The formula of a
+//! field is written once. It gives either the columns of Phi or the product `Phi theta`, depending on the receiver (see
+//! `Terms`).
 
 #[cfg(feature = "catalogue")]
 use super::Columns;
