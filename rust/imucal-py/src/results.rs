@@ -332,7 +332,7 @@ impl Evaluation {
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Inspection {
     findings: Vec<Py<PyAny>>,
-    /// Start and end of each rest, s, and the number of its epochs.
+    /// Start and end of each rest, s, and the number of epochs (parts with their own means) into which it is divided.
     rests: Vec<(f64, f64, usize)>,
     threshold: Option<Fields>,
     /// Explanation of the chosen threshold, or the reason why there are no rests.

@@ -129,7 +129,7 @@ fn split(lines: &[u8], count: usize) -> Vec<&[u8]> {
 #[derive(Debug)]
 struct Growing {
     numbers: Column,
-    /// Rows with `-0` in a column of integers. If the column is later converted to reals, these values become -0.0.
+    /// Rows of an integer column whose text is `-0`. If the column is converted to f64, these values become -0.0.
     negative_zeros: Vec<usize>,
 }
 

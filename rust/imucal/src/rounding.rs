@@ -177,7 +177,8 @@ impl Levels {
     /// all small noise, and the average is proportional to the noise.
     fn log_likelihood(&self, noise: f64) -> f64 {
         let of_mean = |mean: f64| -> f64 {
-            // Only differences of small numbers are computed, so that the logarithm is accurate far from the mean.
+            // For levels far from the mean, the difference of two small erfc values is accurate. The difference of
+            // two values near one would lose digits.
             let beyond = |distance: f64| 0.5 * erfc(distance / (SQRT_2 * noise));
             let share = |level: i64| {
                 let distance = (mean - level as f64).abs();

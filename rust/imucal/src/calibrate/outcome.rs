@@ -153,7 +153,7 @@ impl Outcome {
         for (report, misfit) in rests.iter_mut().zip(&misfits.rests) {
             report.misfit = *misfit;
         }
-        // The step between two epochs of one rest is not a move, because the unit does not rotate.
+        // The step between two epochs (parts) of one rest is not a move, because the unit does not rotate.
         let is_move = |m: &Move| !m.is_within_rest(&data.rests);
         let judged = || {
             let all = selection.moves.iter().zip(&joint.moves).zip(&misfits.moves);

@@ -215,7 +215,8 @@ impl UnitData<'_> {
 }
 
 impl Gyroscope {
-    /// Replaces the moves between rests by `moves` between epochs. A move that the fit excluded stays excluded.
+    /// Replaces the moves between rests by `moves`, which also contain the steps between the epochs (parts) of a long
+    /// rest. A move that the fit excluded stays excluded.
     pub(super) fn use_moves(&mut self, moves: &[Move], rests: &[UnitRest]) {
         let of_fit = self.moves.iter().zip(&self.fit.used);
         let contradicts: Vec<Move> = of_fit.filter(|(_, used)| !**used).map(|(m, _)| *m).collect();

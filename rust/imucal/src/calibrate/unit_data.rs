@@ -34,7 +34,7 @@ pub(super) struct UnitData<'a> {
     pub(super) recordings: &'a [Recording<'a>],
     /// Result of the rest detection for each recording.
     pub(super) segments: Vec<Segments>,
-    /// All rests of all recordings. Long rests may be replaced by their epochs.
+    /// All rests of all recordings. Long rests may be replaced by their epochs, which are parts with their own means.
     pub(super) rests: Vec<UnitRest>,
     /// Reason code of each excluded rest; `None` if it is not excluded.
     pub(super) excluded: Vec<Option<&'static str>>,
@@ -225,8 +225,9 @@ impl<'a> UnitData<'a> {
 }
 
 impl UnitData<'_> {
-    /// Reports of all rests. `used` states for each rest or epoch whether the fit uses it. `norms` contains, for each
-    /// rest or epoch, the error of the norm of the specific force in a joint fit and its standard deviation.
+    /// Reports of all rests. For each rest, or for each epoch (part) of a long rest, `used` states whether the fit
+    /// uses it. `norms` contains the error of the norm of its specific force in a joint fit, and the standard
+    /// deviation of this error.
     pub(super) fn rest_reports(
         &self,
         accelerometer: &Triad<f64>,
@@ -264,7 +265,8 @@ fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -
     recording.accel_unit == RawUnit::Si && along < VERTICAL * difference.norm()
 }
 
-/// Variance of the mean rates over the epochs of a rest, squared raw units; zero for a rest without epochs.
+/// Variance of the mean rates over the epochs (parts) of a long rest, squared raw units; zero for a rest without
+/// epochs.
 fn rate_wander(epochs: &[Rest]) -> Vector3<f64> {
     let count = epochs.len().max(1) as f64;
     let mean = epochs.iter().map(|epoch| epoch.angular_rate.mean).sum::<Vector3<f64>>() / count;

@@ -23,7 +23,8 @@ const EVERY: usize = 5;
 /// is kept. The value exceeds the noise of a consumer gyroscope.
 const LEAST_RATE_RADPS: f64 = 0.05;
 
-/// A rest or a move. The deviation of a parameter has one value for each epoch.
+/// A rest or a move, at which a sensor parameter deviates by one value. It is called an epoch here, and is not an
+/// epoch (part) of a long rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Epoch {
     pub(crate) recording: usize,
@@ -82,9 +83,9 @@ impl<'a> Setting<'a> {
         self.problem.by_field(&self.linear, &self.segments, &field)
     }
 
-    /// The rests and moves at which a sensor parameter may deviate, with whitened Jacobian columns. Each epoch has one
-    /// column per axis. The columns of the x axis come first, then those of the y and z axes. Accelerometer parameters
-    /// are observed only at rests, and the gyroscope scale only in moves.
+    /// The rests and moves (epochs) at which a sensor parameter may deviate, with whitened Jacobian columns. Each of
+    /// them has one column per axis. The columns of the x axis come first, then those of the y and z axes.
+    /// Accelerometer parameters are observed only at rests, and the gyroscope scale only in moves.
     pub(crate) fn by_epoch(&self, block: Block) -> (Vec<Epoch>, Mat<f64>) {
         let Moments { used, rests, moves } = &self.moments;
         let has_rests = block != Block::GyroscopeScale;

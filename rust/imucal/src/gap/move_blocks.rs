@@ -32,8 +32,8 @@ pub(super) struct Block {
     /// Mean over the block of the rotation from the body frame at each sample to the body frame at the start of the
     /// move.
     rotation: Matrix3<f64>,
-    /// Time from the start of the recording to the first sample of the block, s. The time stamp itself is not used as
-    /// a regressor. It may be the time since 1970, which is nearly constant relative to its size.
+    /// Time from the start of the recording to the first sample of the block, s. Time stamps are not used, because
+    /// seconds since 1970 change too little in relation to their size to be a regressor.
     start_s: f64,
     /// Time from the start of the move to the last sample of the block, s.
     pub(super) since_start_s: f64,

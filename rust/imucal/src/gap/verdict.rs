@@ -27,9 +27,10 @@ const CERTAIN_NATS: f64 = 8.0;
 /// fit did not use. The limit applies if the fit with the effects is poor, or if residuals of unseen data exceed
 /// noise. If the effects remove a smaller share, unseen data contradict them.
 const LEAST_REMOVED: f64 = 0.1;
-/// Minimum share of chi2 that the effects must remove from at least one kind of residuals of unseen data, if residuals
-/// at rest scatter more than noise explains. The threshold also decides whether unexplained residuals limit the use of
-/// the calibration.
+/// Share of chi2 of unseen data that decides three questions. If residuals at rest scatter more than noise explains,
+/// the effects must remove at least this share from one kind of residuals. Unexplained residuals do not limit the use
+/// of the calibration if the effects remove at least this share. A change of the biases between sessions explains the
+/// residuals if it removes more than this share.
 const MOST_REMOVED: f64 = 0.5;
 /// Decrease of chi2 of unseen residuals, in standard deviations, that confirms the effects even if they remove a
 /// smaller share than [`LEAST_REMOVED`]. This criterion is not used if the fit is poor.

@@ -189,13 +189,13 @@ impl<'a> Weighing<'a> {
             let mut normal = swept.sums.clone();
             (model.len()..n).for_each(|i| *normal.at(i, i) += precision[i] + RIDGE);
             let volume = swept.volume + normal.sweep(simd, model.len()..n)?;
-            // Coefficients of the columns and of the residual. The sum of the columns and the residual, each multiplied
-            // by its coefficient, is the residual after the fit.
+            // Coefficients of the columns and of the residual (1). The sum of the columns and the residual, each
+            // multiplied by its coefficient, is the residual after the fit.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
-            // `held` contains the terms of the log evidence at the noise scales before this round. `gain` is the
-            // increase of the log evidence if the noise scales are optimised and the parameters stay fixed. `deviance`
-            // is the deviance at the optimised noise scales.
+            // `held` is the sum of the terms `n_g ln s_g^2 + chi2_g / s_g^2` at the noise scales s_g^2 before this
+            // round, and `deviance` the sum at the optimised scales. `gain` is the increase of the log evidence if
+            // the noise scales are optimised and the parameters stay fixed.
             let (mut held, mut gain, mut deviance) = (0.0, 0.0, 0.0);
             let mut scales = swept.scales.clone();
             for (g, part) in parts.iter().enumerate() {

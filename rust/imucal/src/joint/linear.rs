@@ -157,12 +157,12 @@ pub(crate) const INSIDE: usize = 5;
 pub(crate) const STAND_RESTS: usize = 6;
 /// Index of a kind of residuals: attitudes inside the moves relative to the stand.
 pub(crate) const STAND_MOVES: usize = 7;
-/// Index of a kind of residuals: norms at the second and later epochs of long rests. They are separate from the norms
-/// at different poses, because they scatter only due to the drift of the biases within a rest.
+/// Index of a kind of residuals: norms at the second and later epochs (parts) of long rests. They are separate from
+/// the norms at different poses, because they scatter only due to the drift of the biases within a rest.
 pub(crate) const EPOCH_NORMS: usize = 8;
-/// Index of a kind of residuals: changes of the gravity direction between the epochs of a rest.
+/// Index of a kind of residuals: changes of the gravity direction between the epochs (parts) of a long rest.
 pub(crate) const EPOCH_STEPS: usize = 9;
-/// Index of a kind of residuals: mean rates at the second and later epochs of long rests, all axes.
+/// Index of a kind of residuals: mean rates at the second and later epochs (parts) of long rests, all axes.
 pub(crate) const EPOCH_RATES: usize = 10;
 
 /// Computing time per sample with effects or with blocks inside the move, divided by the time for plain preintegration.

@@ -49,15 +49,17 @@ impl Misfit {
 }
 
 /// Goodness of fit of all residuals, of each rest and of each move. `None` for rests and moves that the fit does not
-/// use. Also `None` if the leverage is so high that the residual is small for any value of the measurement.
+/// use. Also `None` for a rest or move that alone determines a parameter, because the fit reproduces any value of its
+/// measurements (leverage near one).
 pub(crate) struct Misfits {
     pub(crate) all: Option<Misfit>,
     pub(crate) rests: Vec<Option<Misfit>>,
     pub(crate) moves: Vec<Option<Misfit>>,
     /// Goodness of fit of each kind of residuals that has degrees of freedom.
     pub(crate) groups: Vec<GroupMisfit>,
-    /// For each parameter with a prior: the residual of the prior in standard deviations, and one minus the leverage of
-    /// this residual. `None` if no other residual depends on the parameter.
+    /// For each parameter with a prior: the residual of the prior in standard deviations, and one minus its leverage
+    /// (the share of the residual's variance that remains after the fit). `None` if no other residual depends on the
+    /// parameter.
     pub(crate) held: Vec<Option<(f64, f64)>>,
 }
 
@@ -67,7 +69,7 @@ impl Misfits {
         let problem = Joint::of_noise(prepared, terms, Arc::clone(linear))?;
         let (residuals, jacobian) = problem.whiten(linear);
         let without = LeaveOut::new(&problem, linear, (&residuals, &jacobian));
-        // All epochs of a rest are tested together as one rest.
+        // All epochs (parts) of a long rest are tested together as one rest.
         let (whole, count) =
             (|k: usize| prepared.rests[k].whole, prepared.rests.last().map_or(0, |rest| rest.whole + 1));
         let (mut of_rests, mut of_moves) = (vec![Vec::new(); count], vec![Vec::new(); linear.moves.len()]);

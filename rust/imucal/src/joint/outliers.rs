@@ -150,7 +150,7 @@ pub(crate) fn outliers(
             Item::Rest(_) => (&mut rests, MIN_REMAINING_RESTS),
             Item::Move(_) => (&mut moves, MIN_REMAINING_MOVES),
         };
-        // Epochs are counted separately from rests, because an epoch is not a new pose.
+        // Epochs (parts of a long rest) are counted separately from rests, because an epoch is not a new pose.
         let alike: Vec<bool> = (0..used.len()).filter(|&k| is_alike(k)).map(|k| used[k]).collect();
         let fewest = if worst.0.is_of_later_epoch { 0 } else { fewest };
         if log_p(worst) > SIGNIFICANCE.ln() || !may_exclude(&alike, fewest) {
@@ -321,8 +321,9 @@ impl LeaveOut {
         (dot(&self.residuals, &self.residuals), self.residuals.len().saturating_sub(self.basis.len()))
     }
 
-    /// Decrease d of chi2 if the residuals may change freely along these columns of A. The second value is the degrees
-    /// of freedom of d. Directions with a leverage near one cannot be tested and are not counted.
+    /// Decrease d of chi2 if the residuals may change freely along these columns of A. The second value is the
+    /// degrees of freedom of d. Directions along which the fit reproduces any error (leverage near one) cannot be
+    /// tested and are not counted.
     pub(super) fn misfit(&self, columns: &[usize]) -> (f64, usize) {
         let n = columns.len();
         if n == 0 {
@@ -342,7 +343,8 @@ impl LeaveOut {
             dot(&self.residuals[*first..first + column.len()], column)
         });
         let Some(seen) = factor.l().solve_lower_triangular(&seen) else { return (0.0, 0) };
-        // The eigenvalues are one minus the leverage of each direction.
+        // Each eigenvalue is one minus the leverage of a direction: the share of an error along it that remains in
+        // the residuals.
         let eigen = (DMatrix::identity(n, n) - spent).symmetric_eigen();
         let free = (0..n).filter(|&k| eigen.eigenvalues[k] > MIN_RESIDUAL_SHARE);
         let misfit = free.clone().map(|k| eigen.eigenvectors.column(k).dot(&seen).powi(2) / eigen.eigenvalues[k]).sum();

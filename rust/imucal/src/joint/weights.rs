@@ -134,8 +134,8 @@ impl Weights {
         self.widening.bias_instability
     }
 
-    /// Variance of the mean rates between the epochs of a long rest that noise does not explain, for each axis, raw
-    /// units squared.
+    /// Variance of the mean rates between the epochs (parts) of a long rest that noise does not explain, for each
+    /// axis, squared raw units.
     pub(crate) fn epoch_rates(&self) -> [f64; 3] {
         self.widening.epoch_rates
     }
@@ -232,7 +232,8 @@ fn reading_variance(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
 }
 
 /// Covariance of the mean gyroscope biases at the rests that the fit uses, for unit bias instability. The second and
-/// later epochs of long rests are omitted. `None` if there are too many residuals to factorise their covariance.
+/// later epochs (parts) of long rests are omitted. `None` if there are too many residuals to factorise their
+/// covariance.
 pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
     let is_later = |k: usize| prepared.rests[k].is_later_epoch();
     let places: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k] && !is_later(k)).collect();

@@ -29,7 +29,7 @@ const HALVINGS: usize = 40;
 /// The powers of the spectrum of one axis, and the kinds of noise in the model.
 pub(super) struct Likelihood<'a> {
     pub(super) powers: &'a [Power],
-    /// Variance of the rounding to counts. It is white and known.
+    /// Variance of the error of a sample due to rounding to counts. This error is white noise of known variance.
     pub(super) rounding: f64,
     /// Kinds of noise in the model.
     pub(super) kinds: [bool; KINDS],

@@ -106,7 +106,8 @@ impl Move {
         rests[self.from].whole == rests[self.to].whole
     }
 
-    /// This move, with the index of each epoch replaced by the index of the rest that contains the epoch.
+    /// This move, with the index of each epoch (part of a long rest) replaced by the index of the rest that contains
+    /// it.
     pub(crate) fn between_rests(&self, rests: &[UnitRest]) -> Self {
         Self { from: rests[self.from].whole, to: rests[self.to].whole, ..*self }
     }
@@ -180,7 +181,8 @@ pub(crate) struct End {
     pub(crate) raw: Vector3<f64>,
     /// Whether the reading is the mean over the whole rest.
     pub(crate) steady: bool,
-    /// Variance from the noise of the mean over the whole rest, rad^2. The accelerometer fit contains the same noise.
+    /// Variance from the noise of the mean over the whole rest, rad^2. Other residuals depend on the same mean, so
+    /// this error is common to them.
     pub(crate) shared_variance: f64,
     /// Variance from noise that is only in the reading at this end of this move, rad^2.
     pub(crate) own_variance: f64,

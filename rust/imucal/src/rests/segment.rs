@@ -268,7 +268,7 @@ impl Segments {
     }
 }
 
-/// The intervals with one mean each: the epochs of long rests, and all rests without epochs.
+/// The intervals with one mean each: the epochs (parts) of long rests, and all rests without epochs.
 fn described<'a, T>(rests: &'a [T], epochs: &'a [Vec<T>]) -> impl Iterator<Item = &'a T> {
     let of = |(rest, epochs): (&'a T, &'a Vec<T>)| if epochs.is_empty() { std::slice::from_ref(rest) } else { epochs };
     rests.iter().zip(epochs).flat_map(of)

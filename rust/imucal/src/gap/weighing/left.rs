@@ -20,8 +20,8 @@ pub(crate) struct Left {
 }
 
 impl Left {
-    /// Quadratic log likelihood of the parameters x of the additional columns, in units of their typical sizes: `slope
-    /// . x - 1/2 x^T information x`.
+    /// The matrix `information` and the vector `slope` of the log likelihood `slope . x - 1/2 x^T information x`,
+    /// where x are the parameters of the additional columns in units of their typical sizes.
     pub(crate) fn information(&self) -> (Mat<f64>, Vec<f64>) {
         let k = self.columns();
         let matrix = Mat::from_fn(k, k, |a, b| self.sums.row(a.min(b))[a.abs_diff(b)]);

@@ -70,8 +70,8 @@ pub(super) fn group_misfits(
         .collect()
 }
 
-/// Residuals of norms or of moves, not yet whitened. `are_of_epochs` selects the second and later epochs of long rests.
-/// Otherwise, all other residuals are selected.
+/// Residuals of norms or of moves, not yet whitened. If `are_of_epochs` is true, those of the second and later epochs
+/// (parts) of long rests, otherwise all others.
 fn of_lines(linear: &Linear, are_norms: bool, are_of_epochs: bool) -> impl Iterator<Item = f64> {
     let is_own = move |line: &&Line| {
         matches!(line.source, Source::Norm(_)) == are_norms && line.is_of_later_epoch == are_of_epochs

@@ -146,8 +146,8 @@ impl Joint<'_> {
         covariance
     }
 
-    /// Adds to `covariance` (of the whitened mean rates) the covariance of the error that the later epochs of a rest
-    /// have in common.
+    /// Adds to `covariance` (of the whitened mean rates) the covariance of the error that the second and later epochs
+    /// (parts) of a long rest have in common.
     fn share_poses(&self, linear: &Linear, covariance: &mut Mat<f64>) {
         let variance = (POSE_ERROR_RADPS * self.raw_scale(Sensor::Gyroscope, &linear.model.parameters())).powi(2);
         // The common error also contains the drift of the bias between the first epoch and the later epochs.

@@ -13,7 +13,7 @@ use crate::numerics::lsq::{self, Solution};
 use nalgebra::Matrix3;
 
 /// Number of quantities in a `Widening`: six factors, three variances between rests, three bias instabilities, and
-/// three variances between epochs.
+/// three variances between the epochs (parts) of long rests.
 pub(in crate::joint) const WIDENINGS: usize = FACTORS + 9;
 /// Number of factors in `Scales`. They are the first quantities of a `Widening`.
 pub(in crate::joint) const FACTORS: usize = 6;
@@ -27,8 +27,8 @@ pub(crate) struct Widening {
     pub(super) between_rests: [f64; 3],
     /// Bias instability of each axis of the gyroscope, raw units.
     pub(super) bias_instability: [f64; 3],
-    /// Variance of the mean rates between the epochs of a long rest that noise does not explain, for each gyroscope
-    /// axis, squared raw units.
+    /// Variance of the mean rates between the epochs (parts) of a long rest that noise does not explain, for each
+    /// gyroscope axis, squared raw units.
     pub(super) epoch_rates: [f64; 3],
 }
 
@@ -173,8 +173,9 @@ fn excess_of_rates(
     (between_rests, [0.0; 3])
 }
 
-/// Excess scatter of the mean rates of the later epochs of long rests, as variances between epochs. It is separate from
-/// the variance between rests, because the drift within a long rest does not predict the biases at other rests.
+/// Excess scatter of the mean rates of the second and later epochs (parts) of long rests, as variances between
+/// epochs. It is separate from the variance between rests, because the drift within a long rest does not predict the
+/// biases at other rests.
 fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], kept: Option<&Widened>) -> [f64; 3] {
     [0, 1, 2].map(|axis| {
         let (residuals, variances) = rates_of(prepared, linear, axis, true);
@@ -185,8 +186,8 @@ fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], ke
     })
 }
 
-/// Residuals of the mean rates on one axis, and their variances from noise, in raw units. `later` selects the second
-/// and later epochs of long rests. Otherwise, all other rests and epochs are selected.
+/// Residuals of the mean rates on one axis, and their variances from noise, in raw units. If `later` is true, those
+/// of the second and later epochs (parts) of long rests, otherwise all others.
 fn rates_of(prepared: &Prepared<'_>, linear: &Linear, axis: usize, later: bool) -> (Vec<f64>, Vec<f64>) {
     let rounding = |k: usize| prepared.rests[k].rest.angular_rate.rounding[axis].error_variance;
     let of_rest = |(k, lines): &(usize, [Line; 3])| {

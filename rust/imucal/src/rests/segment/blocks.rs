@@ -256,8 +256,8 @@ impl Colour {
         (1.0 - (1.0 - 4.0 * edges * factor).max(0.0).sqrt()) / (2.0 * edges)
     }
 
-    /// The factor c of each channel. With fewer than 20 pairs, the estimate would be too uncertain, and the factor is
-    /// one (white noise).
+    /// For each channel, the factor c by which the correlation of the noise increases the variance of a mean. With
+    /// fewer than 20 pairs, the estimate would be too uncertain, and the factor is one (white noise).
     pub(super) fn factor(&self) -> Vector6<f64> {
         self.sum.zip_map(&self.pairs, |total, pairs| {
             if pairs >= 20.0 && total > 0.0 { self.without_edges(total / pairs) } else { 1.0 }
