@@ -56,7 +56,7 @@ pub(crate) fn of_axes(gyroscope: bool, axes: [bool; 3]) -> Vec<&'static str> {
     (0..9).filter(|&j| acts(j)).map(|j| words(gyroscope)[j]).collect()
 }
 
-/// Names of the 21 parameters in their order.
+/// Names of the 21 base parameters, in the order that the start of this file defines.
 pub fn parameter_names(frame: Frame) -> [String; 21] {
     const AXES: [char; 3] = ['x', 'y', 'z'];
     let free = frame.free_entries();
@@ -68,7 +68,7 @@ pub fn parameter_names(frame: Frame) -> [String; 21] {
     })
 }
 
-/// Values of the 21 parameters in their order.
+/// Values of the 21 base parameters, in the order that the start of this file defines.
 pub fn parameter_values(calibration: &Calibration<f64>, frame: Frame) -> [f64; 21] {
     let (accelerometer, gyroscope) = (&calibration.accelerometer, &calibration.gyroscope);
     let free = frame.free_entries();

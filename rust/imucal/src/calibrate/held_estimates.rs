@@ -62,9 +62,9 @@ impl HeldEstimate {
 }
 
 /// Estimates of the held parameters, and the part B of the covariance that is due to their priors. Both are computed
-/// from the parameters and the covariance of a fit with these held parameters. For each held parameter, `residuals`
-/// contains the residual of its prior in standard deviations, and one minus the leverage of this residual; it may be
-/// empty.
+/// from the parameters and the covariance of a fit with these held parameters. `residuals` may be empty. Otherwise it
+/// contains, for each held parameter, the residual of its prior in standard deviations, and one minus the leverage of
+/// this residual.
 pub(super) fn held_estimates(
     (parameters, covariance): (&[f64], &Mat<f64>),
     held: &[HeldParameter],

@@ -186,7 +186,8 @@ impl Outcome {
         let of_unit = |matrix: &Mat<f64>| matrix.submatrix(0, 0, all, all).to_owned();
         let covariances = [of_unit(&joint.covariance), of_unit(&of_priors)];
         let (sensitivities, [covariance, of_priors]) = in_frame(options.frame, symmetric, covariances, &mut moves)?;
-        // The parameters of a known accelerometer are listed as held parameters only if the recordings contradict them.
+        // The parameters of an accelerometer that was calibrated earlier have priors, too. They are listed as held
+        // parameters only if the recordings contradict them.
         let held: Vec<HeldEstimate> =
             held.into_iter().filter(|held| !held.prior.is_combination() || held.is_contradicted()).collect();
         let share =

@@ -216,8 +216,8 @@ impl<'a> UnitData<'a> {
         &self.noise
     }
 
-    /// The input of the computation of gravity directions at the ends of moves, with the given estimates of both
-    /// sensors.
+    /// The data from which the gravity directions at the ends of moves are computed: recordings, rests, noise
+    /// densities and hand models, with the given estimates of both sensors.
     pub(super) fn directions<'b>(&'b self, accelerometer: &'b Triad<f64>, gyroscope: &'b Triad<f64>) -> Directions<'b> {
         let Self { recordings, rests, noise, hands, .. } = self;
         Directions { recordings, rests, noise, hands, accelerometer, gyroscope }

@@ -96,7 +96,7 @@ mod tests {
                 bursts.way_out
             );
         }
-        // If a timer reads the buffer, the number of samples in the buffer varies by one.
+        // If a timer reads the buffer, the number of samples that it finds varies by one.
         let short = found(|i| ((i + i / 160) / 16) as f64 * 0.16 + ((i + i / 160) % 16) as f64 * 1e-4);
         assert_eq!(short.iter().map(|f| f.code).collect::<Vec<_>>(), ["clock_irregular"]);
     }

@@ -115,7 +115,7 @@ fn different_gains(recording: &Recording, gains: [f64; 3], columns: [&str; 3]) -
     if most <= MOST_APART * least {
         return None;
     }
-    // The axis whose gain differs most from the other two.
+    // The gain that differs most from the other two.
     let odd = if most * least > middle * middle { most } else { least };
     let axis = gains.iter().position(|gain| *gain == odd)?;
     Some(Finding {

@@ -252,8 +252,8 @@ mod tests {
             assert_eq!((findings[0].code, findings[0].severity), ("left_handed_axes", Severity::Error));
             assert_eq!(findings[0].columns, columns.map(|k| ACCEL[k]));
         }
-        // The rotation from east-north-up to north-east-down is also a half turn about a diagonal, but it is a common
-        // mounting.
+        // The rotation from east-north-up to north-east-down is also a half turn about a diagonal. It is a common
+        // mounting, so the finding is only a warning.
         let ned = Matrix3::from_columns(&[y, x, -z]);
         assert_eq!(judge(near(ned))[0].severity, Severity::Warning);
     }

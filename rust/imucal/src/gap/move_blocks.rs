@@ -260,7 +260,8 @@ mod tests {
         let last = plain.blocks.last().unwrap();
         let up = Vector3::new(0.6, 0.0, 0.8);
         let at_end = plain.rotation.inverse() * up;
-        // The mean belongs to a time half a block, 0.02 s, before the end. The angular rate there is 2.7 rad/s.
+        // The mean over the last block is the direction half a block (0.02 s) before the end. The angular rate there
+        // is 2.7 rad/s, so the directions differ by 0.054 rad.
         assert!((last.mean_of_constant(&up) - at_end).norm() < 0.06);
         assert!((last.since_start_s - 2.0).abs() < 1e-12 && (last.length_s - BLOCK_S).abs() < 1e-12);
     }

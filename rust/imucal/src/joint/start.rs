@@ -113,7 +113,7 @@ impl Prior {
             square += (parameters[p] / typical).powi(2);
             seen += 1.0 - covariance[(p, p)] / (self.width * typical).powi(2);
         }
-        // The width is at least one, so that the prior covers effects of ordinary sensors.
+        // The width is at least one, so that the prior does not exclude effects of typical size.
         self.width = if seen > 1e-3 { (square / seen).sqrt().max(1.0) } else { self.width };
     }
 }

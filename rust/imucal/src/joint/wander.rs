@@ -81,7 +81,7 @@ impl UnitWander {
 }
 
 impl BiasWander {
-    /// Covariance function of one axis, integrated twice over the time lag.
+    /// Covariance function of the bias of one axis, integrated twice with respect to the time lag.
     fn integrated(&self, axis: usize, lag_s: f64) -> f64 {
         let lag_s = lag_s.abs();
         if lag_s == 0.0 {

@@ -247,8 +247,8 @@ mod tests {
 
     #[test]
     fn powers_of_a_random_walk_are_those_of_its_steps() {
-        // Summation by parts: the z_j of a random walk is a sine sum of the steps of the walk, divided by
-        // 2 sin(pi j / 2W).
+        // By summation by parts, the z_j of a random walk equal a sine sum of the steps of the walk, divided by 2
+        // sin(pi j / 2W). Their powers can therefore be computed from the independent steps.
         let width = 100;
         for (j, power) in expected_powers(1.0, width).iter().enumerate() {
             let sine = 2.0 * (PI * (j + 1) as f64 / (2.0 * width as f64)).sin();

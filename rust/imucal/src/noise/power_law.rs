@@ -121,7 +121,8 @@ mod tests {
             assert!((of(WHITE) * m - 1.0).abs() < 1e-12);
             assert!((of(WALK) / (m / 3.0 + 1.0 / (6.0 * m)) - 1.0).abs() < 1e-12);
             assert!((of(QUANTISATION) * m * m / 3.0 - 1.0).abs() < 1e-12);
-            // At short averaging times, half-order integrated white noise has more power than 1/f noise.
+            // At short averaging times, half-order integrated white noise has a larger Allan variance than 1/f noise.
+            // The difference decreases with the square of the averaging time.
             let flat = 2.0 * LN_2 / PI;
             assert!((of(FLICKER) / flat - 1.0).abs() < 3.0 / (m * m), "{}", of(FLICKER));
         }
