@@ -62,8 +62,8 @@ impl<'a> Checked<'a> {
         refuse_errors(&several_units(recordings, Err(error), |recording| fit_alone(recording, options))?)
     }
 
-    /// Like [`Checked::try_new`], with two differences: error messages do not offer a model with fewer parameters,
-    /// and after a failed fit the function does not test whether the recordings are of several units.
+    /// Like [`Checked::try_new`], with two differences. Error messages do not offer a model with fewer parameters.
+    /// After a failed fit, the function does not test whether the recordings are of several units.
     pub(super) fn of_determined(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         let mut data = UnitData::try_new(recordings, options)?;
         let mut accelerometer = data.fit_accelerometer(options)?;

@@ -128,9 +128,8 @@ fn directions() -> Vec<Vector3<f64>> {
     all.filter(|v| v.norm() > 0.0).map(|v| v.normalize()).collect()
 }
 
-/// List of the names of the parameters in `held`, which are a part of `all`. If `held` contains two or more members of
-/// a group, and all members of this group in `all`, the name of the group is listed instead of the names of its
-/// members.
+/// List of the names of the parameters in `held`, which are a part of `all`. The name of a group is listed instead of
+/// the names of its members if `held` contains all members of the group in `all`, and at least two.
 pub(super) fn listed(held: &[&HeldEstimate], all: &[HeldEstimate]) -> String {
     let mut names = Vec::new();
     for group in GROUPS {

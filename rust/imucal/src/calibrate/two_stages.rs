@@ -260,9 +260,9 @@ mod tests {
     use crate::calibrate::{calibrate, prospect};
     use crate::simulate::{Program, Simulation, Step, Unit, simulate};
 
-    /// A box is rolled over its faces by turns of 90 deg: four turns about each of two axes while this axis is
-    /// horizontal, a fifth turn about the second axis that makes the third axis horizontal, and four turns about the
-    /// third axis. The first `turns` of these 13 turns are simulated.
+    /// A box is rolled over its faces by turns of 90 deg. First, it makes four turns about each of two axes while
+    /// this axis is horizontal. A ninth turn makes the third axis horizontal, and four turns about the third axis
+    /// follow. Only the first `turns` of these 13 turns are simulated.
     fn over_faces(turns: usize) -> Simulation {
         let turn = |motor: usize| std::array::from_fn(|k| if k == motor { FRAC_PI_2 } else { 0.0 });
         let motors = [0, 0, 0, 0, 1, 1, 1, 1, 1, 2, 2, 2, 2].into_iter().take(turns);

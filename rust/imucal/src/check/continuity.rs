@@ -21,18 +21,18 @@ use crate::recording::{Recording, Samples};
 /// Time stamps count as computed from the sample number if they deviate from sample number / rate by at most this
 /// number of time steps. The limit allows stamps that are rounded to a ninth of the time step.
 const EVEN: f64 = 0.12;
-/// The ratio `k` of a change `d_i` of the rate to the mean `m` of the adjacent changes is used only if the motion is
-/// fast enough: the norm of `m` must be at least this multiple of the standard deviation of the noise of `d_i - m`.
-/// At this limit, the noise of `k` has a standard deviation of 1/8.
+/// Minimum norm of the mean `m` of the adjacent changes, in standard deviations of the noise of `d_i - m`. In slower
+/// motion, the ratio `k` is not used, because its noise is too large. At this limit, the noise of `k` has a standard
+/// deviation of 1/8.
 const CLEAR: f64 = 8.0;
-/// The ratio `k` is used only if the motion is smooth: the difference between `d_(i-1)` and `d_(i+1)`, the changes of
-/// the rate before and after `d_i`, is at most this multiple of the norm of their mean `m`.
+/// The ratio `k` is used only if the motion is smooth. The changes `d_(i-1)` and `d_(i+1)` of the rate, before and
+/// after `d_i`, must differ by at most this multiple of the norm of their mean `m`.
 const SMOOTH: f64 = 0.5;
 /// The ratio `k` is used only if the component of the change `d_i` perpendicular to `m` is at most this multiple of
 /// the norm of `m`.
 const ACROSS: f64 = 0.35;
-/// Range of `k`, the ratio of a change of the rate to the mean of the adjacent changes, for one lost sample: 2 plus or
-/// minus twice the standard deviation of the noise of `k` that [`CLEAR`] permits.
+/// Range of the ratio `k` for one lost sample. It is 2 plus or minus two standard deviations of the largest noise of
+/// `k` that [`CLEAR`] permits.
 const LOST: [f64; 2] = [1.75, 2.25];
 /// Range of `k` between the peaks at 1 and 2. Rough motion gives about as many values of `k` in this range as near 2.
 /// The number of values in this range is therefore the reference for the peak at 2.

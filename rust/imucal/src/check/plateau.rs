@@ -44,8 +44,8 @@ impl Kind {
         self.longest = self.longest.max(len);
     }
 
-    /// Whether these plateaus are more prominent than the plateaus `usual`: they have more than twice as many
-    /// samples, or the longest of them is at least twice as long as the longest of `usual`.
+    /// Whether these plateaus have more than twice as many samples as the plateaus `usual`, or whether the longest of
+    /// them is at least twice as long as the longest of `usual`.
     pub(super) fn stand_out_from(&self, usual: &Self) -> bool {
         self.samples > 2 * usual.samples || (self.longest > 0 && self.longest >= 2 * usual.longest)
     }

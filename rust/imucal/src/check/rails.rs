@@ -10,9 +10,9 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
-/// A rail is the value at which an axis is clipped. Its distance from the zero reading is at least this multiple of the
-/// largest such distance in its triad. The axes of a triad have the same range, so their rails differ only by the
-/// scales of the axes.
+/// A rail is the value at which an axis is clipped. Its distance from the zero reading is at least this share of the
+/// largest such distance in its triad, because the axes of a triad have the same range. Their rails differ only by
+/// the scales of the axes.
 const SHARE_OF_REACH: f64 = 0.8;
 
 /// An accelerometer rail is at least this multiple of the median norm of the specific force, which is 1 g. No
@@ -21,7 +21,8 @@ const LOWEST_RAIL_G: f64 = 1.3;
 /// Two rails belong to one measurement range if their distances from the zero reading differ by at most this fraction.
 const ONE_RANGE: f64 = 1e-4;
 
-/// The lowest and the highest value of one axis at which it is clipped; `None` for an end at which it is not clipped.
+/// The lowest and the highest value of one axis if it is clipped there; `None` for a limit at which it is not
+/// clipped.
 type Rails = [Option<f64>; 2];
 
 /// Findings `accel_saturation` and `gyro_saturation`.

@@ -101,8 +101,8 @@ impl Misfits {
     }
 }
 
-/// A column is linearly dependent on the other columns if projection orthogonal to them reduces its length to less than
-/// this fraction. The value is far above rounding errors.
+/// A column counts as linearly dependent on other columns if its part orthogonal to them is shorter than this
+/// fraction of its length. The value is far above rounding errors.
 const LEAST: f64 = 1e-6;
 
 /// Prediction errors of held-out rests and moves (model.md (34)). `None` if the other residuals do not determine all
@@ -150,8 +150,8 @@ impl Joint<'_> {
     }
 }
 
-/// Whitened residuals in two parts, from which the fit can be repeated quickly without the residuals of a fold: a
-/// part whose residuals have correlated errors, and a part whose residuals are independent.
+/// Whitened residuals in two parts: residuals with correlated errors, and residuals with independent errors. With
+/// this division, the fit can be repeated quickly without the residuals of a fold.
 struct Parts {
     /// Length of each column of the whitened Jacobian before scaling.
     size: Vec<f64>,

@@ -309,8 +309,9 @@ impl LeaveOut {
         self.basis.push(direction);
     }
 
-    /// Residual of one row divided by its standard deviation after the fit, and one minus its leverage. `None` if the
-    /// leverage is so close to one that the fit reproduces any value of the measurement.
+    /// Residual of one row divided by its standard deviation after the fit, and one minus its leverage (the share of
+    /// the variance that remains after the fit). `None` if the leverage is so close to one that the fit reproduces
+    /// any value of the measurement.
     pub(super) fn standardised(&self, row: usize) -> Option<(f64, f64)> {
         let free = 1.0 - self.basis.iter().map(|direction| direction[row] * direction[row]).sum::<f64>();
         (free > MIN_JUDGED).then(|| (self.residuals[row] / free.sqrt(), free))

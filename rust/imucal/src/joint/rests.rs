@@ -52,9 +52,9 @@ pub(super) struct Rests<'a> {
     mean_rates: Vec<Rate>,
 }
 
-/// Bias of the model minus the bias with which the samples of a hand-held rest were propagated, rad/s, and the
-/// derivatives of this difference with respect to the parameters of the effects. The derivative with respect to the
-/// bias parameter is `T^-1` and is not stored.
+/// Bias of the model minus the bias with which the samples of a hand-held rest were propagated, rad/s. `columns`
+/// contains the derivatives of this difference with respect to the parameters of the effects. The derivative with
+/// respect to the bias parameter is `T^-1` and is not stored.
 pub(super) struct BiasError {
     pub(super) value: Vector3<f64>,
     pub(super) columns: Vec<Vector3<f64>>,

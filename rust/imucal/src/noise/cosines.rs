@@ -127,10 +127,10 @@ pub(super) fn pooled(squares: &[f64], expected: &[PerKind], length: f64) -> Vec<
     powers
 }
 
-/// Expectation of the squared cosine z_j^2 of a window of W values:
-/// `c_0 + (2 / W) sum over d of c_d ((W - d) cos(a d) - sin(a d) / sin(a))` with d = 1 to W - 1 and a = pi j / W, for j
-/// = 1 to W - 1. c_d is the covariance of means over `length` samples at a distance of d means. Adding a constant to
-/// all c_d does not change the result.
+/// Expectation of the squared cosine z_j^2 of a window of W values, for j = 1 to W - 1:
+/// `c_0 + (2 / W) sum over d of c_d ((W - d) cos(a d) - sin(a d) / sin(a))` with d = 1 to W - 1 and a = pi j / W.
+/// c_d is the covariance of means over `length` samples at a distance of d means. Adding a constant to all c_d does
+/// not change the result.
 pub(super) fn expected_powers(length: f64, width: usize) -> Vec<PerKind> {
     let covariance: Vec<PerKind> = (0..width).map(|d| mean_covariance(length, d as f64)).collect();
     let table: Vec<(f64, f64)> = (0..2 * width).map(|k| (PI * k as f64 / width as f64).sin_cos()).collect();

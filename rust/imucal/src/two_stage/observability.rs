@@ -25,8 +25,8 @@ pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
 pub(crate) const LARGEST_SHIFT: f64 = 0.01;
 /// Standard deviation of the prior of a parameter about its nominal value, as a fraction of its size.
 pub(crate) const FARTHEST: f64 = 0.1;
-/// An undetermined parameter is not assigned to a group if an unobservable direction is almost parallel to it, so
-/// that the parameter makes up at least this share of the squared length of the direction.
+/// An undetermined parameter is not assigned to a group if it is unobservable by itself. This is the case if the
+/// unobservable directions contain at least this share of the squared length of a change of the parameter.
 const OWN_SHARE: f64 = 0.95;
 /// Minimum correlation of undetermined parameters of one group, within the unobservable directions.
 const TRADED: f64 = 0.1;

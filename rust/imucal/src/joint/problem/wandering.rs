@@ -17,7 +17,7 @@ use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
 
 /// Limit that defines the quiet ends of a move, in quantisation steps. At a quiet end, the rate of an axis differs
-/// from the mean rate at the adjacent rest by less than this limit, and its rounding error is assumed to be that of
+/// from the mean rate at the adjacent rest by less than this limit. The rounding error there is assumed to be that of
 /// the rest. In simulated moves, the computed rotation error agrees best with the true error at a limit of 0.8 steps,
 /// for filter bandwidths from 5 to 40 Hz.
 const QUIET: f64 = 0.8;
@@ -26,9 +26,9 @@ const QUIET: f64 = 0.8;
 /// With this error, the later epochs determine only changes of the bias.
 const POSE_ERROR_RADPS: f64 = 1.7e-3;
 
-/// Second whitening of the residuals of norms, moves and mean rates. It accounts for three covariances: that of biases
-/// that vary between rests (model.md (28)), that of rounding errors in the means of the rests (model.md (37)), and that
-/// of the pose errors of long rests (model.md (41)).
+/// Second whitening of the residuals of norms, moves and mean rates. It accounts for three kinds of errors that are
+/// correlated between rests: biases that vary (model.md (28)), rounding errors of the means (model.md (37)), and pose
+/// errors of long rests (model.md (41)).
 pub(crate) struct Wandering {
     /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the errors: the bias at each rest, and the
     /// rounding errors of its mean rate and mean force. D contains the derivatives of the whitened residuals with
