@@ -1,5 +1,5 @@
-//! Conversion of parts of a result to mappings. JSON documents contain these mappings unchanged. A value that is not
-//! finite becomes None. NaN stands for a value that does not exist.
+//! Conversion of parts of a result to mappings, which JSON documents contain unchanged. A value that is not finite
+//! becomes None, for example NaN, with which the library marks a value that does not exist.
 
 use imucal::Termination;
 use imucal::calibrate;

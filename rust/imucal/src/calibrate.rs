@@ -98,8 +98,8 @@ pub struct Options<'a> {
     /// Number of folds of a cross-validation. Each fold predicts every `folds`-th move and rest from a fit without
     /// them.
     pub folds: Option<usize>,
-    /// Maximum number of iterations of the joint fit, counted over all repetitions with new weights. If a fit reaches
-    /// this number before it converges, the verdict is poor.
+    /// Maximum number of iterations of the joint fit, summed over all repetitions of the fit with updated weights. If
+    /// a fit reaches this number before it converges, the verdict is poor.
     pub max_iterations: u64,
 }
 

@@ -105,7 +105,7 @@ impl UnitData<'_> {
     }
 
     /// If one of the two stages lacks motion, its message names only the motion that this stage needs. This function
-    /// replaces it by the message of the joint design, which names all motion that the calibration needs.
+    /// replaces this message by that of the joint design, which names all motion that the calibration needs.
     fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
         let Error::NotEnoughMotion(_) = &error else { return error };
         match self.joint_information(options) {
