@@ -38,7 +38,7 @@ impl NotFinite {
         let recording = part.recording;
         if !part.is_finite {
             for i in part.samples.clone() {
-                // The values of an absent sensor are not missing.
+                // Columns of an absent sensor do not count as missing values.
                 let [[fx, fy, fz], [wx, wy, wz]] = [recording.specific_force, recording.angular_rate]
                     .map(|rows| if rows.is_absent() { [0.0; 3] } else { rows.at(i) });
                 if mark([recording.time_s[i], fx, fy, fz, wx, wy, wz], &mut self.columns) {

@@ -3,7 +3,7 @@
 //! errors.
 //!
 //! ```text
-//! clock_irregular         inside moves, fourth differences of the rate are not correlated with irregular time stamps,
+//! clock_irregular         inside moves, fourth differences of the rate lack the contribution of uneven time stamps,
 //!                         or their variance increases by (jitter dw/dt)^2, w: angular rate
 //! noise_grows_in_motion   the variance of fourth differences is larger inside moves than at rest
 //! ```
@@ -66,10 +66,10 @@ pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<
 /// Fourth differences of the angular rates inside the moves of one recording, for all three axes. They are scaled so
 /// that white noise keeps its standard deviation.
 struct Differences {
-    /// Fourth differences of the angular rate, divided by their standard deviation at rest, to which the rounding error
-    /// in a move is added; outliers are excluded.
+    /// Fourth differences of the angular rate, without outliers, divided by sigma. Sigma combines their standard
+    /// deviation at rest and the rounding error in a move.
     noise: Vec<f64>,
-    /// Angular acceleration divided by the standard deviation of the angular rate at rest, 1/s.
+    /// Angular acceleration divided by the same sigma, 1/s.
     slopes: Vec<f64>,
     /// Fourth differences of the time stamps, s.
     stamps_s: Vec<f64>,

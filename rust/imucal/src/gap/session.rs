@@ -28,8 +28,8 @@ const SIGNIFICANCE: f64 = 1e-6;
 /// within a session. Biases vary by a similar amount within a recording, so a smaller change hardly affects the errors.
 const LEAST_SIZE: f64 = 3.0;
 /// Minimum value of the smallest eigenvalue of the mean of `u u^T` over the rests, where u is the direction up. Below
-/// it, not all components of a change are observable. The eigenvalue is 1/3 for directions distributed uniformly over
-/// the sphere.
+/// this value, not all components of a change are observable. The eigenvalue is 1/3 for directions distributed
+/// uniformly over the sphere.
 const LEAST_SPREAD: f64 = 0.02;
 /// Index of the first bias of each sensor among the parameters of a calibration.
 const BIASES: [usize; 2] = [0, 9];

@@ -130,7 +130,7 @@ impl<'a> Joint<'a> {
         self.let_biases_wander(&linear)
     }
 
-    /// Adds priors for effects whose parameters the recordings determine only in some directions.
+    /// Sets the priors for effects whose parameters the recordings determine only in some directions.
     pub(crate) fn hold(&mut self, priors: Vec<Prior>) {
         self.rows += priors.iter().map(|prior| prior.typical.len()).sum::<usize>();
         self.priors = priors;

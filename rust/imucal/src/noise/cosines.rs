@@ -33,7 +33,7 @@ const POOLED_SHARE: f64 = 0.03;
 pub(super) struct Power {
     pub(super) value: f64,
     pub(super) dof: f64,
-    /// Expected power of each kind of noise with a parameter of one.
+    /// Expected power for each kind of noise if its parameter is one.
     pub(super) expected: PerKind,
     /// Frequency in periods per sample.
     pub(super) frequency: f64,

@@ -23,7 +23,7 @@ use crate::rests::moves::Move;
 /// The motion determines P only if the rotation about the least rotated axis is large enough. Its sum of squared
 /// rotations must be at least this multiple of that about the most rotated axis.
 const LEAST_TURN_SHARE: f64 = 0.01;
-/// Length of a block over which u is averaged, s.
+/// Length of a block over which the gravity direction u is averaged, s.
 const BLOCK_S: f64 = 0.1;
 
 /// P in `true rate = P (raw - bias)`; `None` if the motion does not determine it.

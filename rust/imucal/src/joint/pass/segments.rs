@@ -29,8 +29,7 @@ pub(crate) struct Stretch {
     pub(crate) turn: Matrix3<f64>,
 }
 
-/// Segments of a move. `end` is the attitude change at the end of the move if the rate is reduced, like
-/// [`Stretch::turn`].
+/// Segments of a move. `end` is defined like [`Stretch::turn`], but for the end of the move.
 pub(crate) struct MoveSegments {
     pub(crate) stretches: Vec<Stretch>,
     pub(crate) end: Matrix3<f64>,
