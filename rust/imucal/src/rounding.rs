@@ -23,11 +23,12 @@ use std::f64::consts::{PI, SQRT_2};
 use statrs::function::erf::erfc;
 
 /// Standard deviation of rounded samples above which rounding needs no treatment, in steps. The noise is then above
-/// 0.58 steps, the rounding error of a mean is below 3e-4 steps, and the variance of the samples includes q^2 / 12.
+/// 0.58 steps, the rms rounding error of a mean is below 3e-4 steps, and the variance of the samples includes q^2 /
+/// 12.
 pub(crate) const LEAST_SCATTER: f64 = 0.65;
 /// Distance between two readings, in steps, at which the factor exp(-2 D^2) of the correlation cov(d_k, d_l) of their
-/// errors is exp(-1/2). Errors of readings that are more than a step apart count as independent, because the phase of
-/// the cosine is then not known accurately.
+/// errors is exp(-1/2). The factor is small for readings more than a step apart, because the phase of the cosine is
+/// then not known accurately.
 const CORRELATED: f64 = 0.5;
 /// Smallest and largest trial standard deviation of the noise, in steps. With the smallest, nearly all samples of a
 /// rest are equal. With the largest, rounding causes no error of the mean.

@@ -80,7 +80,8 @@ pub enum Refusal {
         /// Error message of the fit.
         error: String,
     },
-    /// Unseen data are predicted worse with the effect than without it.
+    /// Unseen data are predicted worse with the effect than without it. Also used for an effect with little evidence
+    /// that does not improve the prediction.
     PredictsWorse {
         /// Name of the effect.
         name: String,
@@ -286,8 +287,8 @@ impl Fit {
         [(Metric::HeldOutDirection, direction), (Metric::HeldOutNorm, Floor { value: rms(&rests), count: rests.len() })]
     }
 
-    /// Whether this fit predicts unseen data significantly worse than the fit `other`. The noise densities are those of
-    /// `before`, the fit without effects.
+    /// Whether this fit predicts unseen data significantly worse than the fit `other`. `before` is the fit without
+    /// effects; its standard deviations are used if there are no control recordings.
     fn is_worse_than(&self, other: &Self, before: &Self) -> bool {
         let [value, least] = [self, other].map(|fit| fit.unseen_chi2(before));
         if value <= least * (1.0 + SAME) {

@@ -35,7 +35,7 @@ pub enum RemainderKind {
     Nothing,
     /// A systematic deviation that no effect describes.
     Unknown,
-    /// A bias that varies as a random walk.
+    /// A bias or a scale that varies as a random walk.
     Stochastic,
 }
 

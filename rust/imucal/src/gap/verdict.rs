@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! data_fault        faults of the data explain the residuals, may explain them, or affect too many samples
-//! stochastic        a bias varies as a random walk
+//! stochastic        a bias or a scale varies as a random walk
 //! unknown           no effect of the catalogue describes the residuals, or control recordings contradict the effects
 //! named             effects were accepted
 //! ambiguous         effects were accepted, but other effects explain the residuals equally well
@@ -59,7 +59,7 @@ pub enum Verdict {
     Named,
     /// Effects were accepted, but other effects explain the residuals equally well (within three nats of log evidence).
     Ambiguous,
-    /// A bias varies as a random walk.
+    /// A bias or a scale varies as a random walk.
     Stochastic,
     /// Residuals exceed noise but no effect of the catalogue describes them, or control recordings contradict the
     /// effects.
@@ -206,7 +206,8 @@ impl Basis<'_> {
         let Self { recordings, search, path, before, .. } = self;
         let is_fault = |finding: &&Finding| FAULTS.contains(&finding.code);
         let mut faults: Vec<Finding> = before.outcome.findings.iter().filter(is_fault).cloned().collect();
-        // Saturated and repeated samples disturb the noise estimates and the residuals of moves.
+        // All faults except an irregular clock and missing samples disturb the noise estimates and the residuals of
+        // moves.
         let are_disturbing = faults.iter().any(|fault| !["clock_irregular", "samples_missing"].contains(&fault.code));
         if slips.is_empty() && path.is_empty() && search.generic.is_none() && !are_disturbing {
             faults.extend(clock_and_noise_faults(&before.outcome, recordings));

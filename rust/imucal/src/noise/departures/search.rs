@@ -27,7 +27,7 @@ pub(super) struct Search<'a> {
     pub(super) shapes: Vec<Shape>,
 }
 
-/// Components with their amplitudes, and the noise parameters of the record without these components.
+/// Components with their amplitudes, and the noise parameters of the record after these components are subtracted.
 struct Explained {
     shapes: Vec<Shape>,
     columns: Vec<Vec<f64>>,
@@ -101,7 +101,7 @@ impl Search<'_> {
         best.map(|(_, explained)| explained)
     }
 
-    /// The best step and the two best drifts, with the given noise parameters.
+    /// The best step, the best ramp and the best warm-up for the given noise parameters.
     fn best_shapes(&self, residual: &[f64], theta: &PerKind, present: &Explained) -> Vec<Shape> {
         let weights: Vec<f64> = self.blocks.expected.iter().map(|expected| 1.0 / self.power(theta, expected)).collect();
         let used = self.used(&weights);
