@@ -25,8 +25,8 @@ use crate::rounding::Rounding;
 use crate::two_stage::accelerometer::AccelerometerFit;
 use crate::verdict::Verdict;
 
-/// Recordings of one unit that have passed the checks, with their rests, their moves, and the two-stage fit. All joint
-/// fits start from the two-stage fit.
+/// Recordings of one unit that have passed the checks, with their rests, their moves, and the two-stage fit. Joint
+/// fits start from the two-stage fit, or from a warm start if one is given.
 ///
 /// If the recordings cannot be fitted together, each recording is fitted separately. These fits show whether the
 /// recordings belong to several units.

@@ -34,9 +34,9 @@ const TOLD_APART: f64 = 0.1;
 /// Finding `gravity_sign` for a unit that reads -g on z where z is expected to point up.
 ///
 /// With stand columns, z points up when all motors are at zero, and the rests at other motor angles show the cause.
-/// Axes with z down are a warning, and a reversed sign of gravity is an error. Without stand columns, the first rest is
-/// checked, because most recordings start upright. The finding is then a warning, because the unit may be upside down.
-/// Unsigned counts have no known zero and are not checked.
+/// Axes with z down are a warning. A reversed sign of gravity and an unclear cause are errors. Without stand columns,
+/// the first rest is checked, because most recordings start upright. The finding is then a warning, because the unit
+/// may be upside down. Unsigned counts have no known zero and are not checked.
 pub(super) fn check(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
     let at_zero = |rest: &&Range<usize>| {
         recording

@@ -38,13 +38,13 @@ const FORESEEN: f64 = 0.05;
 /// An additional column, given by its index in the Gram matrices and the typical size of its parameter.
 pub(crate) type Aside = (usize, f64);
 
-/// Columns of a model and additional columns, all normalised to unit length.
+/// Columns of a model and additional columns, all normalised as described at [`Gram::sizes`].
 pub(super) struct Columns<'a> {
     pub(super) gram: &'a Gram,
     pub(super) model: &'a [Column],
     pub(super) beside: Vec<Aside>,
-    /// Reciprocal length of each column. The last entry is one, because it belongs to the residual, which is not
-    /// normalised.
+    /// Factor of the normalisation for each column. The last entry is one, because it belongs to the residual, which
+    /// is not normalised.
     pub(super) unit: Vec<f64>,
 }
 

@@ -136,7 +136,7 @@ impl<'a> Joint<'a> {
         self.priors = priors;
     }
 
-    /// Adds a prior for each time constant, centred at its value in `parameters`. Without a prior, the data do not
+    /// Sets a prior for each time constant, centred at its value in `parameters`. Without a prior, the data do not
     /// determine a time constant if its effect is absent or cannot be distinguished from a drift.
     pub(crate) fn hold_shapes(&mut self, parameters: &[f64]) {
         let place = |term: &Term<'_>| BASE + term.first + term.linear;
@@ -341,7 +341,7 @@ impl<'a> Joint<'a> {
 
 impl Joint<'_> {
     /// Computes the residuals relative to the stand and the residuals of the force inside the moves. `push` receives
-    /// each row with its standard deviation.
+    /// each row with its standard deviation. It is 1 for rows inside moves, because they are already whitened.
     fn stand_rows(&self, encoders: &Encoders, linear: &Linear, mut push: impl FnMut(About, &[f64], f64)) {
         let (prepared, terms, model) = (self.prepared, self.terms, &linear.model);
         let stand = StandModel::of(&model.stand);
