@@ -44,7 +44,7 @@ impl Line {
 }
 
 /// The rest or the move to which a residual belongs, by index. `Norm` stands for a residual of a rest: the norm of
-/// its mean force or a component of its mean rate.
+/// its mean force, a component of its mean rate, or a component of its gravity direction relative to the stand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Source {
     Norm(usize),

@@ -301,7 +301,8 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
         let negligible = self.length(&step) <= self.tolerance * self.length(&current);
         let trial: Vec<f64> = current.iter().zip(&step).map(|(p, h)| p + h).collect();
         if negligible {
-            // A step this short would change the residuals only by rounding errors, so they are not computed again.
+            // The residuals are not computed again. With the tolerance `EXACT`, this step changes them only by
+            // rounding errors. With `ROUGH`, the fit only gives a start value.
             self.termination = Some(Termination::Converged);
             return Ok((state.param(trial).cost(self.chi2), None));
         }
