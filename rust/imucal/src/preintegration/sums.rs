@@ -26,8 +26,8 @@ use super::lanes::{Lanes, Three, cross, three};
 /// Number of steps in a node.
 pub(super) const STEPS_OF_A_NODE: usize = 16;
 const N: f64 = STEPS_OF_A_NODE as f64;
-/// Coefficient a of W (see the start of this file): the relative error of the rectangle rule over a node, divided by
-/// the squared phase change x^2.
+/// Coefficient a of W (see the start of this file): the relative difference between W and n w, divided by the squared
+/// phase change x^2.
 pub(super) const SECOND: f64 = (1.0 + 2.0 / (N * N)) / 24.0;
 /// Ratio b / a of the coefficients of W.
 const FOURTH: f64 = (1.0 / 1920.0 + 1.0 / (288.0 * N * N) - 1.0 / (720.0 * N * N * N * N)) / SECOND;
