@@ -3,7 +3,8 @@
 //! Both stages use the same rests. Errors of the rests therefore affect the gyroscope in three ways: through the
 //! gravity directions, through the parameters of the accelerometer, and through the gyroscope bias. To first order,
 //! every parameter is a linear function of independent errors: three of each mean force, three of each mean rate, and
-//! two of each move. The covariance is computed from the variances of these errors.
+//! two of each move. The covariance is computed from the variances of these errors. The second-order errors that are
+//! due to priors are added.
 
 use faer::Mat;
 use nalgebra::{Matrix2x3, Matrix3, SMatrix, SVector, Vector3};

@@ -152,7 +152,8 @@ impl JointFit {
 
 impl Joint<'_> {
     /// Mean square of the second-order errors that are due to the priors of held parameters. `None` without held
-    /// parameters, and with a known accelerometer, whose standard deviations are too small for second-order errors.
+    /// parameters. Also `None` if the only priors are those of an accelerometer that was calibrated earlier, because
+    /// their standard deviations are too small for second-order errors.
     fn second_order(&self, linear: &Linear, found: &Solution) -> Result<Option<Mat<f64>>, Error> {
         let held = self.prepared.held;
         if held.iter().all(HeldParameter::is_combination) {
