@@ -99,7 +99,7 @@ def role_of(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[
 
 
 def is_of_other(words: list[str]) -> bool:
-    """Whether a word belongs to neither the gyroscope nor the accelerometer with gravity."""
+    """Whether any word names another quantity, such as a magnetic field, or acceleration without gravity."""
     return any(word in OTHER or word in LINEAR for word in words)
 
 

@@ -27,12 +27,15 @@ FIELDS: Final = ("schema", "description", "parameters", *FIGURES, "effects", "ve
 # Verdicts that limits can require.
 REQUIRED: Final[tuple[Verdict, ...]] = ("good", "incomplete")
 NO_LIMIT: Final = "there is no limit, so every unit would pass: give at least one limit"
-# Largest limit of each figure that a limits file may contain: chi2 of residuals of 1000 times the noise, a
-# residual as large as gravity, half a revolution, and the number of rests of one second in a day.
+# A limits file with a larger limit than these is refused.
 LARGEST_LIMITS: Final = {
+    # Residuals of 1000 times their noise.
     "chi2_per_dof": 1e6,
+    # A residual as large as gravity.
     "gravity_norm_rms_mps2": 9.9,
+    # Half a revolution.
     "gravity_direction_rms_deg": 180.0,
+    # A rest or a move in each second of a day.
     "rests": 86_400,
     "moves": 86_400,
 }

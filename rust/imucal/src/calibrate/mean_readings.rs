@@ -122,9 +122,11 @@ struct Fitted {
     noise_from_residuals_mps2: Option<f64>,
 }
 
-/// The fit with the noise of the table. If the table does not contain the noise of each mean, a first fit is made. If
-/// the noise is unknown, it is computed from the residuals of the first fit. If it is given in m/s^2, the sensitivity
-/// of the first fit converts it to raw units.
+/// The fit of the means, each weighted with its noise. There are three cases:
+///
+/// * The table contains the noise of each mean. One fit is sufficient.
+/// * The user gave one noise for all means, in m/s^2. The sensitivity of a first fit converts it to raw units.
+/// * The noise is unknown. It is computed from the residuals of a first fit.
 fn fit(table: &MeanReadings<'_>, held: &[HeldParameter], options: &Options<'_>) -> Result<Fitted, Error> {
     let held = &StageRows::new(held, ACCEL);
     let fit_with = |variances: &dyn Fn(usize) -> Vector3<f64>| {

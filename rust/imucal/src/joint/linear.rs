@@ -294,9 +294,9 @@ impl Prepared<'_> {
         let mut by_bias = -Matrix3::identity();
         let mut turned_by_effects = vec![Vector3::zeros(); terms.count];
         if let Some((PropagatedMean { mean_s, .. }, error)) = propagated.as_ref().zip(bias_error) {
-            // The mean rate of a hand-held rest is reduced by the rotation between its two ends. This rotation is
-            // computed from the gravity directions at the two ends, which depend on the gyroscope bias (model.md
-            // (27)).
+            // At a hand-held rest, the rotation between its two ends, divided by its duration, was subtracted from the
+            // mean rate. This rotation was computed from the gravity directions at the two ends, which depend on the
+            // gyroscope bias (model.md (27)).
             let across = Matrix3::identity() - up * up.transpose();
             let turned = sensitivity * across * (2.0 * mean_s / (rest.end_s - rest.start_s));
             residual += turned * error.value;

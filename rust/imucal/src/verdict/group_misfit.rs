@@ -110,7 +110,7 @@ impl GroupMisfit {
         p_value_of(self.chi2, self.degrees_of_freedom)
     }
 
-    /// Text of the residual `si`, given in SI units: its value in the unit in which it is displayed, and this unit.
+    /// Text of a residual: its value and unit, as displayed. The argument `si` is the residual in SI units.
     pub(super) fn size(&self, si: f64) -> String {
         let size = self.group.in_unit(si);
         let words = if size < 100.0 { general(size, 3) } else { format!("{size:.0}") };

@@ -51,7 +51,7 @@ const REMOVED: f64 = 1e6;
 pub(super) struct Varying {
     block: Block,
     kernel: Kernel,
-    /// Standard deviation of the prior of its coefficients, in multiples of the typical size of the block.
+    /// Standard deviation of the prior of each coefficient, as a multiple of the typical error of the block.
     width: f64,
 }
 
