@@ -250,7 +250,7 @@ class GrblDriver:
         return zero, step
 
     def _say_uncertainty(self) -> None:
-        """Warn if the unknown time at which the controller read its angles makes angles in moves uncertain."""
+        """Warn if the unknown instants of the reported angles make the angles in moves uncertain."""
         half_s = (self._session.port.shortest_s or 0.0) / 2
         rate_dps = max((block.feed_dpm or 0.0 for block in self._blocks), default=0.0) / 60.0
         if half_s * rate_dps > UNCERTAIN_DEG:
