@@ -1,9 +1,8 @@
 """Fixtures of several tests: real recordings, the installed command, a recording made from a true motion."""
 
-import os
 import shlex
+import shutil
 import subprocess
-import sysconfig
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,6 +12,7 @@ import pytest
 
 import imucal
 from children import HANGS_S
+from prepared_python import prepared
 
 # Folder beside the clone with real recordings (`data`) and small files of known faults (`cases`).
 SHARED = Path(__file__).resolve().parents[2] / "shared"
@@ -62,13 +62,18 @@ def case_file():
 
 
 @pytest.fixture(scope="session")
-def command():
+def programs(tmp_path_factory):
+    """The folder of the programs `imucal` and `python`, which start fast."""
+    with prepared(tmp_path_factory.mktemp("programs")) as folder:
+        yield folder
+
+
+@pytest.fixture(scope="session")
+def command(programs):
     """Run the installed `imucal`; returns the finished process with its output as text."""
-    program = Path(sysconfig.get_path("scripts")) / ("imucal.exe" if os.name == "nt" else "imucal")
-    assert program.is_file(), f"{program} is missing: install the package"
 
     def run(*arguments):
-        words = [program, *map(str, arguments)]
+        words = [shutil.which("imucal", path=programs), *map(str, arguments)]
         return subprocess.run(words, capture_output=True, text=True, timeout=HANGS_S)
 
     return run

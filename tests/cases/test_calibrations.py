@@ -6,8 +6,6 @@ import os
 import re
 import shutil
 import subprocess
-import sys
-import sysconfig
 
 import numpy as np
 import pytest
@@ -56,12 +54,12 @@ def test_rests_on_the_faces_of_a_box_determine_all_parameters(case_file, truth, 
 
 
 @pytest.mark.slow
-def test_errors_are_those_of_a_fit_without_imucal(case_file, tmp_path):
+def test_errors_are_those_of_a_fit_without_imucal(programs, case_file, tmp_path):
     """fitcube.py as it is, with the numerics of ident.py."""
     for name in ("cube-faces/fitcube.py", "cube-faces/ident.py", "cube-faces/sim.py", *FACES):
         shutil.copy(case_file(name), tmp_path)
     sim = module_of(tmp_path / "sim.py")
-    lines = ran(tmp_path, "fitcube.py").strip().splitlines()
+    lines = ran(programs, tmp_path, "fitcube.py").strip().splitlines()
     assert len(lines) == 2
     for line in lines:
         name, errors = line.split()[0], re.findall(r"(?:acc|gyr)[Tb] (\S+)", line)
@@ -182,11 +180,11 @@ def test_six_positions_with_a_gyroscope_give_bias_and_scale(case_file, tmp_path,
 
 
 @pytest.mark.slow
-def test_sigmas_of_a_coarse_converter_cover_the_truth(case_file, tmp_path):
+def test_sigmas_of_a_coarse_converter_cover_the_truth(programs, case_file, tmp_path):
     """tz.py as it is: biases of 12 tumbles of a simulated unit whose noise is below a count."""
     for name in ("lsb-sigma/tz.py", "lsb-sigma/u2000.json", "lsb-sigma/truth.json"):
         shutil.copy(case_file(name), tmp_path)
-    printed = ran(tmp_path, "tz.py", "5")
+    printed = ran(programs, tmp_path, "tz.py", "5")
     errors, largest, within = re.search(r"n (\d+) .* max (\S+) within 2 sigma (\d+)", printed).groups()
     # 36 biases, of which 95 % are within 2 standard deviations: 30 or fewer in one of 100 series.
     assert int(errors) == 36 and int(within) > 30, printed
@@ -194,11 +192,11 @@ def test_sigmas_of_a_coarse_converter_cover_the_truth(case_file, tmp_path):
 
 
 @pytest.mark.slow
-def test_sigmas_of_rounded_counts_cover_the_truth(case_file, tmp_path):
+def test_sigmas_of_rounded_counts_cover_the_truth(programs, case_file, tmp_path):
     """tq.py as it is: three converters, 12 runs each of its own simulator."""
     for name in ("lsb-sigma/tq.py", "lsb-sigma/sim.py"):
         shutil.copy(case_file(name), tmp_path)
-    printed = ran(tmp_path, "tq.py").strip().splitlines()
+    printed = ran(programs, tmp_path, "tq.py").strip().splitlines()
     assert len(printed) == 3
     for line in printed:
         bias, within, count, scale = re.search(
@@ -208,12 +206,16 @@ def test_sigmas_of_rounded_counts_cover_the_truth(case_file, tmp_path):
         assert float(bias) <= WITHIN_SIGMAS and float(scale) < WITHIN_SIGMAS, line
 
 
-def ran(folder, *words):
-    """The output of a Python program in a folder, with the installed command in its path."""
-    path = f"{sysconfig.get_path('scripts')}{os.pathsep}{os.environ['PATH']}"
-    environment = {**os.environ, "PATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
+def ran(programs, folder, *words):
+    """The output of a Python program in a folder, with the command in its path."""
+    environment = {**os.environ, "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"}
     done = subprocess.run(
-        [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True, timeout=HANGS_S
+        [programs / "python", *words],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=HANGS_S,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

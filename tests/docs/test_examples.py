@@ -2,7 +2,6 @@
 
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -32,9 +31,13 @@ def test_every_example_is_tested():
 
 
 @pytest.mark.parametrize("name", PROMISED)
-def test_example(name, tmp_path):
+def test_example(name, programs, tmp_path):
     done = subprocess.run(
-        [sys.executable, str(EXAMPLES / name)], cwd=tmp_path, capture_output=True, text=True, timeout=HANGS_S
+        [programs / "python", str(EXAMPLES / name)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=HANGS_S,
     )
     assert done.returncode == 0, done.stderr
     for promised in PROMISED[name]:

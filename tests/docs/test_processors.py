@@ -13,8 +13,6 @@ import sys
 
 import pytest
 
-from page_steps import run_page
-
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="not a processor with AVX"),
@@ -43,14 +41,22 @@ def width(request):
     return request.param
 
 
-def test_the_readme_shows_the_digits_that_are_printed(width, tmp_path):
-    assert run_page("README.md", tmp_path, IMUCAL_VECTOR_BITS=width) >= 7
+@pytest.fixture(scope="module")
+def one_of_both(width):
+    """A width that this library can compute with, as with another one."""
+    if bits("512") == bits("256"):
+        pytest.skip("the only width of this library and this processor, with which test_readme.py runs")
+    return width
 
 
-def test_the_tutorial_shows_the_digits_that_are_printed(width, tmp_path, data_file):
+def test_the_readme_shows_the_digits_that_are_printed(run_page, one_of_both, tmp_path):
+    assert run_page("README.md", tmp_path, IMUCAL_VECTOR_BITS=one_of_both) >= 7
+
+
+def test_the_tutorial_shows_the_digits_that_are_printed(run_page, one_of_both, tmp_path, data_file):
     for name in ("xsens_acc.mat", "xsens_gyro.mat"):
         shutil.copy(data_file(f"xsens_mti/{name}"), tmp_path)
-    assert run_page("docs/tutorial-xsens.md", tmp_path, IMUCAL_VECTOR_BITS=width) == 7
+    assert run_page("docs/tutorial-xsens.md", tmp_path, IMUCAL_VECTOR_BITS=one_of_both) == 7
 
 
 def test_the_width_is_that_of_the_environment(width):

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from imucal.stand.packet import PacketFormat
-from page_steps import assert_prints, run_page
+from page_steps import assert_prints
 
 ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"\]\((?!https?://)([^)#]+)[^)]*\)")
@@ -26,7 +26,7 @@ PAGES = [
 
 
 @pytest.mark.slow
-def test_readme_runs(tmp_path):
+def test_readme_runs(run_page, tmp_path):
     assert run_page("README.md", tmp_path) >= 7
     for name in ("run.csv", "truth.json", "unit-0042.json", "report.html", "corrected.csv"):
         assert (tmp_path / name).stat().st_size > 0
@@ -63,7 +63,7 @@ def test_readme_has_the_figures_of_the_comparison():
         ("phone.md", 3),
     ],
 )
-def test_page_prints_what_it_shows(page, number_of_steps, tmp_path):
+def test_page_prints_what_it_shows(run_page, page, number_of_steps, tmp_path):
     assert run_page(f"docs/{page}", tmp_path) == number_of_steps
 
 
@@ -84,19 +84,19 @@ def test_page_of_firmware_has_the_dependencies_that_an_exported_module_is_built_
 
 
 @pytest.mark.slow
-def test_tutorial_prints_what_it_shows(tmp_path, data_file):
+def test_tutorial_prints_what_it_shows(run_page, tmp_path, data_file):
     for name in ("xsens_acc.mat", "xsens_gyro.mat"):
         shutil.copy(data_file(f"xsens_mti/{name}"), tmp_path)
     assert run_page("docs/tutorial-xsens.md", tmp_path) == 7
 
 
 @pytest.mark.slow
-def test_page_of_simulation_prints_what_it_shows(tmp_path):
+def test_page_of_simulation_prints_what_it_shows(run_page, tmp_path):
     assert run_page("docs/simulation.md", tmp_path) == 7
 
 
 @pytest.mark.slow
-def test_page_of_the_production_line_prints_what_it_shows(tmp_path):
+def test_page_of_the_production_line_prints_what_it_shows(run_page, tmp_path):
     page = (ROOT / "docs/production-line.md").read_text(encoding="utf-8")
     script = ROOT / "examples/production_line.sh"
     shown = re.search(r"^```sh\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)[1]
@@ -108,7 +108,7 @@ def test_page_of_the_production_line_prints_what_it_shows(tmp_path):
 
 
 @pytest.mark.slow
-def test_page_of_the_stand_prints_what_it_shows(tmp_path):
+def test_page_of_the_stand_prints_what_it_shows(run_page, tmp_path):
     assert run_page("docs/stand.md", tmp_path) == 5
     page = (ROOT / "docs/stand.md").read_text(encoding="utf-8")
     (tmp_path / "packet.json").write_text(
@@ -125,29 +125,29 @@ def test_page_of_the_stand_prints_what_it_shows(tmp_path):
 
 
 @pytest.mark.slow
-def test_page_of_the_gap_prints_what_it_shows(tmp_path):
+def test_page_of_the_gap_prints_what_it_shows(run_page, tmp_path):
     assert run_page("docs/gap.md", tmp_path) == 11
 
 
 @pytest.mark.slow
-def test_page_of_noise_prints_what_it_shows(tmp_path):
+def test_page_of_noise_prints_what_it_shows(run_page, tmp_path):
     assert run_page("docs/noise.md", tmp_path) == 4
 
 
 @pytest.mark.slow
-def test_page_of_exports_prints_what_it_shows(tmp_path):
+def test_page_of_exports_prints_what_it_shows(run_page, tmp_path):
     assert run_page("docs/export.md", tmp_path) == 11
 
 
 @pytest.mark.slow
-def test_page_of_reports_prints_what_it_shows(tmp_path):
+def test_page_of_reports_prints_what_it_shows(run_page, tmp_path):
     assert run_page("docs/report.md", tmp_path) == 5
     assert (tmp_path / "unit-0042.html").stat().st_size > 0
     assert (tmp_path / "coverage.html").stat().st_size > 0
 
 
 @pytest.mark.slow
-def test_page_of_effects_is_the_catalogue_and_runs(tmp_path):
+def test_page_of_effects_is_the_catalogue_and_runs(run_page, tmp_path):
     written = tmp_path / "effects.md"
     subprocess.run(
         [sys.executable, "-m", "imucal.cli", "effects", "--markdown", written],
@@ -162,7 +162,7 @@ def test_page_of_effects_is_the_catalogue_and_runs(tmp_path):
 
 
 @pytest.mark.slow
-def test_page_of_an_own_effect_is_its_example(tmp_path):
+def test_page_of_an_own_effect_is_its_example(run_page, tmp_path):
     shutil.copy(ROOT / "examples/own_effect.py", tmp_path)
     assert run_page("docs/own-effect.md", tmp_path) == 1
     program = (tmp_path / "own_effect.py").read_text(encoding="utf-8")

@@ -3,8 +3,6 @@
 import json
 import pickle
 import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ import imucal
 from imucal.effects.formula import is_formula, parse_formula
 from imucal.effects.formula_effect import FormulaEffect, formula_effects
 
-COMMAND = Path(sys.executable).with_name("imucal")
 SUPPLY = "gyro: k*(supply_v - 3.3)"
 TRUE = [0.02, -0.01, 0.015]
 
@@ -245,14 +242,20 @@ def test_a_file_whose_formula_contradicts_it_is_refused(runs, tmp_path, change, 
         imucal.Calibration.load(edited(path, change))
 
 
-def imucal_command(folder, *arguments):
-    done = subprocess.run([COMMAND, *arguments], cwd=folder, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+@pytest.fixture
+def imucal_command(programs):
+    """Run a command in a folder; returns its output."""
+
+    def run(folder, *arguments):
+        done = subprocess.run([programs / "imucal", *arguments], cwd=folder, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    return run
 
 
 @pytest.mark.slow
-def test_the_commands_take_a_formula(files):
+def test_the_commands_take_a_formula(imucal_command, files):
     said = imucal_command(
         files,
         "calibrate",
@@ -274,7 +277,7 @@ def test_the_commands_take_a_formula(files):
     assert "double aux_supply_v," in (files / "unit.h").read_text()
 
 
-def test_a_simulation_repeats_a_formula(tmp_path):
+def test_a_simulation_repeats_a_formula(imucal_command, tmp_path):
     formula = "gyro x: k*w*(abs(f_z) >= 5) = 1e-3"
     imucal_command(
         tmp_path,
