@@ -30,9 +30,10 @@ import os, signal, sys
 from pathlib import Path
 import numpy as np
 import imucal
-import imucal.cli.output, imucal.io.canonical
+# All that a child would load, or most of its calls were those of its imports.
+import imucal.calibration.calibration, imucal.calibration.file, imucal.cli.output, imucal.io.canonical
 from imucal.document.json_document import write_json
-import pyarrow.csv, pyarrow.parquet
+import pyarrow.compute, pyarrow.csv, pyarrow.parquet
 
 target = Path(sys.argv[1])
 
@@ -71,26 +72,31 @@ def killed_at(kind, moment):
     sys.setprofile(count)
     write(kind, 2.5)
     sys.setprofile(None)
+    os.write(told, str(calls).encode())
     os._exit(0)
 
 kind = sys.argv[2]
+telling, told = os.pipe()
 assert in_child(lambda: finished(kind, 2.5)) == 0
 new = target.read_bytes()
 assert in_child(lambda: finished(kind, 1.5)) == 0
 old = target.read_bytes()
 assert old != new
-# Each of the first calls, then calls at growing distances up to the end.
-seen, moment = {"old": 0, "new": 0, "broken": 0}, 1
-while True:
+assert in_child(lambda: killed_at(kind, 0)) == 0
+calls = int(os.read(telling, 20))
+# Each of the first and of the last calls, and calls at growing distances from both ends.
+distances = [1]
+while distances[-1] < calls:
+    distances.append(distances[-1] + max(1, distances[-1] // int(sys.argv[3])))
+seen = {"old": 0, "new": 0, "broken": 0}
+assert in_child(lambda: finished(kind, 1.5)) == 0
+for moment in sorted({*distances[:-1], *(calls - distance for distance in distances[:-1])}):
     status = in_child(lambda: killed_at(kind, moment))
+    assert status == 0 or os.WTERMSIG(status) == signal.SIGKILL
     found = target.read_bytes()
     seen["old" if found == old else "new" if found == new else "broken"] += 1
-    if status == 0:
-        break
-    assert os.WTERMSIG(status) == signal.SIGKILL
-    if found == new:
+    if found != old:
         assert in_child(lambda: finished(kind, 1.5)) == 0
-    moment += max(1, moment // int(sys.argv[3]))
 print(*seen.values())
 """
 
@@ -107,7 +113,7 @@ print(*seen.values())
 def test_killed_at_any_call_leaves_the_old_or_the_new_file(tmp_path, name, kind):
     target = tmp_path / name
     done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", MOMENTS, str(target), kind, "30"],
+        [sys.executable, "-W", "ignore", "-c", MOMENTS, str(target), kind, "10"],
         capture_output=True,
         text=True,
     )
