@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import imucal
-from gap_runs import CONTROL_SEED, RUN_SEED, pair, simulated
+from gap_runs import CATALOGUE, CONTROL_SEED, RUN_SEED, pair, simulated
 
 pytestmark = pytest.mark.slow
 
@@ -41,7 +41,7 @@ def test_one_temperature_that_is_missing_is_said():
     temperature = recording.temperature_degc.copy()
     temperature[12345] = np.nan
     holed = changed(recording, temperature_degc=temperature)
-    gap = imucal.find_gap(holed)
+    gap = imucal.find_gap(holed, candidates=CATALOGUE)
     needs = {item["name"]: item["needs"] for item in gap.not_observable}
     assert needs["gyro_bias_temperature"].startswith("a temp_degc column without holes")
     with pytest.raises(imucal.InputError, match="samples without temperature: repair the temp_degc column"):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import imucal
+from gap_runs import CATALOGUE
 from imucal.rig.unit import unit_of
 
 PADOVA_MPS2 = 9.81744
@@ -71,7 +72,7 @@ def test_what_turns_three_times_as_fast_as_the_earth_is_not_it_and_one_search_sa
     program = imucal.Program.random(seed=4, moves=40, hold_s=8.0, move_s=2.0)
     run = imucal.simulate(program, rate_hz=100.0, seed=5, effects={"earth_rate": [1.6e-4, 0.0, 1.4e-4]})
     stages = []
-    gap = imucal.find_gap(run.recording, stage=stages.append)
+    gap = imucal.find_gap(run.recording, candidates=CATALOGUE, stage=stages.append)
     assert "earth_rate" not in [effect["name"] for effect in gap.effects]
     assert any(note.startswith("earth_rate fits these recordings with 0.012") for note in gap.notes)
     assert sum(stage.startswith("scoring") for stage in stages) == 1

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import imucal
-from gap_runs import CONTROL_SEED, RATE_HZ, RUN_SEED, pair, simulated
+from gap_runs import CATALOGUE, CONTROL_SEED, RATE_HZ, RUN_SEED, pair, simulated
 from imucal.report import write_gap_page
 
 pytestmark = pytest.mark.slow
@@ -124,7 +124,7 @@ def worth(name, values, figure, seed, simulate=simulated):
     """What is claimed of a corrected control run, and by which factor its true error shrinks."""
     run = simulate(2 * seed, effects={name: values}).recording
     control = simulate(2 * seed + 1, effects={name: values})
-    gap = imucal.find_gap(run, control=control.recording)
+    gap = imucal.find_gap(run, control=control.recording, candidates=CATALOGUE)
     assert [effect["name"] for effect in gap.effects] == [name]
     before, after = (
         slow_errors(calibration.apply_recording(control.recording), control.truth)[figure]
