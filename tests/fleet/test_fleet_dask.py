@@ -68,41 +68,49 @@ def test_a_benchmark_gives_the_same_answers_on_a_client_and_on_processes(client)
     assert answers[0] == answers[1] == [bias(seed) for seed in range(9)]
 
 
-def test_a_poisoned_file_and_a_lost_scheduler(small_fleet, tmp_path):
-    store = tmp_path / "units.sqlite"
-    with Cluster(tmp_path, workers=2, start_files=small_fleet / "sitecustomize") as cluster:
-        run = start(
-            store,
-            small_fleet / "poisoned.csv",
-            scheduler=cluster.address,
-            total=UNITS,
-            start_files=small_fleet / "sitecustomize",
-        )
-        assert run.wait() == 0, run.output.read_text()
-        assert imucal.Fleet(store).count() == {"good": UNITS - 2, "failed": 1, "poisoned": 1}
+@pytest.fixture(scope="module")
+def cluster(small_fleet, tmp_path_factory):
+    """A scheduler and two workers that can be killed; a poisoned file ends or stops its reader there."""
+    folder = tmp_path_factory.mktemp("cluster")
+    with Cluster(folder, workers=2, start_files=small_fleet / "sitecustomize") as started:
+        yield started
 
-        lost = tmp_path / "lost.sqlite"
-        run = start(lost, small_fleet / "poisoned.csv", scheduler=cluster.address, total=UNITS)
-        run.wait_for(1)
-        cluster.kill_scheduler()
-        run.wait()
-        said = run.output.read_text()
-        assert "is lost" in said or "done" in said, said
-        stored = check(lost, run.told)
+
+def test_a_recording_that_hangs_on_a_cluster_costs_its_own_row_alone(small_fleet, cluster, tmp_path):
+    tally = imucal.Fleet(tmp_path / "units.sqlite").run(
+        small_fleet / "hanging.csv", scheduler=cluster.address, time_limit_s=LIMIT_S
+    )
+    assert tally.verdicts == {"good": UNITS - 2, "failed": 2}
+    assert tally.codes == {"format": 1, "time_limit": 1}
+
+
+def test_a_poisoned_file_costs_its_own_row_alone(small_fleet, cluster, tmp_path):
+    store = tmp_path / "units.sqlite"
+    run = start(
+        store,
+        small_fleet / "poisoned.csv",
+        scheduler=cluster.address,
+        total=UNITS,
+        start_files=small_fleet / "sitecustomize",
+    )
+    assert run.wait() == 0, run.output.read_text()
+    assert imucal.Fleet(store).count() == {"good": UNITS - 2, "failed": 1, "poisoned": 1}
+
+
+def test_a_lost_scheduler_loses_nothing_that_was_told(small_fleet, cluster, tmp_path):
+    """The last test of the cluster, because it kills it."""
+    lost = tmp_path / "lost.sqlite"
+    run = start(lost, small_fleet / "poisoned.csv", scheduler=cluster.address, total=UNITS)
+    run.wait_for(1)
+    cluster.kill_scheduler()
+    run.wait()
+    said = run.output.read_text()
+    assert "is lost" in said or "done" in said, said
+    stored = check(lost, run.told)
     rest = start(lost, small_fleet / "poisoned.csv", workers=1, total=UNITS)
     assert rest.wait() == 0
     assert check(lost, rest.told) == UNITS
     assert f"done {UNITS - stored} {stored}" in rest.output.read_text()
-
-
-def test_a_recording_that_hangs_on_a_cluster_costs_its_own_row_alone(small_fleet, tmp_path):
-    start_files = small_fleet / "sitecustomize"
-    with Cluster(tmp_path, workers=2, start_files=start_files) as cluster:
-        tally = imucal.Fleet(tmp_path / "units.sqlite").run(
-            small_fleet / "hanging.csv", scheduler=cluster.address, time_limit_s=LIMIT_S
-        )
-    assert tally.verdicts == {"good": UNITS - 2, "failed": 2}
-    assert tally.codes == {"format": 1, "time_limit": 1}
 
 
 def test_no_scheduler_is_an_error():
