@@ -20,7 +20,7 @@ COMMAND = Path(sys.executable).with_name("imucal")
 # Only a command that hangs takes this long, s; one that calculates ends within half a second.
 HANGS_S = 300.0
 # Processor time after which a command has loaded its modules and calculates, s.
-WORKS_S = 4.0
+WORKS_S = 1.5
 ENDLESS = ["plan", "optimal", "--proposals", "2000000000", "-o"]
 
 

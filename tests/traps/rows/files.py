@@ -32,7 +32,8 @@ def numbers(time_scale=1.0, accel=1.0, gyro=1.0):
 
 
 def lines(values, separator=",", form="{:.9g}"):
-    return [separator.join(form.format(number) for number in row) for row in values]
+    row_form = separator.join([form] * values.shape[1])
+    return [row_form.format(*row) for row in values.tolist()]
 
 
 def texts(header=HEADER, values=None):
