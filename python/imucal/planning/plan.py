@@ -151,7 +151,7 @@ class Held:
 
 @dataclass(frozen=True)
 class CoreSensors:
-    """The properties of the unit under the names of the compiled library."""
+    """The unit and the options of a plan, in fields with the names that the compiled library expects."""
 
     unit: Unit
     rate_hz: float

@@ -158,7 +158,7 @@ def _write(
 
 
 def _plain(value: Any) -> Any:
-    """A value of SQLite for text. Bytes, which contain arrays, are represented by their length."""
+    """A value of the store for text output. For an array, which is stored as bytes, it is the length."""
     return f"{len(value)} bytes" if isinstance(value, bytes) else value
 
 

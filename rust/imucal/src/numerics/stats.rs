@@ -68,9 +68,10 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     if sample.is_empty() {
         return of_all();
     }
-    // The two limits have this distance from the quantile of the sample, in standard deviations of the rank. With 2.5,
-    // about one quantile in a hundred is outside the limits. Wider limits are slower on average, because more values
-    // between them are stored. For long records, the limits are wider, because storing all values must be avoided.
+    // The quantile of all values is searched between two limits, which are quantiles of the sample with a smaller and a
+    // larger rank. `off` is the difference of the ranks in standard deviations. With 2.5, about one quantile in a
+    // hundred is outside the limits. Wider limits are slower on average, because more values between them are stored.
+    // For long records, the limits are wider, because storing all values must be avoided.
     let off = if count < MANY { 2.5 } else { 4.0 };
     let last = (sample.len() - 1) as f64;
     let margin = off * (q * (1.0 - q) / sample.len() as f64).sqrt();

@@ -121,7 +121,8 @@ impl Plan {
         Self { columns, of_model, of_others, register }
     }
 
-    /// Sums that are initially zero. Each column of a job has one register of sums.
+    /// The sums of all jobs before the first row, which are zero. Each column of a job needs as many sums as a SIMD
+    /// register has numbers.
     fn nothing_yet(&self) -> Vec<f64> {
         vec![0.0; (self.of_model.len() * OF_MODEL + self.of_others.len() * OF_OTHERS) * self.register]
     }

@@ -11,8 +11,8 @@ use crate::numerics::symmetric::SymmetricMatrix;
 /// length before the elimination.
 const ROUNDING: f64 = 1e-9;
 
-/// Schur complement of the additional columns and of the residual, which is the last column. The columns are scaled to
-/// the typical sizes of their parameters.
+/// Products of the additional columns and of the residual, from which the columns of the model have been eliminated
+/// (Schur complement). The residual is the last column. The columns are scaled to typical sizes of their parameters.
 pub(crate) struct Left {
     pub(super) sums: SymmetricMatrix,
     /// Squared length of each column before the elimination.

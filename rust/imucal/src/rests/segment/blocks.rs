@@ -242,12 +242,13 @@ impl Colour {
         self.samples = self.samples.max(other.samples);
     }
 
-    /// Converts the factor c of means over 0.25 s to the factor c of long means.
+    /// Factor c by which the correlation of the noise increases the variance of long means, computed from the factor
+    /// `factor` that was estimated from means over 0.25 s.
     ///
-    /// Low-pass filtered noise is correlated across the boundary of consecutive means, so the differences of these
-    /// means are too small. The estimated factor is therefore c multiplied by `1 - 1.5 / (pi^2 tau B)`, where c is the
-    /// factor of long means. tau is the averaging time, dt is the sampling interval, and B is the noise bandwidth with
-    /// `1 / B = 2 c dt`. Factors of nearly white noise are not changed.
+    /// Low-pass filtered noise is correlated across the boundary of consecutive means, so the differences of short
+    /// means are too small. Therefore `factor = c (1 - 1.5 / (pi^2 tau B))` with `1 / B = 2 c dt`. tau is the averaging
+    /// time of 0.25 s, dt is the sampling interval, and B is the noise bandwidth. Factors of nearly white noise are not
+    /// changed.
     fn without_edges(&self, factor: f64) -> f64 {
         let edges = 3.0 / (std::f64::consts::PI.powi(2) * self.samples);
         if factor < FILTERED {
