@@ -14,6 +14,7 @@
 #   make gap-benchmark  blind test with hidden effects, to docs/results/gap.md; SHARE=0.1 runs a tenth, LOG=file resumes
 #   make laws-benchmark  errors that the catalogue lacks, to docs/results/laws.md; LOG=file resumes
 #   make units-benchmark  strong effects, variations in time, two sessions, to docs/results/units.md
+#   make thermal-benchmark  sensors that remember the temperature, to docs/results/thermal.md
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
 #   make traps     inputs that easily give a wrong result, and 500 clean runs, to docs/results/traps.md
 #   make signals   time from Ctrl-C to the end of each long command, to docs/results/signals.md
@@ -24,7 +25,7 @@
 #   make stand     verdicts of a simulated line for good units and hidden faults, to docs/results/stand.md
 #   make test-firmware  faults of a stand on a simulator of GRBL or grblHAL: GRBL_SIM=path, see docs/stand.md
 #   make fleet     a simulated fleet, its speed, store and kills, to docs/results/fleet.md; PARTS=kills runs one part
-#                  accuracy, plan, gap- and units-benchmark go on where they were killed; SCHEDULER=tcp://HOST:8786 for Dask
+#                  accuracy, plan, gap-, units- and thermal-benchmark go on where they were killed; SCHEDULER=tcp://HOST:8786 for Dask
 #   make test-vectors  README and tutorial with the arithmetic of AVX2 and of AVX-512, also on a processor without it
 #   make docs      the pages under docs/ as a site, site/index.html; a broken link is an error
 #   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
@@ -227,7 +228,7 @@ docs: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy rounding faces six-positions one-sensor gap-benchmark laws-benchmark units-benchmark plan traps signals stand first-steps
+.PHONY: demo bench accuracy rounding faces six-positions one-sensor gap-benchmark laws-benchmark units-benchmark thermal-benchmark plan traps signals stand first-steps
 .PHONY: docs-figures docs-pictures fleet stand-driver stand-firmware firmware comparison
 demo: $(VENV)/.installed
 	$(call say,Demo)
@@ -282,6 +283,10 @@ laws-benchmark: $(VENV)/.installed
 units-benchmark: $(VENV)/.installed
 	$(call say,Units)
 	PYTHONPATH=benches $(PY) -m gap.units $(ENGINE)
+
+thermal-benchmark: $(VENV)/.installed
+	$(call say,Sensors that remember the temperature)
+	PYTHONPATH=benches $(PY) -m gap.thermal $(ENGINE)
 
 first-steps: $(VENV)/.installed
 	$(call say,From a clone to a C header)

@@ -26,6 +26,8 @@ MOVES = {"short": 6, "long": 45}
 HOLD_S = {"short": 1.5, "long": 5.0}
 LATITUDE_DEG = 45.0
 WARMING_UP = "warmup:20:45:100"
+# Heating and cooling, for effects of the temperature history.
+CYCLE = "cycle:20:45:300"
 MOST_POINTS = 400
 
 WIDTH, HEIGHT, LEFT, RIGHT = 640, 300, 70, 12
@@ -58,9 +60,9 @@ class Scene:
     below_unit: str
 
     @staticmethod
-    def of(length: str) -> Scene:
+    def of(length: str, temperature: str = WARMING_UP) -> Scene:
         program = imucal.Program.random(seed=SEED, moves=MOVES[length], hold_s=HOLD_S[length])
-        run = imucal.simulate(program, unit="ideal", rate_hz=RATE_HZ, temperature=WARMING_UP, seed=SEED)
+        run = imucal.simulate(program, unit="ideal", rate_hz=RATE_HZ, temperature=temperature, seed=SEED)
         truth = run.truth
         angles = run.recording.stand_rad
         speeds = np.gradient(angles, 1 / RATE_HZ, axis=0)
@@ -172,10 +174,12 @@ def picture(effect: imucal.Effect, scene: Scene) -> str:
 def pictures() -> dict[str, str]:
     """SVG pictures of all effects of the catalogue, by name."""
     scenes = {length: Scene.of(length) for length in MOVES}
+    scenes["cycle"] = Scene.of("long", CYCLE)
     drawn = {}
     for effect in imucal.effects.catalogue():
         slow = {"time", "temperature"} & set(effect.needs)
-        scene = scenes["long" if slow else "short"]
+        cycle = "temperature_history" in effect.needs
+        scene = scenes["cycle" if cycle else "long" if slow else "short"]
         drawn[effect.name] = picture(effect, scene.warming() if "temperature" in effect.needs else scene)
     return drawn
 

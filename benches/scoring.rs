@@ -66,7 +66,7 @@ fn times_ms(motion: &Motion) -> Result<[f64; 2], Error> {
     recording.stand_rad = None;
     let recordings = [recording];
     let options = Options::default();
-    let all: Vec<EffectChoice> = Effect::catalogue().map(|effect| EffectChoice { effect, full: false }).collect();
+    let all: Vec<EffectChoice> = Effect::catalogue().map(EffectChoice::plain).collect();
     let checked = Checked::try_new(&recordings, &options)?;
     checked.calibrate(&options.model(), None)?;
     let is_hand_moved = search(&checked, &all, &[], false)?.is_hand_moved;

@@ -83,7 +83,7 @@ def others(measured: imucal.Recording) -> dict[str, set[str]]:
     corrected = [plain.apply_recording(measured)]
     question = Question([measured], [], OPTIONS, [], {}, None, References("standard"), lambda _: None)
     forms = library(corrected)
-    given = columns_of(question, corrected, [], forms, is_hand_moved=False)
+    given = columns_of(question, corrected, {}, forms, is_hand_moved=False)
     named = {str(place): columns for place, (_, columns) in enumerate(given.candidates)}
     data = baselines.library(given.residual, given.model, named)
     ways = {**baselines.BASELINES}

@@ -16,6 +16,8 @@ __all__ = [
     "MAX_PASSES",
     "MIN_REST_S",
     "REFERENCE_TEMPERATURE_DEGC",
+    "TEMPERATURE_REVERSAL_K",
+    "TEMPERATURE_SMOOTHING_S",
     "AxisNoise",
     "Carried",
     "Effect",
@@ -77,6 +79,7 @@ __all__ = [
     "simulate",
     "smallest_visible",
     "stand_mismatch_deg",
+    "temperature_history",
 ]
 
 __version__: str
@@ -86,6 +89,8 @@ MAX_PASSES: int
 MIN_REST_S: float
 MAX_ITERATIONS: int
 REFERENCE_TEMPERATURE_DEGC: float
+TEMPERATURE_REVERSAL_K: float
+TEMPERATURE_SMOOTHING_S: float
 GAP_FOLDS: int
 
 _Array = NDArray[np.float64]
@@ -206,7 +211,7 @@ class _Options(Protocol):
     @property
     def wander(self) -> tuple[_Wander, _Wander] | None: ...
     @property
-    def effects(self) -> Sequence[tuple[str, bool]]: ...
+    def effects(self) -> Sequence[tuple[str, int]]: ...
     @property
     def user_fields(self) -> Sequence[_UserField]: ...
     @property
@@ -697,7 +702,7 @@ class GapDesign:
 def gap_design(
     recordings: Sequence[_Recording],
     options: _Options,
-    candidates: Sequence[tuple[str, bool]],
+    candidates: Sequence[tuple[str, int]],
     is_hand_moved: bool | None = None,
 ) -> GapDesign: ...
 def find_gap(
@@ -755,6 +760,9 @@ def correct_recording(
 def angular_acceleration(time_s: _Array, angular_rate: _Array) -> _Array: ...
 def effects() -> list[Effect]: ...
 def effect_field(name: str, shape: float | None, state: _State) -> _Array: ...
+def temperature_history(
+    time_s: _Array, temperature_degc: _Array, tau_s: float
+) -> tuple[_Array, _Array, _Array]: ...
 def chi2_p_value(statistic: float, dof: int) -> float: ...
 def convert_frame(
     accel_sensitivity: _Array, gyro_sensitivity: _Array, frame: str
@@ -822,7 +830,7 @@ def optimal_program(
     proposals: int,
 ) -> tuple[list[_Step], bool]: ...
 def smallest_visible(
-    recordings: Sequence[_Recording], options: _Options, candidates: Sequence[tuple[str, bool]]
+    recordings: Sequence[_Recording], options: _Options, candidates: Sequence[tuple[str, int]]
 ) -> tuple[list[tuple[str, float, str]], list[tuple[str, str]]]: ...
 
 @final

@@ -346,7 +346,10 @@ def test_version(capsys):
     ("typed", "offered"),
     [
         ("imucal ga", ["gap"]),
-        ("imucal calibrate --effect gyro_bias_t", ["gyro_bias_temperature", "gyro_bias_temperature:full"]),
+        (
+            "imucal calibrate --effect gyro_bias_temperature_l",
+            [f"gyro_bias_temperature_lag{form}" for form in ("", ":6", ":full")],
+        ),
         ("imucal calibrate --effect encoder_", []),
         ("imucal gap --effect gyro_scale_c", ["gyro_scale_cubic"]),
         ("imucal gap --explain earth", ["earth_rate"]),
@@ -511,13 +514,14 @@ def test_effects_lists_all_and_shows_one(capsys):
     assert main(["effects", "gyro_bias_temperature"]) == 0
     shown = capsys.readouterr().out
     for text in (
-        "k_i dT + q_i dT^2, on the gyroscope",
+        "k_i dT + q_i dT^2 + c_i dT^3, on the gyroscope",
         "x            0.000262 rad/s/K",
         "the plain form has the first 3",
         "depends on temperature: the column temp_degc, relative to 25 degC",
         "similar to gyro_bias_drift; distinguished by a run that heats and cools again",
         "--effect gyro_bias_temperature=typical --temperature cycle:10:40:320 -o run.csv",
         "imucal calibrate run.csv --effect gyro_bias_temperature\n",
+        "with the first 6 parameters: imucal calibrate run.csv --effect gyro_bias_temperature:6\n",
         "imucal calibrate run.csv --effect gyro_bias_temperature:full\n",
     ):
         assert text in shown

@@ -57,7 +57,7 @@ def test_readme_has_the_figures_of_the_comparison():
         ("gyroscope-alone.md", 15),
         ("means.md", 5),
         ("few-poses.md", 5),
-        ("thermal.md", 14),
+        ("thermal.md", 16),
         ("plan.md", 8),
         ("faces.md", 5),
         ("phone.md", 3),

@@ -121,7 +121,7 @@ def test_the_catalogue_is_the_one_of_the_library():
     assert len(rows) >= 25
     assert len({row.name for row in rows}) == len(rows)
     row = effects.find("gyro_bias_temperature")
-    assert (row.sensor, row.plain, len(row.parameters), row.needs) == ("gyroscope", 3, 6, ("temperature",))
+    assert (row.sensor, row.plain, len(row.parameters), row.needs) == ("gyroscope", 3, 9, ("temperature",))
     assert row.parameters[0] == imucal.EffectParameter("x", "rad/s/K", np.radians(0.015))
     assert row.aliases[0].name == "gyro_bias_drift"
     assert effects.find("accel_bias_warmup").shape == imucal.EffectParameter("tau", "s", 100.0)
@@ -160,8 +160,10 @@ def test_fields_are_those_of_the_formulas():
     np.testing.assert_allclose(field @ matrix.ravel(), FORCE @ matrix.T, rtol=1e-14, atol=1e-14)
     warmup = _core.effect_field("gyro_bias_warmup", 0.7, state)
     np.testing.assert_allclose(warmup, np.exp(-ELAPSED_S / 0.7)[:, None, None] * np.eye(3), rtol=1e-14)
-    scale = _core.effect_field("accel_scale_temperature", None, state) @ [1.0, 2.0, 3.0]
-    np.testing.assert_allclose(scale, (TEMPERATURE_DEGC - 25)[:, None] * FORCE * [1, 2, 3], atol=1e-12)
+    scale = _core.effect_field("accel_scale_temperature", None, state) @ np.arange(1.0, 10.0)
+    d = (TEMPERATURE_DEGC - 25)[:, None]
+    polynomial = d * [1, 2, 3] + d**2 * [4, 5, 6] + d**3 * [7, 8, 9]
+    np.testing.assert_allclose(scale, polynomial * FORCE, rtol=1e-13, atol=1e-12)
 
 
 def test_the_attitude_takes_the_world_to_the_body():
@@ -462,7 +464,7 @@ def test_numbers_that_cannot_be_an_effects_are_refused(values, shape, message):
     [
         ([("gyro_x", [1.0], None)], "no effect 'gyro_x'"),
         ([("gyro_bias_drift", [1.0], None)], "gyro_bias_drift has 3 parameters: 1 were given"),
-        ([("gyro_bias_temperature", [1.0], None)], "has 3 parameters, or 6 in its full form: 1 were given"),
+        ([("gyro_bias_temperature", [1.0], None)], "has 3, 6 or 9 parameters: 1 were given"),
         ([("gyro_bias_warmup", [1.0, 1, 1], None)], "gyro_bias_warmup needs its shape tau, s"),
         ([("gyro_bias_drift", [1.0, 1, 1], 2.0)], "gyro_bias_drift has no shape: 2.0 was given"),
         ([("gyro_bias_drift", [1.0, 1, 1], None)] * 2, "an effect occurs twice"),

@@ -42,9 +42,10 @@ COUNTS = imucal.Calibration(
     accel_unit="lsb",
     gyro_unit="lsb",
 )
-NEEDS = ("temperature", "time", "angular_acceleration")
+NEEDS = ("temperature", "temperature_history", "time", "angular_acceleration")
 PASSED = {
     "temperature": "temperature[i]",
+    "temperature_history": "&memory",
     "time": "time[i]",
     "angular_acceleration": "acceleration + 3 * i",
     # The column of `recording` that is not called temperature.
@@ -106,7 +107,7 @@ def units():
     yield "counts", COUNTS
     yield "triangular", TRIANGULAR
     for effect in catalogue():
-        for count in sorted({effect.plain, len(effect.parameters)}):
+        for count in range(effect.plain, len(effect.parameters) + 1, effect.plain):
             yield f"{effect.name}_{count}", with_effects(typical(effect, count))
     for name, formula in FORMULAS.items():
         yield name, with_formula(formula)
@@ -130,16 +131,24 @@ def driver(headers):
     for name, path in headers.items():
         parts.append(f'#include "{path}"')
         passed = "".join(f" {PASSED[need]}," for need in needs_of(UNITS[name]))
+        has_memory = "temperature_history" in needs_of(UNITS[name])
         for size, real in (("f64", "double"), ("f32", "float")):
+            memory = f"{name}_temperature_{size} memory = {{0}};" if has_memory else ""
+            update = (
+                f"{name}_temperature_{size}_update(&memory, i ? time[i] - time[i - 1] : 0, temperature[i]);"
+            )
             parts.append(f"""
 void run_{name}_{size}(int n, {real} *rate, {real} *force, const {real} *temperature, const {real} *time,
                        const {real} *acceleration, int *status);
 void run_{name}_{size}(int n, {real} *rate, {real} *force, const {real} *temperature, const {real} *time,
                        const {real} *acceleration, int *status) {{
     int i;
+    {memory}
     (void)temperature; (void)time; (void)acceleration;
-    for (i = 0; i < n; ++i)
+    for (i = 0; i < n; ++i) {{
+        {update if has_memory else ""}
         status[i] = {name}_correct_{size}(rate + 3 * i, force + 3 * i,{passed} rate + 3 * i, force + 3 * i);
+    }}
 }}""")
     return "\n".join([*parts, ""])
 

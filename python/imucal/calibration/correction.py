@@ -41,7 +41,14 @@ ROUNDING: Final = 16 * np.finfo(np.float64).eps
 MOST_PASSES: Final = 32
 
 # Inputs of an effect's field besides rate and force, each with the column from which it is computed.
-COLUMNS: Final = {"time": "time_s", "angular_acceleration": "time_s", "temperature": "temperature_degc"}
+COLUMNS: Final = {
+    "time": "time_s",
+    "angular_acceleration": "time_s",
+    "temperature": "temperature_degc",
+    "temperature_history": "temperature_degc",
+}
+# Inputs of a sample that depend on other samples.
+OF_OTHER_SAMPLES: Final = {"angular_acceleration", "temperature_history"}
 
 
 def correct(
@@ -143,7 +150,7 @@ def left_in_data(model: SensorModel) -> tuple[str, ...]:
 def takes_pieces(model: SensorModel) -> bool:
     """Whether each sample is corrected independently of its neighbours."""
     needs = {need for effect in model.catalogue_effects() for need in effect.needs}
-    return not model.user_effects and "angular_acceleration" not in needs
+    return not model.user_effects and not needs & OF_OTHER_SAMPLES
 
 
 def _require_rate_and_force_only(model: SensorModel) -> None:

@@ -32,6 +32,11 @@ VECTORS: Final = frozenset(
     {
         "accel_bias_temperature",
         "gyro_bias_temperature",
+        *(
+            f"{sensor}_bias_temperature_{variable}"
+            for sensor in ("accel", "gyro")
+            for variable in ("lag", "rate", "hysteresis")
+        ),
         "accel_bias_drift",
         "gyro_bias_drift",
         "accel_bias_warmup",

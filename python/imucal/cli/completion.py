@@ -33,15 +33,14 @@ def effects_and_disturbances(incomplete: str) -> list[str]:
 
 
 def effects_to_estimate(incomplete: str) -> list[str]:
-    """Effects that a calibration can estimate, with `:full` if they have a full form."""
+    """Effects that a calibration can estimate, each followed by its further forms."""
     from imucal.effects.table import catalogue
 
     names = []
     for effect in catalogue():
         if effect.sensor != "encoder":
             names.append(effect.name)
-            if effect.plain < len(effect.parameters):
-                names.append(f"{effect.name}:full")
+            names += [f"{effect.name}:{form}" for form in effect.forms]
     return _starting(names, incomplete)
 
 

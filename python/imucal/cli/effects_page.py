@@ -11,6 +11,7 @@ __all__ = ["NEEDS", "page", "size"]
 NEEDS = {
     "time": "relative to the first sample",
     "temperature": "the column temp_degc, relative to 25 degC",
+    "temperature_history": "the temperatures since the first sample (model.md (43))",
     "angular_acceleration": "the derivative of the rate, smoothed as the motion permits (model.md (16))",
     "attitude": "not known when data are corrected, so the effect is not removed; it is no sensor error",
     "stand": "the motors that rotate the unit; not part of the correction of the sensors",

@@ -159,10 +159,11 @@ def check_values(effect: Effect | UserEffect, values: EffectValues) -> None:
 
     The shape is the parameter on which the field depends nonlinearly, such as a time constant.
     """
-    count, plain, full = len(values.values), effect.plain, len(effect.parameters)
-    if count not in (plain, full):
-        forms = f"{full} parameters" if plain == full else f"{plain} parameters, or {full} in its full form"
-        raise InputError(f"{effect.name} has {forms}: {count} were given")
+    count, forms = len(values.values), range(effect.plain, len(effect.parameters) + 1, effect.plain)
+    if count not in forms:
+        *others, full = map(str, forms)
+        listed = f"{', '.join(others)} or {full}" if others else full
+        raise InputError(f"{effect.name} has {listed} parameters: {count} were given")
     if effect.shape is not None and values.shape is None:
         raise InputError(f"{effect.name} needs its shape {effect.shape.name}, {effect.shape.unit}")
     if effect.shape is None and values.shape is not None:

@@ -49,7 +49,8 @@ class Effect:
 
     sensor      "accelerometer", "gyroscope" or "encoder"
     parameters  in the order of the columns of the field
-    plain       number of parameters of the plain form: the first ones; the full form has all parameters
+    plain       number of parameters of the plain form: the first ones; the full form has all parameters, and
+                forms between them have a multiple of this number
     shape       the positive parameter on which the field depends nonlinearly, such as a time constant; None
                 if the field is linear in all parameters
     needs       inputs of the field other than rate and force: "angular_acceleration", "attitude",
@@ -67,6 +68,13 @@ class Effect:
     formula: str
     observable: str
     aliases: tuple[Alias, ...]
+
+    @property
+    def forms(self) -> dict[str, int]:
+        """Forms other than the plain one, such as "6" and "full", with their numbers of parameters."""
+        full = len(self.parameters)
+        between = {str(count): count for count in range(2 * self.plain, full, self.plain)}
+        return between | ({"full": full} if self.plain < full else {})
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ class UserField(NamedTuple):
 class Options:
     """Options of an estimation; the compiled library reads the fields by name.
 
-    effects      names of the effects of the catalogue, and whether the full form is estimated
+    effects      names of the effects of the catalogue, and the number of parameters of their forms
     user_fields  fields of the user-defined effects
     partly       names of the effects of which only the observable directions are estimated
     accelerometer   nine parameters of a calibrated accelerometer in the symmetric frame, and their covariance
@@ -50,7 +50,7 @@ class Options:
     exclude_saturated: bool = False
     accel_nominal: float | None = None
     gyro_nominal: float | None = None
-    effects: tuple[tuple[str, bool], ...] = ()
+    effects: tuple[tuple[str, int], ...] = ()
     user_fields: tuple[UserField, ...] = ()
     joint: bool = True
     wander: tuple[Wander, Wander] | None = None
@@ -87,8 +87,8 @@ def wander_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[Wander, Wande
 
 def asked_for(
     effects: Sequence[str | UserEffect], recordings: Sequence[Recording]
-) -> tuple[tuple[tuple[str, bool], ...], tuple[str, ...], tuple[UserEffect, ...]]:
-    """Effects of the catalogue (name, whether in full form), names with `:seen`, and user-defined effects.
+) -> tuple[tuple[tuple[str, int], ...], tuple[str, ...], tuple[UserEffect, ...]]:
+    """Effects of the catalogue (name, parameters of the form), names with `:seen`, and user-defined effects.
 
     recordings  the recordings on which formulas among the effects are evaluated
     """
@@ -112,11 +112,11 @@ def asked_for(
             )
         name, colon, form = effect.partition(":")
         row = find(name)
-        forms = ["full", "seen"] if row.plain < len(row.parameters) else ["seen"]
+        forms = row.forms | {"seen": row.plain}
         if colon and form not in forms:
             others = " or ".join(f"{name}:{form}" for form in forms)
             raise InputError(f"{effect!r} is no form of {name}: give {name}, {others}")
-        wanted.append((name, form == "full"))
+        wanted.append((name, forms.get(form, row.plain)))
         partly += [name] if form == "seen" else []
     own = (
         *(effect for effect in effects if isinstance(effect, UserEffect)),

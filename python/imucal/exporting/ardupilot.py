@@ -124,13 +124,15 @@ def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float]]:
         yield f"INS_{name}1_CALTEMP", reference
         thermal = model.thermal.get(sensor)
         for i, axis in enumerate("XYZ"):
-            linear = square = 0.0
+            linear = square = cube = 0.0
             if thermal is not None:
-                square = thermal.square[i]
-                # The polynomial k d + q d^2 of the effect is expanded around 35 degC. Its constant term is
-                # not needed, because it cancels in p(CALTEMP) - p(T).
-                linear = thermal.linear[i] + 2 * square * (POLYNOMIAL_REFERENCE_DEGC - reference)
-            for power, value in ((1, linear), (2, square), (3, 0.0)):
+                # The polynomial k d + q d^2 + c d^3 of the effect is expanded around 35 degC. Its constant
+                # term is not needed, because it cancels in p(CALTEMP) - p(T).
+                moved = POLYNOMIAL_REFERENCE_DEGC - reference
+                cube = thermal.cube[i]
+                square = thermal.square[i] + 3 * cube * moved
+                linear = thermal.linear[i] + 2 * thermal.square[i] * moved + 3 * cube * moved**2
+            for power, value in ((1, linear), (2, square), (3, cube)):
                 yield f"INS_TCAL1_{name}{power}_{axis}", PER_UNIT * value
 
 

@@ -27,14 +27,16 @@ THERMAL: Final = {"accel": "accel_bias_temperature", "gyro": "gyro_bias_temperat
 
 @dataclass(frozen=True, eq=False)
 class Thermal:
-    """Temperature dependence of a bias, raw units: linear d + square d^2, d = T - reference temperature, K.
+    """Temperature dependence of a bias, raw units: linear d + square d^2 + cube d^3, d = T - reference, K.
 
     linear   (3,), raw units per K
     square   (3,), raw units per K^2
+    cube     (3,), raw units per K^3
     """
 
     linear: FloatArray
     square: FloatArray
+    cube: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,12 +118,12 @@ def _thermal(values: EffectValues, sensitivity: FloatArray) -> Thermal:
 
     It is the sensitivity times the effect, which adds to the true value.
     """
-    numbers = np.zeros(6)
+    numbers = np.zeros(9)
     numbers[: len(values.values)] = values.values
-    return Thermal(sensitivity @ numbers[:3], sensitivity @ numbers[3:])
+    return Thermal(*(sensitivity @ row for row in numbers.reshape(3, 3)))
 
 
 def _effect(sensor: str, thermal: Thermal, diagonal: FloatArray) -> EffectValues:
     # The effect for the diagonal sensitivity: the thermal terms in raw units, divided by the sensitivity.
-    numbers = np.linalg.solve(diagonal, np.column_stack((thermal.linear, thermal.square)))
+    numbers = np.linalg.solve(diagonal, np.column_stack((thermal.linear, thermal.square, thermal.cube)))
     return EffectValues(THERMAL[sensor], np.asarray(numbers.T.ravel(), dtype=np.float64))

@@ -1,7 +1,7 @@
 """The fields of the catalogue's effects as C expressions (docs/model.md (15)).
 
 Variables of the C code: w true angular rate, f true specific force, t time, d temperature minus reference
-temperature, a angular acceleration.
+temperature, a angular acceleration, and of the temperature history: rate_kps, direction, gyro_lag, accel_lag.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final, TypeAlias
 
-__all__ = ["FIELDS", "WARM_UPS", "Field", "Term", "product_of"]
+__all__ = ["FIELDS", "LAGS", "WARM_UPS", "Field", "Term", "product_of"]
 
 # A term of a field: the index of an axis, and the C expression of the field's component along this axis.
 Term: TypeAlias = tuple[int, str]
@@ -21,6 +21,7 @@ F: Final = ("f[0]", "f[1]", "f[2]")
 A: Final = ("a[0]", "a[1]", "a[2]")
 PAIRS: Final = ((1, 2), (0, 2), (0, 1))
 WARM_UPS: Final = ("gyro_bias_warmup", "accel_bias_warmup")
+LAGS: Final = {"gyro": "gyro_bias_temperature_lag", "accel": "accel_bias_temperature_lag"}
 
 
 def _axes(causes: Sequence[str]) -> Field:
@@ -43,6 +44,20 @@ def _products(v: Sequence[str]) -> list[str]:
 
 def _each(write: Callable[[str], str], v: Sequence[str]) -> Field:
     return _axes([write(x) for x in v])
+
+
+def _powers(causes: Sequence[str]) -> Field:
+    """The field with one parameter per axis for each input quantity."""
+    return [column for cause in causes for column in _axes([cause] * 3)]
+
+
+def _graded(variable: str) -> Field:
+    return _powers([variable, f"{variable} * d", f"{variable} * d * d"])
+
+
+def _scale_powers(v: Sequence[str]) -> Field:
+    powers = ("d", "(d * d)", "(d * d * d)")
+    return [column for power in powers for column in _axes([f"{x} * {power}" for x in v])]
 
 
 def _cubic(x: str) -> str:
@@ -77,10 +92,16 @@ FIELDS: Final[dict[str, Field]] = {
     "accel_scale_cubic": _each(_cubic, F),
     "accel_scale_asymmetry": _each(_magnitude, F),
     "accel_cross_axis_quadratic": _accel_cross(),
-    "gyro_bias_temperature": [*_axes(["d"] * 3), *_axes(["d * d"] * 3)],
-    "gyro_scale_temperature": _each(lambda x: f"{x} * d", W),
-    "accel_bias_temperature": [*_axes(["d"] * 3), *_axes(["d * d"] * 3)],
-    "accel_scale_temperature": _each(lambda x: f"{x} * d", F),
+    "gyro_bias_temperature": _powers(["d", "d * d", "d * d * d"]),
+    "gyro_scale_temperature": _scale_powers(W),
+    "accel_bias_temperature": _powers(["d", "d * d", "d * d * d"]),
+    "accel_scale_temperature": _scale_powers(F),
+    "gyro_bias_temperature_lag": _graded("gyro_lag"),
+    "gyro_bias_temperature_rate": _graded("rate_kps"),
+    "gyro_bias_temperature_hysteresis": _graded("direction"),
+    "accel_bias_temperature_lag": _graded("accel_lag"),
+    "accel_bias_temperature_rate": _graded("rate_kps"),
+    "accel_bias_temperature_hysteresis": _graded("direction"),
     "gyro_bias_drift": _axes(["t"] * 3),
     "gyro_bias_warmup": _axes(["gyro_cold"] * 3),
     "gyro_scale_drift": _each(lambda x: f"{x} * t", W),

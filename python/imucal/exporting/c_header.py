@@ -21,6 +21,7 @@ from imucal.effects.effect import EffectValues
 from imucal.effects.formula_effect import FormulaEffect
 from imucal.exporting.c_fields import FIELDS, WARM_UPS, Field, product_of
 from imucal.exporting.c_file import PREFIX, guarded, require_prefix
+from imucal.exporting.c_temperature import memory_code, memory_type
 from imucal.exporting.format import SI, Format, Written, block_comment, number
 from imucal.exporting.formula_code import (
     argument_note,
@@ -40,6 +41,7 @@ __all__ = ["C_HEADER"]
 # Function argument for each quantity that an effect may need, in the order of the arguments.
 ARGUMENTS: Final = {
     "temperature": "{real} temperature_degc",
+    "temperature_history": "const {memory} *temperature",
     "time": "{real} time_s",
     "angular_acceleration": "const {real} angular_acceleration_radps2[3]",
 }
@@ -58,6 +60,11 @@ def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PRE
         *_macros(calibration, prefix),
         *includes,
         *(_sign_functions(prefix) if any(map(has_sign, formulas)) else []),
+        *(
+            [line for single in (False, True) for line in memory_code(effects, prefix, single=single)]
+            if "temperature_history" in needs
+            else []
+        ),
         *_function(calibration, effects, arguments, prefix, single=False),
         "",
         *_function(calibration, effects, arguments, prefix, single=True),
@@ -108,7 +115,8 @@ def _notes(
     formulas: Sequence[FormulaEffect],
     columns: Sequence[str],
 ) -> tuple[str, ...]:
-    notes = ["No allocation and no state. The output arrays may be the input arrays."]
+    state = "no state but the temperature memory" if "temperature_history" in needs else "no state"
+    notes = [f"No allocation and {state}. The output arrays may be the input arrays."]
     if effects:
         notes.append(f"Effects compensated: {', '.join(values.name for values in effects)}")
         notes.append("Returns 0, or -1 with NaN results if the effects are too large to be inverted.")
@@ -117,11 +125,13 @@ def _notes(
     if any(calls_function(own) for own in formulas):
         notes.append("Link libm.")
     else:
-        needs_exp = any(values.name in WARM_UPS for values in effects)
+        needs_exp = "temperature_history" in needs or any(values.name in WARM_UPS for values in effects)
         notes.append("Link libm for exp." if needs_exp else "No function of libm is called.")
     explained = {
         "temperature": "temperature_degc is the sensor temperature; temperature effects are zero at "
         f"{_core.REFERENCE_TEMPERATURE_DEGC} degC.",
+        "temperature_history": "temperature is the memory of the temperatures, updated with each "
+        "reading of the thermometer.",
         "time": "time_s counts from the start of the recording that the calibration was made from.",
         "angular_acceleration": "angular_acceleration_radps2 is the derivative of the corrected rate.",
     }
@@ -146,6 +156,7 @@ def _function(
     single: bool,
 ) -> list[str]:
     real, name = ("float", f"{prefix}_correct_f32") if single else ("double", f"{prefix}_correct_f64")
+    memory = memory_type(prefix, single=single)
 
     def literal(value: float) -> str:
         return number(value, single=single) + ("f" if single else "")
@@ -164,7 +175,7 @@ def _function(
     lines = [
         f"static inline int {name}(",
         f"    {', '.join(f'const {real} raw_{output}[3]' for _, _, output, _ in triads)},",
-        *(f"    {argument.format(real=real)}," for argument in arguments),
+        *(f"    {argument.format(real=real, memory=memory)}," for argument in arguments),
         f"    {', '.join(f'{real} {output}[3]' for _, _, output, _ in triads)})",
         "{",
     ]
@@ -290,16 +301,32 @@ def _constants_of_a_sample(
 ) -> list[str]:
     """Local variables for the quantities other than rate and force that the fields depend on."""
     used = " ".join(
-        expression for values in effects for column in fields[values.name] for _, expression in column
+        expression
+        for values in effects
+        for _, column in zip(values.values, fields[values.name], strict=False)
+        for _, expression in column
     )
     lines = []
+    has_temperature = any(values.name in FIELDS and "_temperature" in values.name for values in effects)
     if re.search(r"\bd\b", used):
         reference = literal(_core.REFERENCE_TEMPERATURE_DEGC)
         lines.append(f"    const {real} d = temperature_degc - {reference};")
+    lines += [
+        f"    const {real} {name} = temperature->{member};"
+        for name, member in (
+            ("rate_kps", "rate_kps"),
+            ("direction", "direction"),
+            ("gyro_lag", "gyro_lag_k"),
+            ("accel_lag", "accel_lag_k"),
+        )
+        if re.search(rf"\b{name}\b", used)
+    ]
     if re.search(r"\bt\b", used):
         lines.append(f"    const {real} t = time_s;")
     if re.search(r"\ba\b", used):
         lines.append(f"    const {real} *const a = angular_acceleration_radps2;")
+    if has_temperature and not re.search(r"\bd\b", used):
+        lines.append("    (void)temperature_degc;")
     exp = "expf" if single else "exp"
     for values in effects:
         if values.name in WARM_UPS and values.shape is not None:

@@ -36,6 +36,7 @@ extern "C" {
 #define IMUCAL_NEEDS_TEMPERATURE 1
 #define IMUCAL_NEEDS_TIME 2
 #define IMUCAL_NEEDS_ACCELERATION 4
+#define IMUCAL_NEEDS_TEMPERATURE_HISTORY 8
 
 typedef struct {
     float inverse[3][3];
@@ -66,11 +67,21 @@ typedef struct {
     float reference_degc;
 } imucal_calibration;
 
+/* History of the temperatures, updated by imucal_temperature_update; start with all zeros. */
+typedef struct {
+    int started;
+    float last_k, first_lag_k, second_lag_k; /* of the low-passes that suppress the noise of the thermometer */
+    float direction;                         /* 1 heating, -1 cooling */
+    float rate_kps;
+    float gyro_lag_k, accel_lag_k;           /* temperature behind the lag of each sensor minus temperature */
+} imucal_temperature;
+
 /* What the effects may depend on besides rate and force; NAN where it is unknown. */
 typedef struct {
     float temperature_degc;
     float time_s;                        /* since power-on, as in the recording */
     float angular_acceleration_radps2[3]; /* in the body frame, from imucal_differentiate */
+    const imucal_temperature *temperature_history; /* NULL where it is unknown */
 } imucal_surroundings;
 
 /* State of imucal_differentiate; start with IMUCAL_DERIVATIVE_START. */
@@ -89,6 +100,7 @@ static inline imucal_surroundings imucal_surroundings_unknown(void)
     unknown.angular_acceleration_radps2[0] = NAN;
     unknown.angular_acceleration_radps2[1] = NAN;
     unknown.angular_acceleration_radps2[2] = NAN;
+    unknown.temperature_history = NULL;
     return unknown;
 }
 
@@ -129,32 +141,36 @@ static inline uint32_t imucal_crc32(const uint8_t *bytes, size_t size)
     return crc ^ 0xFFFFFFFFu;
 }
 
-/* Numbers of parameters of the plain and the full form of an effect, and what it needs; 0 if it is unknown. */
-static inline int imucal_effect_known(const imucal_effect *effect, uint8_t *needs)
+/* Largest number of the effects. */
+#define IMUCAL_LAST_EFFECT 31
+
+/* Numbers of parameters of the plain and of the full form of an effect, what it needs, and whether it has a shape. The
+ * plain form of a number that is no effect has no parameters. */
+static inline const uint8_t *imucal_effect_row(const imucal_effect *effect)
 {
-    /* plain, full, needs */
-    static const uint8_t rows[25][3] = {
-        {9, 9, 0}, {9, 18, 0}, {3, 3, 0}, {3, 3, 0}, {3, 3, 0}, {3, 3, 0}, {9, 9, 0}, {3, 3, 0}, {3, 3, 0},
-        {3, 3, 0}, {15, 15, 0}, {3, 6, 1}, {3, 3, 1}, {3, 6, 1}, {3, 3, 1}, {3, 3, 2}, {3, 3, 2}, {3, 3, 2},
-        {3, 3, 2}, {3, 3, 2}, {9, 9, 4}, {1, 1, 4}, {0, 0, 0}, {3, 3, 4}, {6, 6, 4},
+    static const uint8_t rows[IMUCAL_LAST_EFFECT + 1][4] = {
+        {0, 0, 0, 0}, {9, 9, 0, 0}, {9, 18, 0, 0}, {3, 3, 0, 0}, {3, 3, 0, 0}, {3, 3, 0, 0}, {3, 3, 0, 0}, {9, 9, 0, 0},
+        {3, 3, 0, 0}, {3, 3, 0, 0}, {3, 3, 0, 0}, {15, 15, 0, 0}, {3, 9, 1, 0}, {3, 9, 1, 0}, {3, 9, 1, 0}, {3, 9, 1, 0},
+        {3, 3, 2, 0}, {3, 3, 2, 1}, {3, 3, 2, 0}, {3, 3, 2, 0}, {3, 3, 2, 1}, {9, 9, 4, 0}, {1, 1, 4, 0}, {0, 0, 0, 0},
+        {3, 3, 4, 0}, {6, 6, 4, 0}, {3, 9, 9, 1}, {3, 9, 9, 0}, {3, 9, 9, 0}, {3, 9, 9, 1}, {3, 9, 9, 0}, {3, 9, 9, 0},
     };
-    if (effect->number < 1 || effect->number > 25) return 0;
-    *needs |= rows[effect->number - 1][2];
-    return rows[effect->number - 1][0] != 0;
+    return rows[effect->number <= IMUCAL_LAST_EFFECT ? effect->number : 0];
 }
 
+/* Adds what an effect needs; 0 if the effect is unknown. */
+static inline int imucal_effect_known(const imucal_effect *effect, uint8_t *needs)
+{
+    const uint8_t *const row = imucal_effect_row(effect);
+    *needs |= row[2];
+    return row[0] != 0;
+}
+
+/* Whether an effect has a form with this number of parameters, which are multiples of the plain number, and its shape. */
 static inline int imucal_effect_counts(const imucal_effect *effect)
 {
-    switch (effect->number) {
-    case 2: return effect->count == 9 || effect->count == 18;
-    case 12: case 14: return effect->count == 3 || effect->count == 6;
-    case 1: case 7: case 21: return effect->count == 9;
-    case 11: return effect->count == 15;
-    case 22: return effect->count == 1;
-    case 25: return effect->count == 6;
-    case 17: case 20: return effect->count == 3 && effect->shape > 0;
-    default: return effect->count == 3;
-    }
+    const uint8_t *const row = imucal_effect_row(effect);
+    return effect->count > 0 && effect->count <= row[1] && effect->count % row[0] == 0 &&
+           (row[3] == 0 || effect->shape > 0);
 }
 
 /* 0 if the rows of a matrix lie in one plane. */
@@ -246,12 +262,13 @@ static inline void imucal_entries(float on[3], const float *values, int stride, 
 }
 
 /* What an effect adds to the true rate and force (docs/model.md (15)). d is the temperature minus the reference
- * temperature, K, t the time, s, and a the angular acceleration; 0 where they are unknown. */
-static inline void imucal_effect_at(const imucal_effect *effect, const float w[3], const float f[3], float d, float t,
-                                    int has_time, const float a[3], float on_w[3], float on_f[3])
+ * temperature, K, h its history, t the time, s, and a the angular acceleration; 0 where they are unknown. */
+static inline void imucal_effect_at(const imucal_effect *effect, const float w[3], const float f[3], float d,
+                                    const imucal_temperature *h, float t, int has_time, const float a[3],
+                                    float on_w[3], float on_f[3])
 {
     const float *const v = effect->values;
-    float cold;
+    float cold, power;
     int i;
     switch (effect->number) {
     case 1: imucal_entries(on_w, v, 3, f[0], f[1], f[2]); break;
@@ -273,14 +290,25 @@ static inline void imucal_effect_at(const imucal_effect *effect, const float w[3
         on_f[2] += v[10] * f[0] * f[0] + v[11] * f[1] * f[1];
         imucal_entries(on_f, v + 2, 5, f[1] * f[2], f[0] * f[2], f[0] * f[1]);
         break;
-    case 12: case 14: {
-        float *const on = effect->number == 12 ? on_w : on_f;
-        imucal_axes(on, v, d, d, d);
-        if (effect->count == 6) imucal_axes(on, v + 3, d * d, d * d, d * d);
+    case 12: case 14:
+        for (i = 0, power = d; i < effect->count; i += 3, power *= d)
+            imucal_axes(effect->number == 12 ? on_w : on_f, v + i, power, power, power);
         break;
-    }
-    case 13: imucal_axes(on_w, v, w[0] * d, w[1] * d, w[2] * d); break;
-    case 15: imucal_axes(on_f, v, f[0] * d, f[1] * d, f[2] * d); break;
+    case 13:
+        for (i = 0, power = d; i < effect->count; i += 3, power *= d)
+            imucal_axes(on_w, v + i, w[0] * power, w[1] * power, w[2] * power);
+        break;
+    case 15:
+        for (i = 0, power = d; i < effect->count; i += 3, power *= d)
+            imucal_axes(on_f, v + i, f[0] * power, f[1] * power, f[2] * power);
+        break;
+    case 26: case 27: case 28: case 29: case 30: case 31:
+        power = effect->number == 26   ? h->gyro_lag_k
+                : effect->number == 29 ? h->accel_lag_k
+                : effect->number == 28 || effect->number == 31 ? h->direction : h->rate_kps;
+        for (i = 0; i < effect->count; i += 3, power *= d)
+            imucal_axes(effect->number <= 28 ? on_w : on_f, v + i, power, power, power);
+        break;
     case 16: imucal_axes(on_w, v, t, t, t); break;
     case 19: imucal_axes(on_f, v, t, t, t); break;
     case 17: case 20:
@@ -335,6 +363,8 @@ static inline int imucal_correct(const imucal_calibration *calibration, const fl
                                  float force[3])
 {
     float seen_w[3], seen_f[3], w[3], f[3], a[3] = {0, 0, 0}, d = 0, t = 0;
+    static const imucal_temperature constant = {0, 0, 0, 0, 0, 0, 0, 0};
+    const imucal_temperature *history = &constant;
     int i, k, pass, has_time = 0, known = 0, result = IMUCAL_CORRECTED;
     imucal_apply_triad(&calibration->gyroscope, raw_rate, seen_w);
     imucal_apply_triad(&calibration->accelerometer, raw_force, seen_f);
@@ -355,6 +385,10 @@ static inline int imucal_correct(const imucal_calibration *calibration, const fl
                     if (degc > calibration->highest_degc) degc = calibration->highest_degc;
                 }
                 d = degc - calibration->reference_degc;
+                if (surroundings->temperature_history != NULL) {
+                    known |= IMUCAL_NEEDS_TEMPERATURE_HISTORY;
+                    history = surroundings->temperature_history;
+                }
             }
             if (!isnan(surroundings->time_s)) {
                 known |= IMUCAL_NEEDS_TIME;
@@ -372,7 +406,7 @@ static inline int imucal_correct(const imucal_calibration *calibration, const fl
             float on_w[3] = {0, 0, 0}, on_f[3] = {0, 0, 0}, limit_w, limit_f;
             int settled = 1;
             for (k = 0; k < calibration->effect_count; ++k)
-                imucal_effect_at(&calibration->effects[k], w, f, d, t, has_time, a, on_w, on_f);
+                imucal_effect_at(&calibration->effects[k], w, f, d, history, t, has_time, a, on_w, on_f);
             limit_w = 16 * FLT_EPSILON * (imucal_size(seen_w) + imucal_size(on_w));
             limit_f = 16 * FLT_EPSILON * (imucal_size(seen_f) + imucal_size(on_f));
             for (i = 0; i < 3; ++i) {
@@ -412,6 +446,45 @@ static inline int imucal_correct_counts(const imucal_calibration *calibration, c
         return IMUCAL_NOT_COUNTS;
     }
     return imucal_correct(calibration, counts_rate, counts_force, surroundings, rate, force);
+}
+
+/* Advances a low-pass by a time step in which the temperature changes linearly; `lag_k` is its output minus the
+ * temperature. */
+static inline float imucal_lag(float lag_k, float tau_s, float time_step_s, float change_k)
+{
+    const float step = time_step_s / tau_s, settled = -expm1f(-step), share = step > 0 ? settled / step : 1.0f;
+    return lag_k - settled * lag_k - change_k * share;
+}
+
+/* Takes a reading of the thermometer (docs/model.md (43)). time_step_s is the time since the previous reading. Leave out
+ * readings that are not finite. Give the memory to imucal_correct in the surroundings. */
+static inline void imucal_temperature_update(const imucal_calibration *calibration, imucal_temperature *memory,
+                                             float time_step_s, float temperature_degc)
+{
+    const float smoothing_s = 2.0f, reversal_k = 1.0f, now_k = temperature_degc - calibration->reference_degc;
+    const float change_k = memory->started ? now_k - memory->last_k : 0, before_k = memory->first_lag_k;
+    const float step = time_step_s / smoothing_s, second_before_k = memory->second_lag_k;
+    float turned;
+    int k;
+    memory->last_k = now_k;
+    memory->started = 1;
+    for (k = 0; k < calibration->effect_count; ++k) {
+        const imucal_effect *const effect = &calibration->effects[k];
+        if (effect->number == 26)
+            memory->gyro_lag_k = imucal_lag(memory->gyro_lag_k, effect->shape, time_step_s, change_k);
+        if (effect->number == 29)
+            memory->accel_lag_k = imucal_lag(memory->accel_lag_k, effect->shape, time_step_s, change_k);
+    }
+    memory->first_lag_k = imucal_lag(before_k, smoothing_s, time_step_s, change_k);
+    if (step > 0) {
+        const float settled = -expm1f(-step), steady_k = -change_k / step;
+        memory->second_lag_k = memory->second_lag_k - settled * memory->second_lag_k + steady_k * settled +
+                               (before_k - steady_k) * step * (1 - settled);
+    }
+    memory->rate_kps = -memory->second_lag_k / smoothing_s;
+    turned = memory->direction +
+             (change_k + (memory->first_lag_k - before_k) - (memory->second_lag_k - second_before_k)) / reversal_k;
+    memory->direction = turned > 1 ? 1 : turned < -1 ? -1 : turned;
 }
 
 /* Angular acceleration, rad/s^2 in the body frame, from corrected rates of one sample after the other: `rate` is the

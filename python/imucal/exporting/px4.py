@@ -73,7 +73,7 @@ def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float | int]]:
     for sensor, thermal in model.thermal.items():
         letter = LETTERS[sensor]
         yield f"TC_{letter}_ENABLE", 1
-        for power, values in ((3, (0.0,) * 3), (2, thermal.square), (1, thermal.linear), (0, (0.0,) * 3)):
+        for power, values in ((3, thermal.cube), (2, thermal.square), (1, thermal.linear), (0, (0.0,) * 3)):
             yield from ((f"TC_{letter}0_X{power}_{i}", value) for i, value in enumerate(values))
         yield f"TC_{letter}0_TREF", _core.REFERENCE_TEMPERATURE_DEGC
         yield f"TC_{letter}0_TMIN", low

@@ -23,6 +23,7 @@ __all__ = ["RUST"]
 # of `correct_at`.
 SURROUNDINGS: Final = {
     "temperature": "temperature_difference_k (sensor temperature minus REFERENCE_TEMPERATURE_DEGC)",
+    "temperature_history": "temperature_history (of a TemperatureMemory, updated with each temperature)",
     "time": "time_s (since the start of the recording that the calibration was made from)",
     "angular_acceleration": "angular_acceleration (derivative of the corrected rate, rad/s^2)",
 }

@@ -21,7 +21,7 @@ import numpy as np
 import imucal._core as _core
 from imucal.document.plain import plain
 from imucal.effects.effect import Effect
-from imucal.effects.table import catalogue
+from imucal.effects.table import catalogue, find
 from imucal.errors import ImucalError
 from imucal.gap.motion_library import Suggestion, suggestions
 from imucal.recording.recording import Recording
@@ -170,7 +170,7 @@ def _separation(
 
 
 def _design(question: Question, recordings: Sequence[Recording], names: Sequence[str]) -> Design:
-    found = _core.gap_design(recordings, question.options, [(name, False) for name in names])
+    found = _core.gap_design(recordings, question.options, [(name, find(name).plain) for name in names])
     base, candidates = found.base, found.effects
     # The columns are replaced by the factor R of their QR decomposition, which is smaller and has the same
     # inner products.

@@ -329,8 +329,8 @@ class _Search:
         if tau_s is not None:
             return self.history.lag_k(tau_s)
         if name.endswith("_rate"):
-            return self.history.rate_kps()
-        return self.history.direction() if name.endswith("_hysteresis") else self.difference
+            return self.history.rate_kps
+        return self.history.direction if name.endswith("_hysteresis") else self.difference
 
     def _fit(self, form: Form) -> FloatArray:
         """The coefficients of all axes, (1 + p, 3)."""
@@ -372,7 +372,7 @@ class _Search:
     def _with_lags(self, form: Form, counts: tuple[int, ...]) -> Form:
         """The form with additional lags whose time constants give the best prediction."""
         effects = (*form.effects, *((f"{self.prefix}_lag", count) for count in counts))
-        span_s = float(self.history.since[-1])
+        span_s = self.history.duration_s
         grid = np.geomspace(max(span_s / 300.0, 1.0), span_s / 2.0, TAUS)
 
         def error(taus_s: tuple[float, ...]) -> float:

@@ -30,6 +30,7 @@ from imucal.plot.residuals import move_residuals, rest_residuals
 from imucal.plot.shares import effect_sizes, probabilities, waterfall, waterfall_steps
 from imucal.plot.soak import soak
 from imucal.plot.sphere import coverage
+from imucal.plot.temperature_loop import temperature_loop
 from imucal.plot.thinning import MOST
 
 __all__ = [
@@ -59,6 +60,7 @@ __all__ = [
     "sigmas",
     "soak",
     "sphere_before_and_after",
+    "temperature_loop",
     "waterfall",
     "waterfall_steps",
 ]

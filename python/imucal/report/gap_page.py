@@ -10,11 +10,12 @@ import imucal.plot as plot
 import imucal.report.sentences as sentences
 from imucal.gap.own_motion import own_motion
 from imucal.gap.sizes import for_people, p_text
+from imucal.gap.temperature_loop import temperature_loops
 from imucal.plot.evidence import channel_name
 from imucal.plot.style import shown_unit
 from imucal.report.blocks import finding_texts
 from imucal.report.gap_tables import effects_table, gap_figures_table
-from imucal.report.gap_tabs import change, evidence, laws, next_motion, visible, where
+from imucal.report.gap_tabs import change, evidence, laws, next_motion, temperature, visible, where
 from imucal.report.meaning import meanings
 from imucal.report.page import Shown, Tab, write_page
 from imucal.report.tables import heading, item_list, paragraph, table
@@ -47,6 +48,9 @@ def write_gap_page(
     # If the recordings were refused, there are no residuals to show.
     if getattr(gap, "where", None):
         tabs.append(Tab("Where", tuple(where(gap, motion))))
+    loops = temperature_loops(gap, recordings) if motion is not None else ()
+    if loops:
+        tabs.append(Tab("Temperature", tuple(temperature(loops))))
     if gap.laws:
         tabs.append(Tab("Laws", tuple(laws(gap, motion))))
     if gap.ranking:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import imucal.plot as plot
@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from imucal.gap import Gap
     from imucal.gap.laws.law import Law
     from imucal.gap.own_motion import OwnMotion
+    from imucal.gap.temperature_loop import TemperatureLoop
 
-__all__ = ["change", "evidence", "laws", "next_motion", "visible", "where"]
+__all__ = ["change", "evidence", "laws", "next_motion", "temperature", "visible", "where"]
 
 SIGNALS = {
     "angular_rate_rms_radps": ("angular rate, rms", "rad/s"),
@@ -72,6 +73,17 @@ def where(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
             about = f", all of them rotations about {axis}" if axis else ""
             yield heading(f"{kind.capitalize()} with significant residuals{about}")
             yield _worst(kind, found[kind])
+
+
+def temperature(loops: Sequence[TemperatureLoop]) -> Iterator[Shown | str]:
+    """Residuals at rest over temperature, for each sensor with a temperature effect."""
+    for loop in loops:
+        yield Shown(
+            f"loop-{loop.sensor}",
+            plot.temperature_loop(loop),
+            f"Mean reading of the {loop.sensor} at rest over temperature. A loop between heating and cooling "
+            "is a lag or a hysteresis; a curve without a loop depends on the temperature alone.",
+        )
 
 
 def laws(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:

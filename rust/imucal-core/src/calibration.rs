@@ -118,6 +118,7 @@ mod tests {
         effects::{Effect, EffectValues, MAX_PARAMETERS, Sensor},
         sensor::SensorError,
         so3,
+        temperature_memory::TemperatureHistory,
     };
     use nalgebra::{Matrix3, convert};
 
@@ -159,6 +160,12 @@ mod tests {
                 angular_acceleration: Some(Vector3::new(-12.0, 31.0, 8.0)),
                 rotation_world_from_body: Some(so3::exp(&Vector3::new(0.4, -1.1, 0.7))),
                 temperature_difference_k: Some(-17.0),
+                temperature_history: Some(TemperatureHistory {
+                    rate_kps: 0.05,
+                    direction: 1.0,
+                    gyroscope_lag_k: -3.0,
+                    accelerometer_lag_k: -1.5,
+                }),
                 time_s: Some(240.0),
                 stand: None,
             },
@@ -212,7 +219,7 @@ mod tests {
 
     #[test]
     fn twelve_effects_at_once_are_taken_away_again() {
-        for first in [0, 13] {
+        for first in [0, 10, 19] {
             let mut calibration = unit();
             for effect in catalogue().skip(first).take(12) {
                 calibration.effects.push(typical(effect, 1.0)).unwrap();
@@ -293,6 +300,12 @@ mod tests {
                 angular_acceleration: state.surroundings.angular_acceleration.map(|value| value.cast()),
                 rotation_world_from_body: state.surroundings.rotation_world_from_body.map(|value| value.cast()),
                 temperature_difference_k: Some(-17.0),
+                temperature_history: Some(TemperatureHistory {
+                    rate_kps: 0.05,
+                    direction: 1.0,
+                    gyroscope_lag_k: -3.0,
+                    accelerometer_lag_k: -1.5,
+                }),
                 time_s: Some(240.0),
                 stand: None,
             };

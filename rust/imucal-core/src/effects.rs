@@ -40,12 +40,14 @@ mod encoder;
 mod g_sensitivity;
 mod scale;
 mod temperature;
+mod temperature_history;
 mod terms;
 mod values;
 
 #[cfg(test)]
 mod tests;
 
+use crate::temperature_memory::TemperatureHistory;
 use crate::vector::each;
 use terms::{Terms, effect, same};
 pub use values::{EffectError, EffectSet, EffectValues, MAX_EFFECTS, MAX_PASSES};
@@ -80,6 +82,8 @@ pub struct Surroundings<F: RealField + Copy> {
     pub rotation_world_from_body: Option<UnitQuaternion<F>>,
     /// Temperature of the sensor minus the reference temperature of the sensitivities and biases, K.
     pub temperature_difference_k: Option<F>,
+    /// Variables of the temperature history, from [`TemperatureMemory`](crate::temperature_memory::TemperatureMemory).
+    pub temperature_history: Option<TemperatureHistory<F>>,
     /// Time since power-on, or since another reference instant that the calibration defines, s.
     pub time_s: Option<F>,
     /// State of the stand that moves the unit.
@@ -115,6 +119,7 @@ impl<F: RealField + Copy> Surroundings<F> {
             angular_acceleration: None,
             rotation_world_from_body: None,
             temperature_difference_k: None,
+            temperature_history: None,
             time_s: None,
             #[cfg(feature = "catalogue")]
             stand: None,
@@ -131,7 +136,8 @@ pub struct Effect<F: RealField + Copy> {
     pub number: u8,
     /// Sensor on which the effect acts.
     pub sensor: Sensor,
-    /// Number of parameters of the plain form. The plain form has the first parameters of the full form.
+    /// Number of parameters of the plain form. The plain form uses the first parameters, and the full form uses all
+    /// parameters. The numbers of parameters of all forms are the multiples of this number up to `count`.
     pub plain: usize,
     /// Number of parameters of the full form.
     pub count: usize,
@@ -213,6 +219,8 @@ pub enum Need {
     Attitude,
     /// Temperature difference, [`Surroundings::temperature_difference_k`].
     Temperature,
+    /// Variables of the temperature history, [`Surroundings::temperature_history`].
+    TemperatureHistory,
     /// Time since the reference instant, [`Surroundings::time_s`].
     Time,
     /// State of the stand, [`Surroundings::stand`].
@@ -257,8 +265,30 @@ impl<F: RealField + Copy> Effect<F> {
             22 => Some(Self::GYRO_TIME_OFFSET),
             24 => Some(Self::ACCEL_LEVER_ARM),
             25 => Some(Self::ACCEL_SIZE_EFFECT),
+            26 => Some(Self::GYRO_BIAS_TEMPERATURE_LAG),
+            27 => Some(Self::GYRO_BIAS_TEMPERATURE_RATE),
+            28 => Some(Self::GYRO_BIAS_TEMPERATURE_HYSTERESIS),
+            29 => Some(Self::ACCEL_BIAS_TEMPERATURE_LAG),
+            30 => Some(Self::ACCEL_BIAS_TEMPERATURE_RATE),
+            31 => Some(Self::ACCEL_BIAS_TEMPERATURE_HYSTERESIS),
             _ => None,
         }
+    }
+
+    /// Whether the effect has a form with this number of parameters.
+    pub fn has_form(&self, parameters: usize) -> bool {
+        parameters > 0 && parameters <= self.count && parameters.checked_rem(self.plain) == Some(0)
+    }
+
+    /// Whether the field depends on a quantity.
+    pub fn has_need(&self, need: Need) -> bool {
+        // A loop is used instead of `contains`, because `contains` contains code that panics if it is not optimised.
+        for own in self.needs {
+            if *own == need {
+                return true;
+            }
+        }
+        false
     }
 
     /// Name of the effect for messages. Without the feature `catalogue`, effects have no names.
@@ -283,8 +313,15 @@ impl<F: RealField + Copy> Effect<F> {
 
 #[cfg(feature = "catalogue")]
 impl<F: RealField + Copy> Effect<F> {
-    const FAMILIES: [&'static [&'static Self]; 6] =
-        [Self::G_SENSITIVITY, Self::SCALE, Self::TEMPERATURE, Self::DRIFT, Self::DYNAMICS, Self::ENCODER];
+    const FAMILIES: [&'static [&'static Self]; 7] = [
+        Self::G_SENSITIVITY,
+        Self::SCALE,
+        Self::TEMPERATURE,
+        Self::TEMPERATURE_HISTORY,
+        Self::DRIFT,
+        Self::DYNAMICS,
+        Self::ENCODER,
+    ];
 
     /// All effects of the catalogue, family by family.
     pub fn catalogue() -> impl Iterator<Item = &'static Self> {

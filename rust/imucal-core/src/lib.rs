@@ -23,6 +23,7 @@
 //! * [`integrate`] integrates corrected rates to a rotation.
 //! * [`rest`] detects the intervals in which the unit is at rest.
 //! * [`stored`] reads a calibration from its binary form.
+//! * [`temperature_memory`] computes the temperature history, on which some effects depend.
 //! * [`so3`] contains functions for rotations, and defines the conventions of rotations.
 //!
 //! All types are generic over the float type. `f32` is suitable for a small processor, and `f64` gives the same results
@@ -82,6 +83,7 @@ pub mod rest;
 pub mod sensor;
 pub mod so3;
 pub mod stored;
+pub mod temperature_memory;
 mod vector;
 
 /// Standard gravity, m/s^2. It is the unit g in datasheets.

@@ -1,11 +1,15 @@
 //! The catalogue of effects for Python: its rows, the fields of the effects, and the conversion of effects with values.
 
+use imucal::correct::temperature_history_of;
 use imucal::error::Error;
 use imucal::recording::REFERENCE_TEMPERATURE_DEGC;
 use imucal_core::effects::{self as library, Columns, EffectSet, MAX_PARAMETERS, StandState, State, Surroundings};
 use imucal_core::so3;
+use imucal_core::temperature_memory::{TemperatureHistory, TemperatureMemory};
 use nalgebra::Vector3;
-use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{
+    IntoPyArray, PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
 
 use crate::arrays::{column, rows};
@@ -59,6 +63,7 @@ fn need(need: &library::Need) -> &'static str {
         library::Need::AngularAcceleration => "angular_acceleration",
         library::Need::Attitude => "attitude",
         library::Need::Temperature => "temperature",
+        library::Need::TemperatureHistory => "temperature_history",
         library::Need::Time => "time",
         library::Need::Stand => "stand",
     }
@@ -115,7 +120,8 @@ pub(crate) struct StateArrays<'py> {
 }
 
 impl StateArrays<'_> {
-    fn states(&self, py: Python<'_>) -> PyResult<Vec<State<f64>>> {
+    /// The states. `shape` is the time constant of temperature lags, s.
+    fn states(&self, py: Python<'_>, shape: Option<f64>) -> PyResult<Vec<State<f64>>> {
         let rate = rows(py, &self.angular_rate, "angular_rate")?;
         let force = rows(py, &self.specific_force, "specific_force")?;
         let time_s = column(py, &self.time_s, "time_s")?;
@@ -145,8 +151,11 @@ impl StateArrays<'_> {
             let message = format!("{name} has {} rows, angular_rate {}", len.unwrap_or(0), rate.len());
             return Err(Error::Input(message)).to_python(py);
         }
+        let memory = TemperatureMemory::with_time_constants(shape, shape);
+        let history = temperature_degc.map(|degc| temperature_history_of(memory, time_s, degc));
         let state = |i: usize| {
             let mut surroundings = Surroundings::unknown();
+            surroundings.temperature_history = history.as_ref().map(|history| history[i]);
             surroundings.time_s = Some(time_s[i]);
             surroundings.angular_acceleration = acceleration.map(|values| values[i].into());
             surroundings.temperature_difference_k = temperature_degc.map(|degc| degc[i] - REFERENCE_TEMPERATURE_DEGC);
@@ -193,7 +202,7 @@ pub(crate) fn effect_field<'py>(
     // Only the match of effect and shape parameter is checked here, so the values have no influence.
     let checked = library::EffectValues::try_new(effect, &[0.0; MAX_PARAMETERS][..count], shape);
     checked.map_err(|error| Error::Input(error.to_string())).to_python(py)?;
-    let states = state.states(py)?;
+    let states = state.states(py, shape)?;
     let field = py.detach(|| {
         let mut field = Vec::with_capacity(states.len() * 3 * count);
         for state in &states {
@@ -204,4 +213,28 @@ pub(crate) fn effect_field<'py>(
         field
     });
     field.into_pyarray(py).reshape([states.len(), 3, count])
+}
+
+/// Rate, K/s, direction and lag, K, of a temperature column at each sample.
+type History<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+
+/// The temperature history at each sample: the rate, the direction, and the lag behind a low-pass with the time
+/// constant `tau_s`.
+#[pyfunction]
+pub(crate) fn temperature_history<'py>(
+    py: Python<'py>,
+    time_s: PyReadonlyArray1<'py, f64>,
+    temperature_degc: PyReadonlyArray1<'py, f64>,
+    tau_s: f64,
+) -> PyResult<History<'py>> {
+    let times = column(py, &time_s, "time_s")?;
+    let degc = column(py, &temperature_degc, "temperature_degc")?;
+    if times.len() != degc.len() || !(tau_s.is_finite() && tau_s > 0.0) {
+        let message = format!("{} times, {} temperatures, tau_s {tau_s}", times.len(), degc.len());
+        return Err(Error::Input(message)).to_python(py);
+    }
+    let memory = TemperatureMemory::with_time_constants(Some(tau_s), None);
+    let history = py.detach(|| temperature_history_of(memory, times, degc));
+    let array = |of: fn(&TemperatureHistory<f64>) -> f64| history.iter().map(of).collect::<Vec<_>>().into_pyarray(py);
+    Ok((array(|own| own.rate_kps), array(|own| own.direction), array(|own| own.gyroscope_lag_k)))
 }

@@ -153,7 +153,7 @@ pub(crate) struct GapResult {
 
 impl EffectScore {
     fn new(py: Python<'_>, s: library::Score) -> PyResult<Py<Self>> {
-        let library::Score { name, log_bayes_factor, statistic, dof, p_value, rivals } = s;
+        let library::Score { name, log_bayes_factor, statistic, dof, p_value, rivals, .. } = s;
         Py::new(py, Self { name, log_bayes_factor, statistic, dof, p_value, rivals })
     }
 
@@ -269,7 +269,7 @@ pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAn
     let options = options.options(py)?;
     let recordings = RecordingColumns::views(py, &recordings)?;
     let control = RecordingColumns::views(py, &control)?;
-    let choice = |name: &String| Ok(EffectChoice { effect: find(name)?, full: false });
+    let choice = |name: &String| Ok(EffectChoice::candidate(find(name)?));
     let choices = |names: &Vec<String>| names.iter().map(choice).collect::<Result<Vec<_>, Error>>();
     let candidates = candidates.as_ref().map(choices).transpose().to_python(py)?;
     let given = given.as_ref().map(|(calibration, gravity_mps2, corrected)| {
@@ -366,7 +366,7 @@ pub(crate) fn gap_design(
     py: Python<'_>,
     recordings: Vec<RecordingColumns<'_>>,
     options: CalibrateOptions<'_>,
-    candidates: Vec<(String, bool)>,
+    candidates: Vec<(String, usize)>,
     is_hand_moved: Option<bool>,
 ) -> PyResult<GapDesign> {
     let mut options = options.options(py)?;
@@ -386,6 +386,16 @@ pub(crate) fn gap_design(
     })
 }
 
-pub(crate) fn choices(candidates: &[(String, bool)]) -> Result<Vec<EffectChoice>, Error> {
-    candidates.iter().map(|(name, full)| Ok(EffectChoice { effect: find(name)?, full: *full })).collect()
+/// Effects by name, each with the number of parameters of its form.
+pub(crate) fn choices(candidates: &[(String, usize)]) -> Result<Vec<EffectChoice>, Error> {
+    candidates.iter().map(|(name, parameters)| choice(name, *parameters)).collect()
+}
+
+fn choice(name: &str, parameters: usize) -> Result<EffectChoice, Error> {
+    let effect = find(name)?;
+    if effect.has_form(parameters) {
+        Ok(EffectChoice { effect, parameters })
+    } else {
+        Err(Error::Input(format!("{name} has no form with {parameters} parameters")))
+    }
 }

@@ -37,7 +37,7 @@ mod _core {
     use super::arrays::{MeanColumns, RecordingColumns, column, matrix, rows, to_rows};
     use super::calibration::{CalibrationArrays, TriadArrays};
     #[pymodule_export]
-    use super::effects::{Effect, effect_field, effects};
+    use super::effects::{Effect, effect_field, effects, temperature_history};
     use super::error::{ToPython, finding};
     #[pymodule_export]
     use super::gap::{
@@ -63,6 +63,14 @@ mod _core {
     #[pymodule_export]
     #[allow(non_upper_case_globals)]
     const __version__: &str = env!("CARGO_PKG_VERSION");
+
+    /// Time constant of the low-passes of the temperature history, s.
+    #[pymodule_export]
+    const TEMPERATURE_SMOOTHING_S: f64 = imucal_core::temperature_memory::SMOOTHING_S;
+
+    /// Half of the temperature change that completes a reversal of the direction of the temperature history, K.
+    #[pymodule_export]
+    const TEMPERATURE_REVERSAL_K: f64 = imucal_core::temperature_memory::REVERSAL_K;
 
     /// Reference temperature of sensitivities and biases, degC. Temperature effects are functions of the temperature
     /// minus this reference.

@@ -1,14 +1,14 @@
 //! Options of a calibration, converted from Python.
 
-use imucal::calibrate::{BiasWander, EffectChoice, Options, References, UnitWander};
+use imucal::calibrate::{BiasWander, Options, References, UnitWander};
 use imucal::error::Error;
 use imucal::frame::Frame;
 use imucal::held::{Hold, KnownAccelerometer, ParameterModel, Priors};
 use pyo3::prelude::*;
 
 use crate::arrays::UserFieldArrays;
-use crate::effects::find;
 use crate::error::ToPython;
+use crate::gap::choices;
 
 pub(crate) fn frame_named(name: &str) -> Result<Frame, Error> {
     match name {
@@ -50,8 +50,8 @@ pub(crate) struct CalibrateOptions<'py> {
     joint: bool,
     /// Bias instability and random walk of the accelerometer and of the gyroscope.
     wander: Option<(Wander, Wander)>,
-    /// Name of each effect, and whether its full form is used.
-    effects: Vec<(String, bool)>,
+    /// Name of each effect, and the number of parameters of its form.
+    effects: Vec<(String, usize)>,
     partly: Vec<String>,
     user_fields: Vec<UserFieldArrays<'py>>,
     folds: Option<usize>,
@@ -71,8 +71,7 @@ pub(crate) fn priors(model: &str, hold: &[HeldTuple], profile: &[(String, Vec<f6
 
 impl CalibrateOptions<'_> {
     pub(crate) fn options(&self, py: Python<'_>) -> PyResult<Options<'_>> {
-        let choice = |(name, full): &(String, bool)| Ok(EffectChoice { effect: find(name)?, full: *full });
-        let effects = self.effects.iter().map(choice).collect::<Result<_, Error>>();
+        let effects = choices(&self.effects);
         Ok(Options {
             gravity_mps2: self.gravity_mps2,
             references: References {

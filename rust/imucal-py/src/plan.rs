@@ -129,7 +129,7 @@ pub(crate) fn smallest_visible(
     py: Python<'_>,
     recordings: Vec<RecordingColumns<'_>>,
     options: CalibrateOptions<'_>,
-    candidates: Vec<(String, bool)>,
+    candidates: Vec<(String, usize)>,
 ) -> PyResult<Visible> {
     let options = options.options(py)?;
     let recordings = RecordingColumns::views(py, &recordings)?;

@@ -9,17 +9,19 @@
 //! second line is iterated until it converges.
 //!
 //! The fields of effects depend on other quantities in addition to rate and force. A recording provides the time since
-//! its first sample. If it has a temperature column, it provides the temperature minus [`REFERENCE_TEMPERATURE_DEGC`].
-//! The derivative of the rate provides the angular acceleration ([`angular_acceleration`]). A recording provides
-//! neither the attitude nor the angles of a stand. The rate of the Earth is not removed, because the attitude is not
-//! known. It is not an error of the gyroscope, because a gyroscope measures the rate relative to the stars.
+//! its first sample. If it has a temperature column, it provides the temperature minus [`REFERENCE_TEMPERATURE_DEGC`]
+//! and its history. The derivative of the rate provides the angular acceleration ([`angular_acceleration`]). A
+//! recording provides neither the attitude nor the angles of a stand. The rate of the Earth is not removed, because the
+//! attitude is not known. It is not an error of the gyroscope, because a gyroscope measures the rate relative to the
+//! stars.
 
 use crate::cancellation::checkpoint;
 use crate::error::Error;
 use crate::numerics::derivative::Derivative;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 use imucal_core::calibration::Calibration;
-use imucal_core::effects::{Effect, Need, Sensor, Surroundings};
+use imucal_core::effects::{Effect, EffectSet, Need, Sensor, Surroundings};
+use imucal_core::temperature_memory::{TemperatureHistory, TemperatureMemory};
 use nalgebra::Vector3;
 
 /// Number of iterations for the angular acceleration. Iterations are needed because the angular acceleration is the
@@ -34,7 +36,9 @@ const SAMPLES_PER_CHECKPOINT: usize = 4096;
 /// Whether a correction cannot remove an effect from the data. Such an effect acts on the encoders of a stand, or
 /// depends on a quantity that no recording contains (for example the attitude).
 pub fn is_left_in_data(effect: &Effect<f64>) -> bool {
-    let is_given = |need: &Need| matches!(need, Need::Time | Need::Temperature | Need::AngularAcceleration);
+    let is_given = |need: &Need| {
+        matches!(need, Need::Time | Need::Temperature | Need::TemperatureHistory | Need::AngularAcceleration)
+    };
     effect.sensor == Sensor::Encoder || !effect.needs.iter().all(is_given)
 }
 
@@ -114,6 +118,7 @@ fn correct_with(
     calibration: &Calibration<f64>,
     acceleration: &[[f64; 3]],
 ) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+    let history = temperature_history(recording, &calibration.effects);
     let samples = recording.angular_rate.iter().zip(recording.specific_force.iter()).zip(recording.time_s).enumerate();
     let corrected = samples.map(|(i, ((rate, force), time_s))| {
         if i % SAMPLES_PER_CHECKPOINT == 0 {
@@ -123,6 +128,7 @@ fn correct_with(
         let surroundings = Surroundings {
             angular_acceleration: acceleration.get(i).map(|value| Vector3::from(*value)),
             temperature_difference_k: temperature.map(|degc| degc - REFERENCE_TEMPERATURE_DEGC),
+            temperature_history: history.get(i).copied(),
             time_s: Some(time_s - start_s),
             ..Surroundings::unknown()
         };
@@ -130,6 +136,28 @@ fn correct_with(
         (<[f64; 3]>::from(rate), <[f64; 3]>::from(force))
     });
     corrected.unzip()
+}
+
+/// The temperature history at each sample, from the first sample on; empty if no effect depends on it, or if the
+/// recording has no temperature.
+pub(crate) fn temperature_history(recording: &Recording<'_>, effects: &EffectSet<f64>) -> Vec<TemperatureHistory<f64>> {
+    let needs_history = effects.iter().any(|member| member.effect().has_need(Need::TemperatureHistory));
+    match recording.temperature_degc {
+        Some(degc) if needs_history => temperature_history_of(TemperatureMemory::new(effects), recording.time_s, degc),
+        _ => Vec::new(),
+    }
+}
+
+/// The temperature history at each sample of a memory that starts at the first sample.
+pub fn temperature_history_of(
+    mut memory: TemperatureMemory<f64>,
+    time_s: &[f64],
+    temperature_degc: &[f64],
+) -> Vec<TemperatureHistory<f64>> {
+    let steps = time_s.iter().scan(None, |last: &mut Option<f64>, time_s| {
+        Some(last.replace(*time_s).map_or(0.0, |last_s| (time_s - last_s).max(0.0)))
+    });
+    steps.zip(temperature_degc).map(|(step_s, degc)| memory.update(step_s, degc - REFERENCE_TEMPERATURE_DEGC)).collect()
 }
 
 /// Derivative of the angular rate with respect to time, rad/s^2, one row per sample; empty for a single sample.

@@ -57,6 +57,7 @@ mod shares;
 mod smooth;
 mod stage;
 mod start;
+mod temperature_memory;
 mod time_course;
 mod verdict;
 mod weighing;
@@ -122,6 +123,8 @@ pub type Scattering = (&'static str, f64, f64);
 pub struct Score {
     /// Name of the effect.
     pub name: String,
+    /// Number of parameters of the form of the effect with the largest evidence.
+    pub parameters: usize,
     /// Log Bayes factor of the model with the effect relative to the model without the effect, nats.
     pub log_bayes_factor: f64,
     /// Likelihood ratio statistic: twice the increase of the maximum log likelihood.
@@ -188,7 +191,7 @@ pub struct Linearised {
     pub residual: Vec<f64>,
     /// Derivatives with respect to the base parameters. Each row is one residual, and each column is one parameter.
     pub base: Vec<Vec<f64>>,
-    /// Name of each effect, and the derivatives with respect to the effect's parameters in the same layout as `base`.
+    /// Name of each effect, and the derivatives with respect to the parameters of its form in the layout of `base`.
     /// An effect with a time constant has one list entry for each trial value of the time constant.
     pub candidates: Vec<(String, Vec<Vec<f64>>)>,
     /// Number that identifies the kind of each residual. Residuals of the same kind have the same number.

@@ -20,6 +20,7 @@
 
 mod encoders;
 mod fields;
+mod histories;
 mod inside;
 mod lanes;
 mod linear;
@@ -49,6 +50,7 @@ pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::{Encoders, StandModel, mount_rotation};
 pub(crate) use fields::{Field, move_segments};
+pub(crate) use histories::TemperatureHistories;
 pub(crate) use lanes::Lanes;
 pub(crate) use linear::{EPOCH_RATES, INSIDE, Insides, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
 pub use misfit::Misfit;
@@ -113,8 +115,13 @@ const MISLEADING: f64 = 10.0;
 const FAR: f64 = 1.5;
 /// Relative tolerance of the solver in a search and in the first round of a fit, in which the weights are preliminary.
 const SEARCH: f64 = 1e-5;
-/// Start values of a time constant, as fractions of the duration of the longest recording (model.md (23)).
-pub(crate) const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
+/// Start values of the time constant of a warm-up, as fractions of the duration of the longest recording (model.md
+/// (23)).
+const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
+/// Start values of the time constant of a temperature lag, as fractions of the same duration. A lag repeats with each
+/// change of the temperature, so short lags are observable in long recordings. A lag as long as the recording has
+/// nearly the field of the temperature itself.
+const LAG_SHARES: [f64; 5] = [0.002, 0.006, 0.02, 0.06, 0.2];
 
 /// Effects that depend on the angular acceleration and cause a rotation error over a whole move. They are observable
 /// without the force inside the moves.
@@ -345,18 +352,26 @@ fn not_determined(term: &terms::Term<'_>, open: usize) -> String {
     message
 }
 
+/// Start values of the time constant of an effect, as fractions of the duration of the longest recording.
+pub(crate) fn start_shares(effect: &Effect<f64>) -> &'static [f64] {
+    if effect.needs.contains(&Need::TemperatureHistory) { &LAG_SHARES } else { &SHAPE_SHARES }
+}
+
 /// Fits the linear parameters for several values of each time constant. The value with the smallest chi2 becomes the
 /// centre of a wide prior of the time constant.
 fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Vec<f64>) -> Result<(), Error> {
     for term in terms.all.iter().filter(|term| term.has_shape()) {
         let place = BASE + term.first + term.linear;
-        let longest_s = problem.prepared.longest_s();
         let mut best: Option<(f64, Vec<f64>)> = None;
-        for share in SHAPE_SHARES {
+        for shape in
+            term.effect().map_or(&[][..], start_shares).iter().map(|share| share * problem.prepared.longest_s())
+        {
             let mut start = parameters.clone();
-            start[place] = share * longest_s;
+            start[place] = shape;
             problem.fixed = vec![place];
-            let found = lsq::minimize(&*problem, &start, lsq::ROUGH)?;
+            // A coarse tolerance would end the fit before the first step, because the parameters of an effect are small
+            // beside the sensitivities. The values of chi2 would then be equal.
+            let found = lsq::minimize(&*problem, &start, lsq::EXACT)?;
             if best.as_ref().is_none_or(|(chi2, _)| found.chi2 < *chi2) {
                 best = Some((found.chi2, found.parameters));
             }

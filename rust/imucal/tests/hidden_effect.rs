@@ -30,9 +30,7 @@ fn by_itself<'a>(made: &'a Simulation, name: &'a str) -> Recording<'a> {
 }
 
 fn candidates() -> Vec<EffectChoice> {
-    [HIDDEN, "accel_scale_quadratic"]
-        .map(|name| EffectChoice { effect: Effect::find(name).unwrap(), full: false })
-        .into()
+    [HIDDEN, "accel_scale_quadratic"].map(|name| EffectChoice::plain(Effect::find(name).unwrap())).into()
 }
 
 #[test]

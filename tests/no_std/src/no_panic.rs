@@ -7,6 +7,7 @@ use imucal_core::{
     integrate::Integrator,
     rest::{Rest, RestDetector},
     stored::{StoredCalibration, StoredError},
+    temperature_memory::TemperatureMemory,
 };
 use nalgebra::Vector3;
 
@@ -21,7 +22,7 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
 
 /// The same functions for both floats.
 macro_rules! no_panic {
-    ($float:ty, $correct:ident, $correct_at:ident, $push_effect:ident, $integrate:ident, $detect:ident, $finish:ident, $load:ident) => {
+    ($float:ty, $correct:ident, $correct_at:ident, $push_effect:ident, $integrate:ident, $detect:ident, $finish:ident, $load:ident, $remember:ident) => {
         #[unsafe(no_mangle)]
         pub fn $correct(unit: &Calibration<$float>, rate: &mut Vector3<$float>, force: &mut Vector3<$float>) {
             (*rate, *force) = unit.correct(*rate, *force);
@@ -66,6 +67,11 @@ macro_rules! no_panic {
         pub fn $load(bytes: &[u8], unit: &mut Result<StoredCalibration<$float>, StoredError>) {
             *unit = StoredCalibration::from_bytes(bytes);
         }
+
+        #[unsafe(no_mangle)]
+        pub fn $remember(memory: &mut TemperatureMemory<$float>, dt_s: $float, temperature_k: $float) {
+            memory.update(dt_s, temperature_k);
+        }
     };
 }
 
@@ -77,7 +83,8 @@ no_panic!(
     no_panic_integrate_f32,
     no_panic_detect_f32,
     no_panic_finish_f32,
-    no_panic_load_f32
+    no_panic_load_f32,
+    no_panic_remember_f32
 );
 no_panic!(
     f64,
@@ -87,5 +94,6 @@ no_panic!(
     no_panic_integrate_f64,
     no_panic_detect_f64,
     no_panic_finish_f64,
-    no_panic_load_f64
+    no_panic_load_f64,
+    no_panic_remember_f64
 );

@@ -101,8 +101,9 @@ def _show(out: Output, row: Effect) -> None:
         out.line("it is an error of the stand, not of the unit: it is neither estimated nor compensated")
         return
     out.line(f"to estimate it: imucal calibrate run.csv --effect {row.name}")
-    if row.plain < len(row.parameters):
-        out.line(f"with all parameters: imucal calibrate run.csv --effect {row.name}:full")
+    for form, count in row.forms.items():
+        which = "all" if form == "full" else f"the first {count}"
+        out.line(f"with {which} parameters: imucal calibrate run.csv --effect {row.name}:{form}")
 
 
 def _show_disturbance(out: Output, row: Disturbance) -> None:

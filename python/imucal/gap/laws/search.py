@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from imucal.arrays import FloatArray
 from imucal.effects.definition import UserEffect
 from imucal.effects.formula_effect import FormulaEffect, formula_effects, sizes_of
 from imucal.effects.state import State
+from imucal.effects.table import catalogue_by_name
 from imucal.errors import ImucalError, InputError
 from imucal.estimation.options import UserField
 from imucal.gap.laws.law import Curve, Law
@@ -106,12 +107,13 @@ def _selected(
 ) -> list[Selected]:
     if not forms:
         return []
-    selected = select(columns_of(question, recordings, names, forms, is_hand_moved=first.is_hand_moved))
+    named = {str(effect["name"]): _count(effect) for effect in first.effects if effect["name"] in names}
+    selected = select(columns_of(question, recordings, named, forms, is_hand_moved=first.is_hand_moved))
     if all(own.form.constant is None for own in selected):
         return selected
     variants = [refined(own.form) or [own.form] for own in selected]
     flat = [form for own in variants for form in own]
-    given = columns_of(question, recordings, names, flat, is_hand_moved=first.is_hand_moved)
+    given = columns_of(question, recordings, named, flat, is_hand_moved=first.is_hand_moved)
     known = {form: place for place, (form, _) in enumerate(given.candidates)}
     places = [[known[form] for form in own if form in known] for own in variants]
     if not all(places):
@@ -120,18 +122,27 @@ def _selected(
     return [replace(own, form=given.candidates[pick][0]) for own, pick in zip(selected, picks, strict=True)]
 
 
+def _count(effect: Mapping[str, Any]) -> int:
+    """Number of parameters of a named effect, without its time constant."""
+    row = catalogue_by_name().get(effect["name"])
+    return len(effect["parameters"]) - (row is not None and row.shape is not None)
+
+
 def columns_of(
     question: Question,
     recordings: Sequence[Recording],
-    names: Sequence[str],
+    named: Mapping[str, int],
     forms: Sequence[Form],
     *,
     is_hand_moved: bool,
 ) -> Columns:
-    """Whitened residuals of corrected recordings, with columns of the named effects and of the forms."""
+    """Whitened residuals of corrected recordings, with columns of the named effects and of the forms.
+
+    named  number of parameters of each named effect, without a time constant
+    """
     states = [_state(recording) for recording in recordings]
-    own = [effect for effect in question.definitions.values() if effect.name in names]
-    catalogue = [(name, False) for name in names if name not in question.definitions]
+    own = [effect for effect in question.definitions.values() if effect.name in named]
+    catalogue = [(name, count) for name, count in named.items() if name not in question.definitions]
     columns_of_all = set.intersection(*(set(recording.auxiliary) for recording in recordings))
     size = sum(len(recording) for recording in recordings) * 18
     step = max(1, int(MOST_VALUES / size))
@@ -148,10 +159,10 @@ def columns_of(
         options = replace(question.options, hold=(), model="full", folds=None, user_fields=tuple(fields))
         design = _core.gap_design(recordings, options, catalogue, is_hand_moved)
         columns = dict(design.effects)
-        named = [values for name, values in design.effects if not name.startswith("law_")]
+        of_named = [values for name, values in design.effects if not name.startswith("law_")]
         if residual is None:
             residual, groups, items = design.residual, design.groups, design.items
-            model = np.hstack([design.base, *named])
+            model = np.hstack([design.base, *of_named])
         for form, field in zip(part, fields, strict=False):
             if field.name in columns:
                 candidates.append((form, columns[field.name]))

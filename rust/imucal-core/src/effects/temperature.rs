@@ -1,11 +1,14 @@
 //! Effects of temperature on bias and scale.
 //!
 //! ```text
-//! *_bias_temperature    k_i dT      full form: + q_i dT^2
-//! *_scale_temperature   k_i dT v_i
+//! *_bias_temperature     k_i dT + q_i dT^2 + c_i dT^3
+//! *_scale_temperature   (k_i dT + q_i dT^2 + c_i dT^3) v_i
 //! ```
 //!
-//! k_i and q_i are the parameters of axis i. dT is the temperature minus the reference temperature, at which
+//! The plain form has the linear terms only. Forms with 3, 6 and 9 parameters have the terms up to the first, second
+//! and third degree.
+//!
+//! k_i, q_i and c_i are the parameters of axis i. dT is the temperature minus the reference temperature, at which
 //! sensitivity and bias apply, K. v is the angular rate w for the gyroscope and the specific force f for the
 //! accelerometer.
 
@@ -14,7 +17,7 @@ use crate::{STANDARD_GRAVITY_MPS2, vector::scaled};
 use nalgebra::{RealField, Vector3};
 
 const HEAT_AND_COOL: &str = "a run that heats and cools again";
-/// Temperature difference at which the typical quadratic term equals the typical linear term, K.
+/// Temperature difference at which the typical quadratic and cubic terms equal the typical linear term, K.
 const BEND_K: f64 = 50.0;
 /// Typical temperature coefficient of a gyroscope bias: 0.015 deg/s per kelvin.
 const GYROSCOPE: f64 = 0.015 * DEGREE;
@@ -30,17 +33,17 @@ impl<F: RealField + Copy> Effect<F> {
         Self::ACCEL_SCALE_TEMPERATURE,
     ];
 
-    /// `gyro_bias_temperature`: `k_i dT + q_i dT^2`.
+    /// `gyro_bias_temperature`: `k_i dT + q_i dT^2 + c_i dT^3`.
     pub const GYRO_BIAS_TEMPERATURE: &'static Self = &effect! {
         number: 12,
         name: "gyro_bias_temperature",
         sensor: Sensor::Gyroscope,
-        parameters: &linear_and_square("rad/s/K", "rad/s/K^2", GYROSCOPE),
+        parameters: &cubic(["rad/s/K", "rad/s/K^2", "rad/s/K^3"], GYROSCOPE),
         plain: 3,
         shape: None,
         reads: &[],
         needs: &[Need::Temperature],
-        formula: "k_i dT + q_i dT^2",
+        formula: "k_i dT + q_i dT^2 + c_i dT^3",
         observable: "rests at several temperatures",
         aliases: &[
             Alias { with: "gyro_bias_drift", told_apart_by: HEAT_AND_COOL },
@@ -49,34 +52,34 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| bias(state, terms),
     };
 
-    /// `gyro_scale_temperature`: `k_i dT w_i`.
+    /// `gyro_scale_temperature`: `(k_i dT + q_i dT^2 + c_i dT^3) w_i`.
     pub const GYRO_SCALE_TEMPERATURE: &'static Self = &effect! {
         number: 13,
         name: "gyro_scale_temperature",
         sensor: Sensor::Gyroscope,
         // Typical value: 300 ppm per kelvin.
-        parameters: &parameters(AXES, "1/K", 300e-6),
+        parameters: &cubic(["1/K", "1/K^2", "1/K^3"], 300e-6),
         plain: 3,
         shape: None,
         reads: &[Sensor::Gyroscope],
         needs: &[Need::Temperature],
-        formula: "k_i dT w_i",
+        formula: "(k_i dT + q_i dT^2 + c_i dT^3) w_i",
         observable: "turns at several temperatures",
         aliases: &[Alias { with: "gyro_scale_drift", told_apart_by: HEAT_AND_COOL }],
         field: |state, _, terms| scale(&state.angular_rate, state, terms),
     };
 
-    /// `accel_bias_temperature`: `k_i dT + q_i dT^2`.
+    /// `accel_bias_temperature`: `k_i dT + q_i dT^2 + c_i dT^3`.
     pub const ACCEL_BIAS_TEMPERATURE: &'static Self = &effect! {
         number: 14,
         name: "accel_bias_temperature",
         sensor: Sensor::Accelerometer,
-        parameters: &linear_and_square("m/s^2/K", "m/s^2/K^2", ACCELEROMETER),
+        parameters: &cubic(["m/s^2/K", "m/s^2/K^2", "m/s^2/K^3"], ACCELEROMETER),
         plain: 3,
         shape: None,
         reads: &[],
         needs: &[Need::Temperature],
-        formula: "k_i dT + q_i dT^2",
+        formula: "k_i dT + q_i dT^2 + c_i dT^3",
         observable: "rests of many orientations at several temperatures",
         aliases: &[
             Alias { with: "accel_bias_drift", told_apart_by: HEAT_AND_COOL },
@@ -85,18 +88,18 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| bias(state, terms),
     };
 
-    /// `accel_scale_temperature`: `k_i dT f_i`.
+    /// `accel_scale_temperature`: `(k_i dT + q_i dT^2 + c_i dT^3) f_i`.
     pub const ACCEL_SCALE_TEMPERATURE: &'static Self = &effect! {
         number: 15,
         name: "accel_scale_temperature",
         sensor: Sensor::Accelerometer,
         // Typical value: 100 ppm per kelvin.
-        parameters: &parameters(AXES, "1/K", 100e-6),
+        parameters: &cubic(["1/K", "1/K^2", "1/K^3"], 100e-6),
         plain: 3,
         shape: None,
         reads: &[Sensor::Accelerometer],
         needs: &[Need::Temperature],
-        formula: "k_i dT f_i",
+        formula: "(k_i dT + q_i dT^2 + c_i dT^3) f_i",
         observable: "rests of many orientations at several temperatures",
         aliases: &[Alias {
             with: "accel_bias_temperature",
@@ -106,20 +109,29 @@ impl<F: RealField + Copy> Effect<F> {
     };
 }
 
-const fn linear_and_square(per_kelvin: &'static str, per_square: &'static str, typical: f64) -> [Parameter; 6] {
-    let [x, y, z] = parameters(AXES, per_kelvin, typical);
-    let [xx, yy, zz] = parameters(["x_square", "y_square", "z_square"], per_square, typical / BEND_K);
-    [x, y, z, xx, yy, zz]
+/// Parameters of a polynomial of the third degree without a constant, for each axis. `typical` is the typical size of
+/// the linear coefficient.
+const fn cubic([linear, square, cube]: [&'static str; 3], typical: f64) -> [Parameter; 9] {
+    let [x, y, z] = parameters(AXES, linear, typical);
+    let [xx, yy, zz] = parameters(["x_square", "y_square", "z_square"], square, typical / BEND_K);
+    let [xxx, yyy, zzz] = parameters(["x_cube", "y_cube", "z_cube"], cube, typical / (BEND_K * BEND_K));
+    [x, y, z, xx, yy, zz, xxx, yyy, zzz]
 }
 
 #[inline(always)]
 fn bias<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
     let difference = state.surroundings.temperature_difference_k.unwrap_or(F::zero());
+    let square = difference * difference;
     terms.axes(same(difference));
-    terms.axes(same(difference * difference));
+    terms.axes(same(square));
+    terms.axes(same(square * difference));
 }
 
 #[inline(always)]
 fn scale<F: RealField + Copy>(v: &Vector3<F>, state: &State<F>, terms: &mut impl Terms<F>) {
-    terms.axes(scaled(v, state.surroundings.temperature_difference_k.unwrap_or(F::zero())));
+    let difference = state.surroundings.temperature_difference_k.unwrap_or(F::zero());
+    let square = difference * difference;
+    terms.axes(scaled(v, difference));
+    terms.axes(scaled(v, square));
+    terms.axes(scaled(v, square * difference));
 }

@@ -14,6 +14,7 @@ fn state() -> State<f64> {
             // The body's x axis points along the world's y axis.
             rotation_world_from_body: Some(so3::exp(&Vector3::new(0.0, 0.0, FRAC_PI_2))),
             temperature_difference_k: Some(10.0),
+            temperature_history: Some(HISTORY),
             time_s: Some(50.0),
             stand: Some(StandState {
                 // The sines of the angles are 0.6, 1 and 0; the cosines are 0.8, 0 and -1.
@@ -25,13 +26,15 @@ fn state() -> State<f64> {
     }
 }
 
+const HISTORY: TemperatureHistory<f64> =
+    TemperatureHistory { rate_kps: 0.5, direction: -0.5, gyroscope_lag_k: -2.0, accelerometer_lag_k: 3.0 };
 const TAU_S: f64 = 25.0;
 /// The fraction of the warm-up that is left after 50 s with a time constant of 25 s: exp(-50 / 25).
 const LEFT: f64 = 0.135_335_283_236_612_7;
 
 /// The field at [`state`] times the parameters 1, 2, 3, ... The values are calculated by hand from the formulas of the
 /// catalogue.
-const BY_HAND: [(&str, [f64; 3]); 28] = [
+const BY_HAND: [(&str, [f64; 3]); 34] = [
     ("gyro_g_sensitivity", [26.0, 59.0, 92.0]),
     ("gyro_g2_sensitivity", [210.0 + 224.0, 453.0 + 284.0, 696.0 + 344.0]),
     ("gyro_scale_g_sensitivity", [2.0, 4.0, 72.0]),
@@ -43,10 +46,16 @@ const BY_HAND: [(&str, [f64; 3]); 28] = [
     ("accel_scale_cubic", [64.0, -2.0, 1536.0]),
     ("accel_scale_asymmetry", [4.0, 2.0, 24.0]),
     ("accel_cross_axis_quadratic", [213.0, 728.0, 472.0]),
-    ("gyro_bias_temperature", [10.0 + 400.0, 20.0 + 500.0, 30.0 + 600.0]),
-    ("gyro_scale_temperature", [5.0, -40.0, 90.0]),
-    ("accel_bias_temperature", [410.0, 520.0, 630.0]),
-    ("accel_scale_temperature", [40.0, -20.0, 240.0]),
+    ("gyro_bias_temperature", [10.0 + 400.0 + 7000.0, 20.0 + 500.0 + 8000.0, 30.0 + 600.0 + 9000.0]),
+    ("gyro_scale_temperature", [0.5 * 7410.0, -2.0 * 8520.0, 3.0 * 9630.0]),
+    ("accel_bias_temperature", [7410.0, 8520.0, 9630.0]),
+    ("accel_scale_temperature", [4.0 * 7410.0, -8520.0, 8.0 * 9630.0]),
+    ("gyro_bias_temperature_lag", [-2.0 * 741.0, -2.0 * 852.0, -2.0 * 963.0]),
+    ("gyro_bias_temperature_rate", [0.5 * 741.0, 0.5 * 852.0, 0.5 * 963.0]),
+    ("gyro_bias_temperature_hysteresis", [-0.5 * 741.0, -0.5 * 852.0, -0.5 * 963.0]),
+    ("accel_bias_temperature_lag", [3.0 * 741.0, 3.0 * 852.0, 3.0 * 963.0]),
+    ("accel_bias_temperature_rate", [0.5 * 741.0, 0.5 * 852.0, 0.5 * 963.0]),
+    ("accel_bias_temperature_hysteresis", [-0.5 * 741.0, -0.5 * 852.0, -0.5 * 963.0]),
     ("gyro_bias_drift", [50.0, 100.0, 150.0]),
     ("gyro_bias_warmup", [LEFT, 2.0 * LEFT, 3.0 * LEFT]),
     ("gyro_scale_drift", [25.0, -200.0, 450.0]),
@@ -69,7 +78,7 @@ const BY_HAND: [(&str, [f64; 3]); 28] = [
 /// Name of the effect, number of parameters of the plain and of the full form, and unit and typical size of the first
 /// and of the last parameter.
 type Numbers = (&'static str, usize, usize, (&'static str, f64), (&'static str, f64));
-const NUMBERS: [Numbers; 28] = [
+const NUMBERS: [Numbers; 34] = [
     ("gyro_g_sensitivity", 9, 9, ("rad/s/(m/s^2)", 1.779741e-4), ("rad/s/(m/s^2)", 1.779741e-4)),
     ("gyro_g2_sensitivity", 9, 18, ("rad/s/(m/s^2)^2", 7.259321e-8), ("rad/s/(m/s^2)^2", 7.259321e-8)),
     ("gyro_scale_g_sensitivity", 3, 3, ("1/(m/s^2)", 1.019716e-4), ("1/(m/s^2)", 1.019716e-4)),
@@ -81,10 +90,16 @@ const NUMBERS: [Numbers; 28] = [
     ("accel_scale_cubic", 3, 3, ("1/(m/s^2)^2", 2.079642e-5), ("1/(m/s^2)^2", 2.079642e-5)),
     ("accel_scale_asymmetry", 3, 3, ("1", 1e-3), ("1", 1e-3)),
     ("accel_cross_axis_quadratic", 15, 15, ("1/(m/s^2)", 1.019716e-4), ("1/(m/s^2)", 1.019716e-4)),
-    ("gyro_bias_temperature", 3, 6, ("rad/s/K", 2.617994e-4), ("rad/s/K^2", 5.235988e-6)),
-    ("gyro_scale_temperature", 3, 3, ("1/K", 3e-4), ("1/K", 3e-4)),
-    ("accel_bias_temperature", 3, 6, ("m/s^2/K", 1.961330e-3), ("m/s^2/K^2", 3.922660e-5)),
-    ("accel_scale_temperature", 3, 3, ("1/K", 1e-4), ("1/K", 1e-4)),
+    ("gyro_bias_temperature", 3, 9, ("rad/s/K", 2.617994e-4), ("rad/s/K^3", 1.047198e-7)),
+    ("gyro_scale_temperature", 3, 9, ("1/K", 3e-4), ("1/K^3", 1.2e-7)),
+    ("accel_bias_temperature", 3, 9, ("m/s^2/K", 1.961330e-3), ("m/s^2/K^3", 7.845320e-7)),
+    ("accel_scale_temperature", 3, 9, ("1/K", 1e-4), ("1/K^3", 4e-8)),
+    ("gyro_bias_temperature_lag", 3, 9, ("rad/s/K", 2.617994e-4), ("rad/s/K^3", 1.047198e-7)),
+    ("gyro_bias_temperature_rate", 3, 9, ("rad/s/(K/s)", 1.570796e-2), ("rad/s/(K/s)/K^2", 6.283185e-6)),
+    ("gyro_bias_temperature_hysteresis", 3, 9, ("rad/s", 5.235988e-4), ("rad/s/K^2", 2.094395e-7)),
+    ("accel_bias_temperature_lag", 3, 9, ("m/s^2/K", 1.961330e-3), ("m/s^2/K^3", 7.845320e-7)),
+    ("accel_bias_temperature_rate", 3, 9, ("m/s^2/(K/s)", 0.1176798), ("m/s^2/(K/s)/K^2", 4.707192e-5)),
+    ("accel_bias_temperature_hysteresis", 3, 9, ("m/s^2", 3.922660e-3), ("m/s^2/K^2", 1.569064e-6)),
     ("gyro_bias_drift", 3, 3, ("rad/s/s", 1.745329e-6), ("rad/s/s", 1.745329e-6)),
     ("gyro_bias_warmup", 3, 3, ("rad/s", 8.726646e-4), ("rad/s", 8.726646e-4)),
     ("gyro_scale_drift", 3, 3, ("1/s", 5e-6), ("1/s", 5e-6)),
@@ -189,12 +204,20 @@ fn aliases_are_effects_or_what_the_model_has_besides_them() {
 fn a_field_depends_on_what_it_needs_and_on_nothing_else_around_it() {
     for effect in Effect::<f64>::catalogue() {
         let known = counting(effect).at(&state());
-        for need in [Need::AngularAcceleration, Need::Attitude, Need::Temperature, Need::Time, Need::Stand] {
+        for need in [
+            Need::AngularAcceleration,
+            Need::Attitude,
+            Need::Temperature,
+            Need::TemperatureHistory,
+            Need::Time,
+            Need::Stand,
+        ] {
             let mut without = state();
             match need {
                 Need::AngularAcceleration => without.surroundings.angular_acceleration = None,
                 Need::Attitude => without.surroundings.rotation_world_from_body = None,
                 Need::Temperature => without.surroundings.temperature_difference_k = None,
+                Need::TemperatureHistory => without.surroundings.temperature_history = None,
                 Need::Time => without.surroundings.time_s = None,
                 Need::Stand => without.surroundings.stand = None,
             }
@@ -249,6 +272,12 @@ fn f32_gives_the_numbers_of_f64() {
             angular_acceleration: wide.surroundings.angular_acceleration.map(|value| value.cast()),
             rotation_world_from_body: wide.surroundings.rotation_world_from_body.map(|value| value.cast()),
             temperature_difference_k: Some(10.0),
+            temperature_history: Some(TemperatureHistory {
+                rate_kps: 0.5,
+                direction: -0.5,
+                gyroscope_lag_k: -2.0,
+                accelerometer_lag_k: 3.0,
+            }),
             time_s: Some(50.0),
             stand: wide.surroundings.stand.map(|stand| StandState {
                 angle_rad: stand.angle_rad.cast(),

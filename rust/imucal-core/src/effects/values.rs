@@ -27,7 +27,7 @@ pub struct EffectValues<F: RealField + Copy> {
 }
 
 impl<F: RealField + Copy> EffectValues<F> {
-    /// Creates an effect from the parameter values of its plain or its full form, in the units of the catalogue.
+    /// Creates an effect from the parameter values of one of its forms, in the units of the catalogue.
     /// `shape` is the parameter on which the effect depends nonlinearly, for example a time constant. It must be given
     /// if and only if the effect has such a parameter.
     ///
@@ -35,7 +35,7 @@ impl<F: RealField + Copy> EffectValues<F> {
     /// [`EffectError`] states which argument does not match the effect.
     pub fn try_new(effect: &'static Effect<F>, values: &[F], shape: Option<F>) -> Result<Self, EffectError> {
         let (name, count, all) = (effect.label(), values.len(), effect.count);
-        if count != effect.plain && count != all {
+        if !effect.has_form(count) {
             return Err(EffectError::Count { name, plain: effect.plain, all, given: count });
         }
         if !values.iter().all(F::is_finite) {
@@ -58,7 +58,7 @@ impl<F: RealField + Copy> EffectValues<F> {
         self.effect
     }
 
-    /// Parameter values of the plain or the full form, as given at creation.
+    /// Parameter values of the form that was given at creation.
     pub fn values(&self) -> &[F] {
         self.values.get(..self.count).unwrap_or_default()
     }
@@ -230,7 +230,7 @@ fn is_rounding<F: RealField + Copy>(counts: bool, change: &Vector3<F>, seen: F, 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum EffectError {
-    /// The number of parameters matches neither the plain nor the full form.
+    /// The number of parameters matches no form of the effect.
     Count {
         /// Name of the effect.
         name: &'static str,
@@ -263,6 +263,9 @@ impl fmt::Display for EffectError {
         match *self {
             Self::Count { name, plain, all, given } if plain == all => {
                 write!(f, "{name} has {all} parameters, {given} were given")
+            }
+            Self::Count { name, plain, all, given } if 2 * plain < all => {
+                write!(f, "{name} has {plain}, {} or {all} parameters; {given} were given", 2 * plain)
             }
             Self::Count { name, plain, all, given } => {
                 write!(f, "{name} has {plain} parameters, or {all} in its full form; {given} were given")

@@ -3,13 +3,14 @@
 //! ```text
 //! traded_off   |C_ij| > 0.95 sqrt(C_ii C_jj)
 //! flat         sqrt(C_jj) > usual size of the parameter
-//! at_bound     a time constant longer than the recordings, or shorter than a hundredth of them
+//! at_bound     a time constant longer than the recordings, or shorter than a hundredth of them (except
+//!              for lags of the temperature)
 //! ```
 //!
 //! C is the covariance of the estimated parameters. Such a result is not an error. The diagnosis describes in words
 //! what the covariance contains as numbers.
 
-use imucal_core::effects::Effect;
+use imucal_core::effects::{Effect, Need};
 
 use crate::calibrate::{Outcome, TermEstimate};
 use crate::recording::Recording;
@@ -112,9 +113,11 @@ fn flat(outcome: &Outcome) -> Vec<Diagnosis> {
 fn at_bound(effect: &TermEstimate, longest_s: f64) -> Option<Diagnosis> {
     let tau_s = effect.shape?;
     let name = effect.parameter_names.last()?;
+    // A lag acts at each change of the temperature, so a short one is observable in a long recording.
+    let acts_again = Effect::<f64>::find(&effect.name).is_some_and(|own| own.needs.contains(&Need::TemperatureHistory));
     let (bound, way_out) = if tau_s > longest_s {
         ("longer than", "record from power-on until the sensors have settled, or estimate a drift instead")
-    } else if tau_s < SHORTEST_SHARE * longest_s {
+    } else if tau_s < SHORTEST_SHARE * longest_s && !acts_again {
         ("less than a hundredth of", "start recording at power-on, with short rests at first, or leave the effect out")
     } else {
         return None;
@@ -214,7 +217,7 @@ mod tests {
     fn outcome(effects: &[&str]) -> (Outcome, f64) {
         let program = Program::random(&RandomMoves::default(), 1).unwrap();
         let run = simulate(&program, &Unit::paper(), 100.0, 9.80665, 1).unwrap();
-        let choice = |name: &&str| EffectChoice { effect: Effect::find(name).unwrap(), full: false };
+        let choice = |name: &&str| EffectChoice::plain(Effect::find(name).unwrap());
         let options = Options { effects: effects.iter().map(choice).collect(), ..Options::default() };
         let recording = run.recording("run");
         let longest_s = recording.time_s[recording.len() - 1];

@@ -11,7 +11,8 @@ use super::{CrossValidation, Options};
 use crate::calibrate::two_stages::Gyroscope;
 use crate::error::Error;
 use crate::joint::{
-    self, BLOCK_S, Encoders, Item, Joint, JointFit, Kinds, Misfits, Prepared, Terms, UnitWander, Wander, WarmStart,
+    self, BLOCK_S, Encoders, Item, Joint, JointFit, Kinds, Misfits, Prepared, TemperatureHistories, Terms, UnitWander,
+    Wander, WarmStart,
 };
 use crate::numerics::derivative::Width;
 use crate::numerics::stats::rms;
@@ -249,7 +250,9 @@ impl UnitData<'_> {
     fn terms<'b>(&self, options: &'b Options<'_>) -> Result<Terms<'b>, Error> {
         let samples: Vec<usize> = self.recordings.iter().map(Recording::len).collect();
         let kinds = Kinds::needed_by(&options.effects);
-        let mut terms = Terms::try_new(&options.effects, &options.user_fields, &samples, kinds)?;
+        let effects = options.effects.iter().map(|choice| choice.effect);
+        let histories = TemperatureHistories::for_effects(effects, self.recordings);
+        let mut terms = Terms::try_new(&options.effects, &options.user_fields, (&samples, &histories), kinds)?;
         terms.allow_partly(&options.partly);
         Ok(terms)
     }

@@ -161,8 +161,7 @@ mod tests {
         let run = simulate(&program, &Unit::paper(), 100.0, 9.80665, 1).unwrap();
         let recording = run.recording("run");
         let choices = ["gyro_g_sensitivity", "gyro_bias_drift", "accel_scale_quadratic"];
-        let effects: Vec<EffectChoice> =
-            choices.map(|name| EffectChoice { effect: Effect::find(name).unwrap(), full: false }).into();
+        let effects: Vec<EffectChoice> = choices.map(|name| EffectChoice::plain(Effect::find(name).unwrap())).into();
         let options = Options { effects, ..Options::default() };
         let fit = |recording: &Recording<'_>, options: &Options<'_>| calibrate(&[*recording], options).unwrap();
         let nominal = fit(&recording, &options);

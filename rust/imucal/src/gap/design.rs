@@ -16,11 +16,12 @@ use crate::joint::{EPOCH_RATES, INSIDE, Insides, Joint, Kinds, Lanes, Linear, Pr
 use crate::parameters::BASE;
 use crate::rests::moves::axis_aside;
 
-/// A candidate effect. An effect with a time constant is entered once for each trial value of the time constant.
+/// A candidate effect. An effect with several forms is entered once for each form, the plain form first. An effect with
+/// a time constant is entered once for each trial value of the time constant.
 #[derive(Clone)]
 pub(crate) struct Candidate {
     pub(crate) name: String,
-    /// Indices of its columns in the Gram matrices.
+    /// Indices of its columns in the Gram matrices. Candidates for the forms of one effect share columns.
     pub(crate) columns: Range<usize>,
     /// Typical size of each parameter, SI units.
     pub(crate) typical: Vec<f64>,
@@ -118,20 +119,20 @@ pub(crate) fn design(
     let of_own = of_own.into_iter().map(|places| BASE + places.start..BASE + places.end);
     let mut parts: Vec<_> = once(0..BASE).chain(of_own).chain(once(BASE + all.count..all.total())).collect();
     let mut width = own.total();
-    let mut candidates = Vec::new();
+    let (mut candidates, mut blocks) = (Vec::new(), Vec::new());
     for term in all.all.iter().filter(|term| !own.all.iter().any(|own| own.name() == term.name())) {
         parts.push(BASE + term.first..BASE + term.first + term.linear);
-        candidates.push(Candidate {
+        candidates.extend(term.forms().map(|count| Candidate {
             name: term.name().to_owned(),
-            columns: width..width + term.linear,
-            typical: term.typical()[..term.linear].to_vec(),
+            columns: width..width + count,
+            typical: term.typical()[..count].to_vec(),
             shape: term.frozen_shape(),
-        });
+        }));
+        blocks.push(width..width + term.linear);
         width += term.linear;
     }
     let order: Vec<usize> = parts.into_iter().flatten().chain([all.total()]).collect();
     let (groups, items) = (linear.groups_of_rows(), items_of_rows(prepared, linear, own.kinds));
-    let blocks: Vec<Range<usize>> = candidates.iter().map(|candidate| candidate.columns.clone()).collect();
     let of_head = (&head, &groups[..head.rows()]);
     let (gram, of_insides) = Gram::beside(of_head, inside.as_ref(), &order, (own.total(), &blocks));
     let residual = head.column(all.total()).chain(of_insides).collect();
@@ -177,6 +178,14 @@ pub(super) fn axes_of(linear: &Linear) -> Vec<usize> {
 }
 
 impl Design {
+    /// The candidates without those whose columns are a part of the columns of another form of the same effect.
+    pub(crate) fn full_forms(&self) -> impl Iterator<Item = &Candidate> {
+        let is_part = |own: &Range<usize>, other: &Range<usize>| own.start == other.start && own.end < other.end;
+        let is_full =
+            move |own: &&Candidate| !self.candidates.iter().any(|other| is_part(&own.columns, &other.columns));
+        self.candidates.iter().filter(is_full)
+    }
+
     /// This design with some candidates moved into the model, and with the residuals of the new model. `None` if the
     /// rows of the two models cannot be compared. The Jacobian is not recomputed. Its relative error is about the
     /// relative size of the effects, typically at most 1 %. This error changes the steps of the iteration, but not the

@@ -212,6 +212,7 @@ impl Fits<'_> {
         };
         let search = search(self.checked, choices, &views(&fields), is_hand_moved)?;
         self.warm_start = Some(search.warm_start.clone());
+        self.use_forms(&search.path);
         Ok(search)
     }
 

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
 
 use super::design::design;
@@ -9,7 +10,7 @@ use super::forward_search::ForwardSearch;
 use super::stage::{Beside, FitKey, Member, NO_EVIDENCE, Stage};
 use crate::calibrate::{EffectChoice, UserField};
 use crate::error::Error;
-use crate::joint::{self, Linear, Model, Prepared, SHAPE_SHARES, Term, Terms};
+use crate::joint::{self, Linear, Model, Prepared, Term, Terms, start_shares};
 use crate::parameters::BASE;
 
 /// Standard deviation of the prior of an effect's time constant, in multiples of the typical time constant.
@@ -19,6 +20,9 @@ const SHAPE_WIDTH: f64 = 3.0;
 /// moves.
 const MOST_RECENT: usize = 3;
 
+/// Error of a fit in which a lag of the temperature is longer than the recordings.
+const TOO_LONG: &str = "the time constant of the temperature lag is longer than the recordings";
+
 impl<'a> ForwardSearch<'a> {
     /// Catalogue effects and user-defined effects with the names in `members`.
     pub(super) fn of_members(
@@ -27,7 +31,10 @@ impl<'a> ForwardSearch<'a> {
         members: &[Member],
     ) -> (Vec<EffectChoice>, Vec<UserField<'a>>) {
         let is_member = |name: &str| members.iter().any(|member| member.name == name);
-        let find = |member: &Member| open.iter().find(|choice| choice.effect.name == member.name).copied();
+        let find = |member: &Member| {
+            let choice = open.iter().find(|choice| choice.effect.name == member.name)?;
+            Some(EffectChoice { parameters: member.parameters, ..*choice })
+        };
         let fields = self.user_fields.iter().filter(|field| is_member(field.name)).cloned().collect();
         (members.iter().filter_map(find).collect(), fields)
     }
@@ -43,7 +50,7 @@ impl<'a> ForwardSearch<'a> {
         beside: Beside,
     ) -> Result<Stage, Error> {
         let (own, fields) = self.of_members(open, members);
-        let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
+        let terms = Terms::try_new(&own, &fields, self.inputs(), self.kinds)?;
         let mut start = joint::start_model(prepared, &terms, near[0], near[1]);
         let mut precisions = vec![0.0; terms.count];
         for term in &terms.all {
@@ -65,8 +72,15 @@ impl<'a> ForwardSearch<'a> {
             let member = members.iter().find(|m| m.name == term.name());
             term.effect().and(member).map(|member| member.width)
         };
-        let key = (self.kinds, prepared.moves.len(), members.iter().map(|m| (m.name.clone(), m.width)).collect());
+        let key = (
+            self.kinds,
+            prepared.moves.len(),
+            members.iter().map(|m| (m.name.clone(), m.parameters, m.width, m.shape)).collect(),
+        );
         let linear = self.fitted(prepared, &terms, &start, width, key)?;
+        if terms.all.iter().any(|term| is_longer_than_recordings(term, &linear.model, prepared.longest_s())) {
+            return Err(Error::Fit(TOO_LONG.into()));
+        }
         let own = (&terms, precisions.as_slice());
         let design = match beside {
             Beside::Nothing => design(prepared, own, &terms, &linear)?,
@@ -129,17 +143,24 @@ impl<'a> ForwardSearch<'a> {
         work: impl FnOnce(&Terms<'_>, &Arc<Linear>) -> Result<T, Error>,
     ) -> Result<T, Error> {
         let is_member = |name: &str| terms.all.iter().any(|term| term.name() == name);
-        let of_catalogue = |term: &Term<'_>| open.iter().find(|choice| choice.effect.name == term.name()).copied();
+        let of_catalogue = |term: &Term<'_>| Some(EffectChoice { effect: term.effect()?, parameters: term.linear });
         let members = terms.all.iter().filter_map(of_catalogue);
-        let free = open.iter().filter(|choice| !is_member(choice.effect.name)).copied();
+        let scored = |choice: &EffectChoice| match choice.effect.has_need(Need::TemperatureHistory) {
+            // The plain form suffices to find the effect. The search selects the form after the effect has joined.
+            true => EffectChoice::plain(choice.effect),
+            false => *choice,
+        };
+        let free = open.iter().filter(|choice| !is_member(choice.effect.name)).map(scored);
         let (timed, plain): (Vec<_>, Vec<_>) = free.partition(|choice| choice.effect.shape.is_some());
         let (fields, free): (Vec<_>, Vec<_>) = self.user_fields.iter().cloned().partition(|f| is_member(f.name));
         let all_fields: Vec<UserField<'_>> = fields.into_iter().chain(free).collect();
         let choices: Vec<EffectChoice> = members.chain(plain).collect();
-        let mut all = Terms::try_new(&choices, &all_fields, &self.samples, terms.kinds)?;
+        let mut all = Terms::try_new(&choices, &all_fields, self.inputs(), terms.kinds)?;
         let longest_s = prepared.longest_s();
-        for (choice, share) in timed.iter().flat_map(|choice| SHAPE_SHARES.map(|share| (choice, share))) {
-            all.push_frozen(choice.effect, share * longest_s)?;
+        for effect in timed.iter().map(|choice| choice.effect) {
+            for share in start_shares(effect) {
+                all.push_frozen(effect, share * longest_s)?;
+            }
         }
         let mut values = vec![0.0; all.count];
         for term in &terms.all {
@@ -151,4 +172,11 @@ impl<'a> ForwardSearch<'a> {
         let parameters = Model { values, ..model.clone() }.parameters();
         work(&all, &Arc::new(prepared.linearise(&all, &parameters)?))
     }
+}
+
+/// Whether the term is a temperature lag whose time constant exceeds the duration of the recordings. The lag is then
+/// nearly the negative temperature, and its time constant is not observable.
+fn is_longer_than_recordings(term: &Term<'_>, model: &Model, longest_s: f64) -> bool {
+    let is_lag = term.has_shape() && term.effect().is_some_and(|effect| effect.has_need(Need::TemperatureHistory));
+    is_lag && model.values[term.first + term.linear] > longest_s
 }

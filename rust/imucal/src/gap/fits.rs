@@ -7,6 +7,7 @@ use imucal_core::calibration::Calibration;
 use imucal_core::effects::Effect;
 use nalgebra::Vector3;
 
+use super::Score;
 use super::options::{GapOptions, Progress};
 use super::session::SessionStep;
 use crate::calibrate::{
@@ -65,12 +66,20 @@ pub(super) struct Fits<'a> {
     /// Start values for the next fit: the final fit of the last search. The solutions with the selected effects are
     /// close to it.
     pub(super) warm_start: Option<WarmStart>,
+    /// Number of parameters of each selected effect that is not in its plain form.
+    forms: Vec<(String, usize)>,
     made: Vec<Rc<Fit>>,
 }
 
 impl<'a> Fits<'a> {
     pub(super) fn new(checked: &'a Checked<'a>, control: &'a [Recording<'a>], options: &'a GapOptions<'a>) -> Self {
-        Self { checked, control, options, warm_start: None, made: Vec::new() }
+        Self { checked, control, options, warm_start: None, forms: Vec::new(), made: Vec::new() }
+    }
+
+    /// Uses the forms of the effects that a search selected in the next fits.
+    pub(super) fn use_forms(&mut self, path: &[Score]) {
+        self.forms = path.iter().map(|score| (score.name.clone(), score.parameters)).collect();
+        self.made.retain(|fit| fit.effects.is_empty());
     }
 
     /// The fit with these effects, which may be from the catalogue or user-defined.
@@ -92,7 +101,8 @@ impl<'a> Fits<'a> {
         let partly: Vec<String> = names.iter().filter(|name| !own(name)).cloned().collect();
         let choice = |name: &String| {
             let effect = Effect::find(name).ok_or_else(|| Error::Input(format!("{name} is not in the catalogue")))?;
-            Ok(EffectChoice { effect, full: false })
+            let form = self.forms.iter().find(|(own, _)| own == name);
+            Ok(EffectChoice { effect, parameters: form.map_or(effect.plain, |(_, parameters)| *parameters) })
         };
         let model = ModelOptions {
             effects: partly.iter().map(choice).collect::<Result<_, Error>>()?,

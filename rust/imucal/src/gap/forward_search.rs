@@ -5,6 +5,7 @@ mod beside_patterns;
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
+use std::iter;
 use std::sync::Arc;
 
 use imucal_core::effects::{Need, Sensor};
@@ -21,7 +22,7 @@ use super::stage::{Beside, FitKey, Member, Stage};
 use super::{Linearised, NotPredictive, Scattering, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
-use crate::joint::{Kinds, Linear, Model, Prepared};
+use crate::joint::{Kinds, Linear, Model, Prepared, TemperatureHistories};
 use crate::numerics::stats::sample_interval_s;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
@@ -75,7 +76,7 @@ pub fn linearise(
 ) -> Result<Linearised, Error> {
     let checked = Checked::try_new(recordings, options)?;
     at_start(&checked, candidates, user_fields, is_hand_moved, |_, stage| {
-        let Design { rows, model, candidates, residual, .. } = &*stage.design;
+        let Design { rows, model, residual, .. } = &*stage.design;
         let columns = rows.columns();
         let take = |range: std::ops::Range<usize>| {
             (0..columns.nrows()).map(|i| range.clone().map(|j| columns[(i, j)]).collect()).collect()
@@ -83,7 +84,7 @@ pub fn linearise(
         Linearised {
             residual: residual.clone(),
             base: take(0..model.len()),
-            candidates: candidates.iter().map(|c| (c.name.clone(), take(c.columns.clone()))).collect(),
+            candidates: stage.design.full_forms().map(|c| (c.name.clone(), take(c.columns.clone()))).collect(),
             groups: rows.groups().to_vec(),
             items: rows.items().to_vec(),
         }
@@ -160,7 +161,8 @@ pub(super) struct ForwardSearch<'a> {
     /// Name of each effect that is not observable, and the data that would make it observable.
     pub(super) left_out: Vec<(String, String)>,
     pub(super) user_fields: &'a [UserField<'a>],
-    pub(super) samples: Vec<usize>,
+    samples: Vec<usize>,
+    histories: TemperatureHistories,
     /// All fits of this search, by effects and kinds of residuals.
     pub(super) fits: RefCell<Vec<(FitKey, Model)>>,
     /// The most recent fits, the latest first, each with the linearisation at its solution.
@@ -186,12 +188,19 @@ impl<'a> ForwardSearch<'a> {
             left_out: Vec::new(),
             user_fields,
             samples: recordings.iter().map(Recording::len).collect(),
+            histories: TemperatureHistories::for_effects(iter::empty(), recordings),
             fits: RefCell::new(Vec::new()),
             recent: RefCell::new(Vec::new()),
             ground: RefCell::new(None),
         };
         let open = search.with_columns(recordings, candidates);
+        search.histories = TemperatureHistories::for_effects(open.iter().map(|choice| choice.effect), recordings);
         (search, open)
+    }
+
+    /// Numbers of samples and temperature histories of the recordings, which the terms of a fit need.
+    pub(super) fn inputs(&self) -> (&[usize], &TemperatureHistories) {
+        (&self.samples, &self.histories)
     }
 
     /// The candidates whose requirements the recordings meet. All other candidates are added to `left_out`.
@@ -344,6 +353,12 @@ impl<'a> ForwardSearch<'a> {
             let good = |s: &Judged| s.score.p_value < limit && !skipped.contains(&s.score.name);
             let Some((pick, rivals)) = self.best(prepared, open, &stage, &judged.scores, good) else { break };
             if let Some(gain) = gain(&stage, pick).filter(|gain| !gain.is_sure()) {
+                if let Some(next) = self.with_partner(prepared, open, &stage, pick) {
+                    path.push(Score { rivals, ..pick.score.clone() });
+                    stage = next;
+                    last = Some(judge(&stage));
+                    continue;
+                }
                 skipped.push(pick.score.name.clone());
                 not_predictive.push(NotPredictive {
                     name: pick.score.name.clone(),
@@ -357,8 +372,15 @@ impl<'a> ForwardSearch<'a> {
                 Ok(next) if next.evidence.log > stage.evidence.log => {
                     path.push(Score { rivals, ..pick.score.clone() });
                     stage = next;
+                    if let Some((temperature, score)) = self.temperature_of_history(&stage)
+                        && let Ok(next) = beside(&stage, &temperature.beside(&stage.members))
+                    {
+                        path.push(score);
+                        stage = next;
+                    }
                     // Aliases are compared before a second effect can compensate the residuals of a wrong first effect.
-                    if self.swap(prepared, open, &mut stage, &mut path)? {
+                    let is_swapped = self.swap(prepared, open, &mut stage, &mut path)?;
+                    if self.choose_forms(prepared, open, &mut stage, &mut path)? || is_swapped {
                         stage = beside(&stage, &stage.members)?;
                     }
                     last = Some(judge(&stage));

@@ -65,7 +65,7 @@ impl GapOptions<'_> {
     }
 
     pub(super) fn choices(&self) -> Vec<EffectChoice> {
-        let all = || Effect::catalogue().map(|effect| EffectChoice { effect, full: false }).collect();
+        let all = || Effect::catalogue().map(EffectChoice::candidate).collect();
         self.candidates.clone().unwrap_or_else(all)
     }
 }

@@ -5,11 +5,12 @@ use std::ops::Range;
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
-use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Sensor, State, Surroundings};
+use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor, State, Surroundings};
+use imucal_core::temperature_memory::{TemperatureHistory, TemperatureMemory};
 use nalgebra::{Matrix3, Vector3};
 
 use crate::calibrate::{Outcome, TermEstimate, UserField};
-use crate::correct::{angular_acceleration, is_left_in_data};
+use crate::correct::{angular_acceleration, is_left_in_data, temperature_history_of};
 use crate::error::Error;
 use crate::frame::Frame;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording, Samples};
@@ -213,7 +214,7 @@ fn effect_slopes(
             Some(effect) if is_left_in_data(effect) => {
                 slopes.extend(vec![vec![[0.0; 6]; windows.count()]; term.parameter_names.len()]);
             }
-            Some(effect) => slopes.extend(catalogue_slopes(effect, term, &states, windows)),
+            Some(effect) => slopes.extend(catalogue_slopes(effect, term, (corrected, &states), windows)),
             None => {
                 let missing = || Error::Input(format!("the field of {} is missing", term.name));
                 let (sensor, columns) = user_fields.next().ok_or_else(missing)?;
@@ -234,28 +235,50 @@ fn effect_slopes(
 fn catalogue_slopes(
     effect: &Effect<f64>,
     term: &TermEstimate,
-    states: &[State<f64>],
+    (corrected, states): (&Recording<'_>, &[State<f64>]),
     windows: &Windows,
 ) -> Vec<Vec<Signals>> {
-    let field = |shape: Option<f64>, state: &State<f64>| {
-        let mut columns: Columns<f64> = [Vector3::zeros(); MAX_PARAMETERS];
-        effect.field(state, shape.unwrap_or(1.0), &mut columns);
-        columns
+    let fields_for = |shape: Option<f64>| -> Vec<Columns<f64>> {
+        let history = temperature_history(corrected, effect, shape);
+        let field = |(k, state): (usize, &State<f64>)| {
+            let mut columns: Columns<f64> = [Vector3::zeros(); MAX_PARAMETERS];
+            let mut state = *state;
+            state.surroundings.temperature_history = history.get(k).copied();
+            effect.field(&state, shape.unwrap_or(1.0), &mut columns);
+            columns
+        };
+        states.iter().enumerate().map(field).collect()
     };
-    let fields: Vec<Columns<f64>> = states.iter().map(|state| field(term.shape, state)).collect();
+    let fields = fields_for(term.shape);
     let slope = |of_sample: &dyn Fn(usize) -> Vector3<f64>| {
         windows.means(of_sample).into_iter().map(|mean| signals(-mean, effect.sensor)).collect()
     };
     let mut slopes: Vec<Vec<Signals>> = (0..term.values.len()).map(|k| slope(&|sample| fields[sample][k])).collect();
     if let Some(shape) = term.shape {
         let step = SHAPE_STEP * shape;
+        let changed = fields_for(Some(shape + step));
         slopes.push(slope(&|sample| {
-            let changed = field(Some(shape + step), &states[sample]);
-            let by_parameter = changed.iter().zip(&fields[sample]).zip(&term.values);
+            let by_parameter = changed[sample].iter().zip(&fields[sample]).zip(&term.values);
             by_parameter.map(|((changed, plain), value)| (changed - plain) * (*value / step)).sum()
         }));
     }
     slopes
+}
+
+/// The temperature history at each sample for an effect with this time constant; empty if the effect does not depend on
+/// it.
+fn temperature_history(
+    corrected: &Recording<'_>,
+    effect: &Effect<f64>,
+    shape: Option<f64>,
+) -> Vec<TemperatureHistory<f64>> {
+    match corrected.temperature_degc {
+        Some(degc) if effect.needs.contains(&Need::TemperatureHistory) => {
+            let memory = TemperatureMemory::with_time_constants(shape, shape);
+            temperature_history_of(memory, corrected.time_s, degc)
+        }
+        _ => Vec::new(),
+    }
 }
 
 /// The states at which the fields of the effects are evaluated. A state consists of the corrected signals, the angular
@@ -338,7 +361,7 @@ mod tests {
         let run =
             simulate(&Program::random(&RandomMoves::default(), 4).unwrap(), &Unit::paper(), 50.0, 9.80665, 4).unwrap();
         let recording = run.recording("run");
-        let choice = |name: &&str| EffectChoice { effect: Effect::find(name).unwrap(), full: false };
+        let choice = |name: &&str| EffectChoice::plain(Effect::find(name).unwrap());
         let options = Options { effects: effects.iter().map(choice).collect(), ..Options::default() };
         let outcome = calibrate(&[recording], &options).unwrap();
         let (parameters, windows) = (Parameters::of(&outcome), Windows::of(recording.time_s));

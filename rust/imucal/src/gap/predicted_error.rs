@@ -374,7 +374,7 @@ mod tests {
     }
 
     fn calibrated(recording: &Recording<'_>, effects: &[&'static Effect<f64>]) -> Outcome {
-        let effects = effects.iter().map(|effect| EffectChoice { effect, full: false }).collect();
+        let effects = effects.iter().map(|effect| EffectChoice::plain(effect)).collect();
         calibrate(&[*recording], &Options { effects, ..Options::default() }).unwrap()
     }
 

@@ -259,7 +259,7 @@ mod tests {
             (outcome, samples)
         };
         let before = with(vec![]);
-        let after = row.map(|(effect, _)| with(vec![EffectChoice { effect, full: false }]));
+        let after = row.map(|(effect, _)| with(vec![EffectChoice::plain(effect)]));
         let of_before = corrected(&recording, &before.1);
         let fit = |outcome, corrected| CorrectedFit { outcome, corrected, gravity_mps2: GRAVITY };
         match &after {

@@ -1,4 +1,4 @@
-//! Revision of the selected effects: an alias with a time constant may replace an effect, and superfluous effects are
+//! Revision of the selected effects: an alias may replace an effect, forms are selected, and superfluous effects are
 //! removed. An alias is an effect that causes nearly the same residuals.
 
 use imucal_core::effects::Effect;
@@ -7,6 +7,7 @@ use super::Score;
 use super::forward_search::{ForwardSearch, LEAST_WIDTH};
 use super::score::Judged;
 use super::stage::{Beside, Member, Stage};
+use super::temperature_memory::{is_of_history, largest_chance, log_prior_odds};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::Prepared;
@@ -19,6 +20,8 @@ const RIVAL_NATS: f64 = 3.0;
 /// Maximum p-value of the likelihood ratio between the models with and without an effect. An effect with a larger
 /// p-value is superfluous.
 const SUPERFLUOUS: f64 = 1e-3;
+/// Distance of a trial time constant from the estimate, as a natural logarithm, above which a lag is fitted again.
+const FAR: f64 = 0.7;
 /// Log Bayes factor, nats, above which candidates are fitted to be compared. The linearisation errors of the scores of
 /// such large effects exceed the differences between candidates.
 const VERY_MUCH: f64 = 2000.0;
@@ -28,9 +31,27 @@ const CLOSE: f64 = 0.9;
 impl Judged {
     /// The effects `members` of a model and this candidate.
     pub(super) fn beside(&self, members: &[Member]) -> Vec<Member> {
-        let own = Member { name: self.score.name.clone(), width: self.width, shape: self.shape, values: Vec::new() };
+        let own = Member {
+            name: self.score.name.clone(),
+            parameters: self.score.parameters,
+            width: self.width,
+            shape: self.shape,
+            values: Vec::new(),
+        };
         members.iter().cloned().chain([own]).collect()
     }
+}
+
+/// A model in which an alias replaces an effect.
+struct Replacement {
+    effect: &'static Effect<f64>,
+    /// Increase of the log evidence, nats.
+    gain: f64,
+    /// Increase of the log posterior odds, nats: the gain, and the difference of the log prior odds.
+    odds: f64,
+    /// Decrease of the deviance.
+    statistic: f64,
+    found: Stage,
 }
 
 impl ForwardSearch<'_> {
@@ -46,8 +67,9 @@ impl ForwardSearch<'_> {
         scores: &'j [Judged],
         good: impl Fn(&Judged) -> bool,
     ) -> Option<(&'j Judged, Vec<String>)> {
-        let evidence: Vec<(&Judged, f64)> =
-            scores.iter().map(|judged| (judged, judged.score.log_bayes_factor)).filter(|(_, log)| *log > 0.0).collect();
+        let prior = |judged: &Judged| log_prior_odds(&judged.score.name);
+        let posterior = |judged: &'j Judged| (judged, judged.score.log_bayes_factor + prior(judged));
+        let evidence: Vec<(&Judged, f64)> = scores.iter().map(posterior).filter(|(_, log)| *log > 0.0).collect();
         let may_lead = |of: &[(&'j Judged, f64)]| {
             of.iter().filter(|(judged, _)| good(judged)).max_by(|a, b| a.1.total_cmp(&b.1)).copied()
         };
@@ -55,7 +77,8 @@ impl ForwardSearch<'_> {
         let near = [&stage.model.accelerometer, &stage.model.gyroscope];
         let fitted = |judged: &'j Judged| {
             let members = judged.beside(&stage.members);
-            Some((judged, self.stage(prepared, near, open, &members, Beside::Nothing).ok()?.evidence.log))
+            let found = self.stage(prepared, near, open, &members, Beside::Nothing).ok()?;
+            Some((judged, found.evidence.log + prior(judged)))
         };
         let close = evidence.iter().filter(|(judged, log)| *log > CLOSE * most && good(judged));
         let close: Vec<&Judged> = close.map(|(judged, _)| *judged).collect();
@@ -73,10 +96,12 @@ impl ForwardSearch<'_> {
         Some((pick, rivals))
     }
 
-    /// Replaces an effect by an alias with a time constant if the log evidence of the alias is larger by more than
-    /// [`RIVAL_NATS`]. Candidates are scored only at a few trial time constants, so the alias is fitted here. If the
-    /// two log evidences differ by less than [`RIVAL_NATS`], the alias becomes a rival. Returns whether an effect was
-    /// replaced.
+    /// Replaces an effect by an alias if the log evidence of the alias is larger by more than [`RIVAL_NATS`]. Aliases
+    /// with a time constant are compared because candidates are scored only at a few trial time constants. The effects
+    /// of the temperature history (lag, rate and hysteresis) are compared because the temperature effect that joins
+    /// later changes their evidence. Aliases whose log evidence is at most [`RIVAL_NATS`] smaller than the largest one
+    /// become rivals. A lag is also fitted from another start value of its time constant, because the value at which it
+    /// was selected depends on the effects that were missing. Returns whether an effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,
@@ -89,56 +114,146 @@ impl ForwardSearch<'_> {
         for k in 0..stage.members.len() {
             let name = stage.members[k].name.clone();
             let Some(own) = open.iter().find(|choice| choice.effect.name == name) else { continue };
+            let lag_s = match is_of_history(own.effect) {
+                true => self.best_lag_s(prepared, open, stage, k),
+                false => None,
+            };
+            let is_far =
+                |lag_s: f64| stage.members[k].values.last().is_some_and(|tau_s| (lag_s / tau_s).ln().abs() > FAR);
+            let is_again = |other: &Effect<f64>| {
+                other.name == own.effect.name && other.shape.is_some() && lag_s.is_some_and(is_far)
+            };
             let is_other = |choice: &&EffectChoice| {
                 let other = choice.effect;
-                other.shape.is_some()
-                    && (is_alias(other, own.effect) || is_alias(own.effect, other))
-                    && !stage.members.iter().any(|member| member.name == other.name)
+                is_again(other)
+                    || (is_of_history(own.effect) || (other.shape.is_some() && !is_of_history(other)))
+                        && (is_alias(other, own.effect) || is_alias(own.effect, other))
+                        && !stage.members.iter().any(|member| member.name == other.name)
             };
-            for other in open.iter().filter(is_other).collect::<Vec<_>>() {
-                let near = [&stage.model.accelerometer, &stage.model.gyroscope];
-                let typical = &other.effect.parameters[..other.effect.plain];
-                let mut members = stage.members.clone();
-                members[k] = Member { name: other.effect.name.to_owned(), width: 1.0, shape: None, values: Vec::new() };
-                // The first fit determines the size of the alias. The prior of the second fit has this size as its
-                // width.
-                let mut fit = || {
-                    let found = self.stage(prepared, near, open, &members, Beside::Nothing).ok()?;
-                    let sizes = found.members[k].values.iter().zip(typical).map(|(v, p)| (v / p.typical).powi(2));
-                    members.clone_from(&found.members);
-                    members[k].width = (sizes.sum::<f64>() / typical.len() as f64).sqrt().max(LEAST_WIDTH);
-                    Some(found)
+            let others = open.iter().filter(is_other);
+            let replacements: Vec<Replacement> = others
+                .filter_map(|other| self.replacement(prepared, open, stage, (k, own.effect, other.effect, lag_s)))
+                .collect();
+            let Some(score) = path.iter_mut().find(|score| score.name == name) else { continue };
+            let all_odds: Vec<(String, f64)> =
+                replacements.iter().map(|own| (own.effect.name.to_owned(), own.odds)).collect();
+            let best = replacements.into_iter().max_by(|a, b| a.odds.total_cmp(&b.odds));
+            let mut most = 0.0;
+            if let Some(Replacement { effect, gain, odds, statistic, found }) = best.filter(|own| own.odds > RIVAL_NATS)
+            {
+                let parameters = found.members[k].parameters;
+                let statistic = score.statistic + statistic;
+                *score = Score {
+                    name: effect.name.to_owned(),
+                    log_bayes_factor: score.log_bayes_factor + gain,
+                    statistic,
+                    parameters,
+                    dof: parameters,
+                    p_value: p_value(statistic, parameters + usize::from(effect.shape.is_some())),
+                    rivals: Vec::new(),
                 };
-                let Some(found) = fit().and_then(|_| fit()) else { continue };
-                // Candidates are scored at a fixed time constant. The time constant of the alias is therefore also
-                // fixed for the comparison.
-                let shape = found.place(other.effect.name).map_or(0, |place| place.end - 1);
-                let mut columns = found.design.model.clone();
-                columns.remove(shape);
-                let Some(at_best) = found.design.gram.evidence(&columns) else { continue };
-                let gain = at_best.log - stage.evidence.log;
-                let statistic = stage.evidence.deviance - at_best.deviance;
-                let Some(score) = path.iter_mut().find(|score| score.name == name) else { continue };
-                let other = other.effect.name.to_owned();
-                if gain > RIVAL_NATS {
-                    let statistic = score.statistic + statistic;
-                    *score = Score {
-                        name: other,
-                        log_bayes_factor: score.log_bayes_factor + gain,
-                        statistic,
-                        dof: typical.len(),
-                        p_value: p_value(statistic, typical.len() + 1),
-                        rivals: Vec::new(),
-                    };
-                    *stage = found;
-                    swapped = true;
-                    break;
-                } else if gain > -RIVAL_NATS && !score.rivals.contains(&other) {
+                most = odds;
+                *stage = found;
+                swapped = true;
+            }
+            for (other, odds) in all_odds {
+                if odds > most - RIVAL_NATS && other != score.name && !score.rivals.contains(&other) {
                     score.rivals.push(other);
                 }
             }
         }
         Ok(swapped)
+    }
+
+    /// The fit of the model in which the effect `other` replaces the effect `own`, which is member `k`. A lag starts
+    /// at the time constant `lag_s`. Of an effect of the temperature history, the form with the largest evidence is
+    /// used, up to the number of parameters of `own`.
+    fn replacement(
+        &self,
+        prepared: &Prepared<'_>,
+        open: &[EffectChoice],
+        stage: &Stage,
+        (k, own, other, lag_s): (usize, &Effect<f64>, &'static Effect<f64>, Option<f64>),
+    ) -> Option<Replacement> {
+        let of_form = |parameters: usize| {
+            let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+            let typical = &other.parameters[..parameters];
+            let mut members = stage.members.clone();
+            let shape = lag_s.filter(|_| other.shape.is_some());
+            members[k] = Member { parameters, shape, ..Member::plain(other) };
+            // The first fit determines the size of the alias. This size becomes the width of its prior in the second
+            // fit.
+            let mut fit = || {
+                let found = self.stage(prepared, near, open, &members, Beside::Nothing).ok()?;
+                let sizes = found.members[k].values.iter().zip(typical).map(|(v, p)| (v / p.typical).powi(2));
+                members.clone_from(&found.members);
+                members[k].width = (sizes.sum::<f64>() / typical.len() as f64).sqrt().max(LEAST_WIDTH);
+                Some(found)
+            };
+            let found = fit().and_then(|_| fit())?;
+            let at_best = if is_of_history(own) {
+                found.evidence.clone()
+            } else {
+                // The time constant of the alias is fixed for the comparison, because candidates are also scored at a
+                // fixed time constant.
+                let shape = found.place(other.name).map_or(0, |place| place.end - 1);
+                let mut columns = found.design.model.clone();
+                columns.remove(shape);
+                found.design.gram.evidence(&columns)?
+            };
+            let gain = at_best.log - stage.evidence.log;
+            let odds = gain + log_prior_odds(other.name) - log_prior_odds(own.name);
+            Some(Replacement {
+                effect: other,
+                gain,
+                odds,
+                statistic: stage.evidence.deviance - at_best.deviance,
+                found,
+            })
+        };
+        let most = if is_of_history(own) { stage.members[k].parameters } else { other.plain };
+        let forms = (1..=most).filter(|count| other.has_form(*count));
+        forms.filter_map(of_form).max_by(|a, b| a.gain.total_cmp(&b.gain))
+    }
+
+    /// Selects the form of each effect in the model that has several forms, such as the degree of a temperature effect.
+    /// A form with more parameters is selected if its log evidence is larger by more than [`RIVAL_NATS`]. Candidates
+    /// are scored beside a model in which other effects may be missing, so the form may change when another effect has
+    /// joined. Returns whether a form was changed.
+    pub(super) fn choose_forms(
+        &self,
+        prepared: &Prepared<'_>,
+        open: &[EffectChoice],
+        stage: &mut Stage,
+        path: &mut [Score],
+    ) -> Result<bool, Error> {
+        let mut changed = false;
+        for k in 0..stage.members.len() {
+            let own = stage.members[k].clone();
+            let Some(choice) = open.iter().find(|choice| choice.effect.name == own.name) else { continue };
+            let forms = (1..=choice.parameters).filter(|count| choice.effect.has_form(*count));
+            for parameters in forms.filter(|count| *count != own.parameters) {
+                let mut members = stage.members.clone();
+                // A time constant starts at its estimate.
+                let shape = own.shape.map(|shape| own.values.last().copied().unwrap_or(shape));
+                members[k] = Member { parameters, shape, values: Vec::new(), ..own.clone() };
+                let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+                let Ok(found) = self.stage(prepared, near, open, &members, Beside::Nothing) else { continue };
+                let more = if parameters > stage.members[k].parameters { RIVAL_NATS } else { 0.0 };
+                if found.evidence.log <= stage.evidence.log + more {
+                    continue;
+                }
+                if let Some(score) = path.iter_mut().find(|score| score.name == own.name) {
+                    score.log_bayes_factor += found.evidence.log - stage.evidence.log;
+                    score.statistic += stage.evidence.deviance - found.evidence.deviance;
+                    (score.parameters, score.dof) = (parameters, parameters);
+                    score.p_value = p_value(score.statistic.max(0.0), parameters);
+                }
+                *stage = found;
+                changed = true;
+            }
+        }
+        Ok(changed)
     }
 
     /// Removes an effect if the removal does not reduce the evidence, or does not reduce the likelihood significantly.
@@ -161,7 +276,8 @@ impl ForwardSearch<'_> {
                 let Ok(without) = self.stage(prepared, near, open, &members, Beside::Nothing) else { continue };
                 let dof = stage.place(&stage.members[k].name).map_or(1, |place| place.len());
                 let chance = p_value(without.evidence.deviance - stage.evidence.deviance, dof);
-                if (without.evidence.log >= stage.evidence.log || chance > SUPERFLUOUS)
+                if (without.evidence.log >= stage.evidence.log
+                    || chance > largest_chance(&stage.members, k, SUPERFLUOUS))
                     && worst.as_ref().is_none_or(|(_, best)| without.evidence.log > best.evidence.log)
                 {
                     worst = Some((k, without));

@@ -91,8 +91,11 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
             continue;
         };
         let size = (noncentralities[&look.dof] / look.trace).sqrt() * candidate.typical[0];
+        // The detection limit is that of the plain form.
+        let is_plain = Effect::<f64>::find(&candidate.name).is_none_or(|own| own.plain >= candidate.typical.len());
         match visible.iter_mut().find(|(name, _, _): &&mut (String, f64, String)| *name == candidate.name) {
-            Some(entry) => entry.1 = entry.1.min(size),
+            Some(entry) if is_plain => entry.1 = entry.1.min(size),
+            Some(_) => {}
             None => visible.push((candidate.name.clone(), size, unit(&candidate.name))),
         }
         let Some(judged) = look.judged else { continue };
@@ -141,6 +144,7 @@ fn look_at(
         let score = Score {
             name: candidate.name.clone(),
             log_bayes_factor: beside.evidence(width, settled)?.0.log - before.log,
+            parameters: candidate.typical.len(),
             statistic,
             dof,
             p_value: p_value(statistic, dof + usize::from(candidate.shape.is_some())),
@@ -156,7 +160,9 @@ fn look_at(
 /// cross-validation is not needed.
 pub(super) fn gain(stage: &Stage, judged: &Judged) -> Option<Gain> {
     let Design { gram, model, candidates, .. } = &*stage.design;
-    let same = |c: &&Candidate| c.name == judged.score.name && c.shape == judged.shape;
+    let same = |c: &&Candidate| {
+        (&c.name, c.typical.len(), c.shape) == (&judged.score.name, judged.score.parameters, judged.shape)
+    };
     let candidate = candidates.iter().find(same)?;
     let with: Vec<Column> = model.iter().copied().chain(candidate.columns(judged.width)).collect();
     let scales = gram.evidence_near(&with, &stage.evidence.scales)?.scales;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use imucal_core::effects::Sensor;
+use imucal_core::effects::{Effect, Sensor};
 
 use super::design::Design;
 use super::evidence::Evidence;
@@ -47,6 +47,8 @@ impl Stage {
 #[derive(Clone)]
 pub(super) struct Member {
     pub(super) name: String,
+    /// Number of linear parameters.
+    pub(super) parameters: usize,
     pub(super) width: f64,
     /// Start value of the effect's time constant, s; `None` if it has no time constant.
     pub(super) shape: Option<f64>,
@@ -54,9 +56,17 @@ pub(super) struct Member {
     pub(super) values: Vec<f64>,
 }
 
-/// Key of a fit: kinds of residuals, number of moves, and the name and prior width of each effect. Two fits with equal
-/// keys have equal results.
-pub(super) type FitKey = (Kinds, usize, Vec<(String, f64)>);
+impl Member {
+    /// The plain form of an effect before its first fit, with a prior of the typical size.
+    pub(super) fn plain(effect: &Effect<f64>) -> Self {
+        let (name, parameters) = (effect.name.to_owned(), effect.plain);
+        Self { name, parameters, width: 1.0, shape: None, values: Vec::new() }
+    }
+}
+
+/// Key of a fit: kinds of residuals, number of moves, and the name, number of parameters, prior width and start
+/// value of the time constant of each effect. Two fits with equal keys have equal results.
+pub(super) type FitKey = (Kinds, usize, Vec<(String, usize, f64, Option<f64>)>);
 
 /// Columns that are computed in addition to the columns of the model.
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -90,7 +90,7 @@ impl ForwardSearch<'_> {
         self.kinds = kinds;
         let model = plain?.model;
         let prepared = &Prepared { encoders: None, block_s: STRETCH_S, ..*prepared };
-        let none = Terms::try_new(&[], &[], &self.samples, Kinds { in_motion: true, encoders: false })?;
+        let none = Terms::try_new(&[], &[], self.inputs(), Kinds { in_motion: true, encoders: false })?;
         let linear = Arc::new(prepared.linearise(&none, &model.parameters())?);
         let seen = design(prepared, (&none, &[]), &none, &linear)?;
         // Effects can only reduce the scatter. A recording needs no further test if its scatter without effects is
@@ -108,7 +108,7 @@ impl ForwardSearch<'_> {
         self.with_candidates(prepared, &none, &model, &explaining, |all, linear| {
             let seen = design(prepared, (&none, &[]), all, linear)?;
             let with = |is_included: &dyn Fn(&str) -> bool| -> Vec<Column> {
-                let included = seen.candidates.iter().filter(|c| is_included(&c.name));
+                let included = seen.full_forms().filter(|c| is_included(&c.name));
                 seen.model.iter().copied().chain(included.flat_map(|c| c.columns(10.0))).collect()
             };
             let (all_columns, of_rotation) = (with(&|_| true), with(&is_unobservable_hand_held));

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use imucal_core::effects::{Effect, EffectSet, Need, Sensor};
 
+use super::histories::TemperatureHistories;
 use super::model::Model;
 use super::prepared::Prepared;
 use super::problem::Joint;
@@ -23,9 +24,10 @@ fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepare
     let wave = |time_s: &f64| [0.0, 1.0, 2.0].map(|phase| (3.0 * time_s + phase).sin());
     let field: Vec<f64> = run.time_s.iter().flat_map(wave).collect();
     let effects: Vec<EffectChoice> =
-        effects.iter().map(|name| EffectChoice { effect: Effect::find(name).unwrap(), full: true }).collect();
+        effects.iter().map(|name| EffectChoice::full(Effect::find(name).unwrap())).collect();
     let fields = [UserField { name: "own", sensor: Sensor::Gyroscope, typical: vec![1e-3], columns: vec![&field] }];
-    let terms = Terms::try_new(&effects, &fields, &[run.time_s.len()], kinds).unwrap();
+    let histories = TemperatureHistories::for_effects(effects.iter().map(|choice| choice.effect), &[run.recording()]);
+    let terms = Terms::try_new(&effects, &fields, (&[run.time_s.len()], &histories), kinds).unwrap();
     prepare(&[run.recording()], kinds, |prepared, accelerometer, gyroscope| {
         // The direction residuals are components along vectors that rotate with the measured gravity direction. The
         // Jacobian neglects this rotation, so its error is proportional to the residual. With the true stand
@@ -58,7 +60,8 @@ fn derivatives_in_a_hand_meet_central_differences() {
     .unwrap();
     let recording = run.recording("run");
     let kinds = Kinds { in_motion: false, encoders: false };
-    let terms = Terms::try_new(&[], &[], &[recording.len()], kinds).unwrap();
+    let histories = TemperatureHistories::for_effects(std::iter::empty(), &[]);
+    let terms = Terms::try_new(&[], &[], (&[recording.len()], &histories), kinds).unwrap();
     prepare(&[recording], kinds, |prepared, accelerometer, gyroscope| {
         assert!(prepared.rests.iter().all(|rest| rest.propagated.is_some()));
         let values = super::start::start_values(&terms);
@@ -216,7 +219,7 @@ fn derivatives_at_an_effect_leave_its_slope_out() {
         "encoder_time_offset",
     ] {
         let effect = Effect::find(name).unwrap();
-        let kinds = Kinds::needed_by(&[EffectChoice { effect, full: true }]);
+        let kinds = Kinds::needed_by(&[EffectChoice::full(effect)]);
         with(&[name], kinds, 100.0, |prepared, terms, mut parameters| {
             for (k, typical) in terms.all[0].typical().into_iter().enumerate() {
                 parameters[BASE + k] = if k % 2 == 0 { typical } else { -0.7 * typical };

@@ -12,6 +12,7 @@
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor, State};
 use nalgebra::Vector3;
 
+use super::histories::TemperatureHistories;
 use crate::error::Error;
 use crate::parameters::{BASE, STAND_PARAMETERS};
 
@@ -20,8 +21,26 @@ use crate::parameters::{BASE, STAND_PARAMETERS};
 pub struct EffectChoice {
     /// Entry of the effect in the catalogue.
     pub effect: &'static Effect<f64>,
-    /// Whether the full form of the effect is estimated. Otherwise, the plain form with fewer parameters is estimated.
-    pub full: bool,
+    /// Number of parameters of the form to be estimated ([`Effect::has_form`]).
+    pub parameters: usize,
+}
+
+impl EffectChoice {
+    /// The plain form of an effect, with the fewest parameters.
+    pub fn plain(effect: &'static Effect<f64>) -> Self {
+        Self { effect, parameters: effect.plain }
+    }
+
+    /// The effect as a candidate of a search: an effect of the temperature in its full form, because the search selects
+    /// the degree of its polynomial, and any other effect in its plain form.
+    pub fn candidate(effect: &'static Effect<f64>) -> Self {
+        if effect.needs.contains(&Need::Temperature) { Self::full(effect) } else { Self::plain(effect) }
+    }
+
+    /// The full form of an effect, with all parameters.
+    pub fn full(effect: &'static Effect<f64>) -> Self {
+        Self { effect, parameters: effect.parameters.len() }
+    }
 }
 
 /// User-defined effect, given by its columns (derivatives of the sensor reading) at every sample.
@@ -52,6 +71,8 @@ pub(crate) struct Term<'a> {
     pub(crate) first: usize,
     /// Whether the fit may use a prior where the recordings do not determine all parameters of the effect.
     pub(crate) partly: bool,
+    /// Temperature histories of the recordings; `None` if the term does not depend on them.
+    histories: Option<TemperatureHistories>,
 }
 
 #[derive(Clone, Debug)]
@@ -102,14 +123,54 @@ impl Term<'_> {
                     *column = Vector3::new(row[k], row[p + k], row[2 * p + k]);
                 }
             }
-            Kind::Frozen(effect, shape) => set_field(effect, state, shape, own),
+            Kind::Frozen(effect, shape) => self.set_field(effect, state, sample, shape, own),
             Kind::Catalogue(effect) if effect.shape.is_some() => {
                 let (linear, shape) = values[self.first..=self.first + self.linear].split_at(self.linear);
-                set_field(effect, state, shape[0], own);
-                own[self.linear] = shape_column(effect, linear, shape[0], state);
+                self.set_field(effect, state, sample, shape[0], own);
+                own[self.linear] = self.shape_column(effect, linear, shape[0], (state, sample));
             }
-            Kind::Catalogue(effect) => set_field(effect, state, 1.0, own),
+            Kind::Catalogue(effect) => self.set_field(effect, state, sample, 1.0, own),
         }
+    }
+
+    /// Writes the columns of a catalogue effect to the front of `room`, which holds at least [`MAX_PARAMETERS`]
+    /// columns.
+    #[inline]
+    fn set_field(
+        &self,
+        effect: &Effect<f64>,
+        state: &State<f64>,
+        sample: Sample,
+        shape: f64,
+        room: &mut [Vector3<f64>],
+    ) {
+        let Some(columns) = room.first_chunk_mut() else { return };
+        match &self.histories {
+            None => effect.field(state, shape, columns),
+            Some(histories) => {
+                let mut state = *state;
+                let time_s = state.surroundings.time_s.unwrap_or_default();
+                state.surroundings.temperature_history = histories.at(sample.recording, time_s, shape);
+                effect.field(&state, shape, columns);
+            }
+        }
+    }
+
+    /// Derivative `d(Phi theta)/d(shape)` by a central difference.
+    fn shape_column(
+        &self,
+        effect: &Effect<f64>,
+        linear: &[f64],
+        shape: f64,
+        (state, sample): (&State<f64>, Sample),
+    ) -> Vector3<f64> {
+        let sum = |shape: f64| {
+            let mut columns: Columns<f64> = [Vector3::zeros(); MAX_PARAMETERS];
+            self.set_field(effect, state, sample, shape, &mut columns);
+            columns.iter().zip(linear).map(|(column, value)| column * *value).sum::<Vector3<f64>>()
+        };
+        let step = SHAPE_STEP * shape;
+        (sum(shape + step) - sum(shape - step)) / (2.0 * step)
     }
 
     /// Whether the term may vary during a rest, because it depends on time or on a known temperature.
@@ -121,6 +182,12 @@ impl Term<'_> {
     /// Whether the term depends on the true value of `sensor`.
     pub(super) fn reads(&self, sensor: Sensor) -> bool {
         self.effect().is_some_and(|effect| effect.reads.contains(&sensor))
+    }
+
+    /// Numbers of linear parameters of the forms of the effect, up to the form of this term.
+    pub(crate) fn forms(&self) -> impl Iterator<Item = usize> {
+        let plain = self.effect().map_or(self.linear, |effect| effect.plain);
+        (plain..=self.linear).step_by(plain.max(1))
     }
 
     /// Number of parameters, including an estimated shape parameter.
@@ -153,7 +220,7 @@ impl Term<'_> {
     }
 }
 
-/// Recording and sample index at which user-defined effects are looked up.
+/// Recording and sample index at which user-defined effects and temperature histories are looked up.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sample {
     pub(crate) recording: usize,
@@ -170,6 +237,7 @@ pub(crate) struct Terms<'a> {
     pub(crate) sensors: Vec<Sensor>,
     /// Kinds of residuals used in addition to the residuals of rests and moves.
     pub(crate) kinds: Kinds,
+    pub(super) histories: TemperatureHistories,
 }
 
 /// Terms that act on one sensor, with consecutive parameters.
@@ -210,14 +278,13 @@ impl<'a> Terms<'a> {
     pub(crate) fn try_new(
         choices: &[EffectChoice],
         fields: &'a [UserField<'a>],
-        samples: &[usize],
+        (samples, histories): (&[usize], &TemperatureHistories),
         kinds: Kinds,
     ) -> Result<Self, Error> {
-        let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new(), kinds };
+        let histories = histories.clone();
+        let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new(), kinds, histories };
         for choice in choices {
-            let effect = choice.effect;
-            let linear = if choice.full { effect.parameters.len() } else { effect.plain };
-            terms.push(Kind::Catalogue(effect), effect.sensor, linear)?;
+            terms.push(Kind::Catalogue(choice.effect), choice.effect.sensor, choice.parameters)?;
         }
         for field in fields {
             let width = 3 * field.typical.len();
@@ -251,7 +318,12 @@ impl<'a> Terms<'a> {
     }
 
     fn push(&mut self, kind: Kind<'a>, sensor: Sensor, linear: usize) -> Result<(), Error> {
-        let term = Term { kind, sensor, linear, first: self.count, partly: false };
+        let needs_history = match kind {
+            Kind::Catalogue(effect) | Kind::Frozen(effect, _) => effect.needs.contains(&Need::TemperatureHistory),
+            Kind::User(_) => false,
+        };
+        let histories = needs_history.then(|| self.histories.clone());
+        let term = Term { kind, sensor, linear, first: self.count, partly: false, histories };
         let twice = |other: &Term<'_>| other.name() == term.name() && other.frozen_shape().is_none();
         if self.all.iter().any(twice) {
             return Err(Error::Input(format!("{} is asked for twice: name each effect once", term.name())));
@@ -315,7 +387,7 @@ impl<'a> Terms<'a> {
 
     /// The terms on one sensor, with new consecutive indices.
     pub(super) fn side_by_side(&self, sensor: Sensor, values: &[f64]) -> SideBySide<'a> {
-        let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new(), kinds: self.kinds };
+        let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new(), ..self.clone() };
         for term in self.all.iter().filter(|term| term.sensor == sensor) {
             terms.all.push(Term { first: terms.count, ..term.clone() });
             terms.count += term.count();
@@ -339,24 +411,4 @@ impl<'a> Terms<'a> {
     pub(crate) fn needs(&self, need: Need) -> bool {
         self.all.iter().any(|term| term.effect().is_some_and(|effect| effect.needs.contains(&need)))
     }
-}
-
-/// Computes the columns of a catalogue effect. They are written to the first entries of `room`, which holds at least
-/// [`MAX_PARAMETERS`] columns.
-#[inline]
-fn set_field(effect: &Effect<f64>, state: &State<f64>, shape: f64, room: &mut [Vector3<f64>]) {
-    if let Some(columns) = room.first_chunk_mut() {
-        effect.field(state, shape, columns);
-    }
-}
-
-/// Derivative `d(Phi theta)/d(shape)` by a central difference.
-fn shape_column(effect: &Effect<f64>, linear: &[f64], shape: f64, state: &State<f64>) -> Vector3<f64> {
-    let sum = |shape: f64| {
-        let mut columns: Columns<f64> = [Vector3::zeros(); MAX_PARAMETERS];
-        effect.field(state, shape, &mut columns);
-        columns.iter().zip(linear).map(|(column, value)| column * *value).sum::<Vector3<f64>>()
-    };
-    let step = SHAPE_STEP * shape;
-    (sum(shape + step) - sum(shape - step)) / (2.0 * step)
 }

@@ -47,6 +47,7 @@ impl Run {
                     angular_acceleration: Some(moment.angular_acceleration),
                     rotation_world_from_body: Some(moment.rotation_world_from_body),
                     temperature_difference_k: Some(temperature_degc - REFERENCE_TEMPERATURE_DEGC),
+                    temperature_history: None,
                     time_s: Some(time_s),
                     stand: moment.stand,
                 },
@@ -88,7 +89,10 @@ fn typical(effect: &'static Effect<f64>, count: usize) -> EffectValues<f64> {
 }
 
 fn estimate(run: &Run, effect: &'static Effect<f64>, full: bool) -> Result<Outcome, Error> {
-    let options = Options { effects: vec![EffectChoice { effect, full }], ..Options::default() };
+    let options = Options {
+        effects: vec![if full { EffectChoice::full(effect) } else { EffectChoice::plain(effect) }],
+        ..Options::default()
+    };
     calibrate(&[run.recording()], &options)
 }
 
@@ -131,7 +135,7 @@ fn an_effect_needs_its_columns() {
     let r = run(&typical(Effect::find("gyro_bias_drift").unwrap(), 3));
     let recording = Recording::try_new("run", &r.time_s, &r.force, &r.rate).unwrap();
     for (name, column) in [("accel_bias_temperature", "temp_degc"), ("encoder_backlash", "stand_1")] {
-        let effects = vec![EffectChoice { effect: Effect::find(name).unwrap(), full: false }];
+        let effects = vec![EffectChoice::plain(Effect::find(name).unwrap())];
         let error = calibrate(&[recording], &Options { effects, ..Options::default() }).unwrap_err();
         assert!(matches!(&error, Error::Input(message) if message.contains(column)), "{error}");
     }

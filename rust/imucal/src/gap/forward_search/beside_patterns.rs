@@ -256,7 +256,7 @@ impl ForwardSearch<'_> {
             };
             for other in open.iter().filter(is_other).map(|choice| choice.effect).collect::<Vec<_>>() {
                 let mut instead = members.to_vec();
-                instead[k] = Member { name: other.name.to_owned(), width: 1.0, shape: None, values: Vec::new() };
+                instead[k] = Member::plain(other);
                 // The first fit determines the size of the alias. The size becomes the width of its prior in the second
                 // fit.
                 let Ok(Some(first)) = extended(&instead) else { continue };
@@ -269,6 +269,7 @@ impl ForwardSearch<'_> {
                 if found.stage.evidence.log > beside.stage.evidence.log + RIVAL_NATS {
                     if let Some(score) = path.iter_mut().find(|score| score.name == members[k].name) {
                         (score.name, score.dof) = (other.name.to_owned(), typical.len());
+                        score.parameters = typical.len();
                     }
                     members.clone_from_slice(&instead);
                     *beside = found;
@@ -287,7 +288,7 @@ impl ForwardSearch<'_> {
         varying: &[Varying],
     ) -> Result<Option<Extended>, Error> {
         let (own, fields) = self.of_members(open, &stage.members);
-        let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
+        let terms = Terms::try_new(&own, &fields, self.inputs(), self.kinds)?;
         let setting = Setting::new(prepared, &terms, &stage.model)?;
         if !setting.has_axes(stage.design.axes()) {
             return Ok(None);

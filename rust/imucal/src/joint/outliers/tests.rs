@@ -6,7 +6,7 @@ use nalgebra::Rotation3;
 use super::*;
 use crate::calibrate::{Options, Outcome, calibrate, prepare};
 use crate::evaluate::MoveReport;
-use crate::joint::EffectChoice;
+use crate::joint::{EffectChoice, TemperatureHistories};
 use crate::recording::Recording;
 use crate::rests::unit_rest::UnitRest;
 use crate::simulate::{Program, RandomMoves, Simulation, Unit, simulate};
@@ -78,7 +78,7 @@ fn a_bad_move_is_named() {
 #[test]
 fn a_bad_move_is_named_where_an_effect_acts_inside_the_moves() {
     let run = paper(1).with_bad_move(20);
-    let effects = vec![EffectChoice { effect: Effect::find("accel_lever_arm").unwrap(), full: false }];
+    let effects = vec![EffectChoice::plain(Effect::find("accel_lever_arm").unwrap())];
     let outcome = calibrate(&[run.recording("run")], &Options { effects, ..Options::default() }).unwrap();
     assert_eq!(left_out(&outcome), (vec![], vec![(20, 21, "contradicts_other_moves")]));
 }
@@ -130,7 +130,8 @@ fn bad_ones_do_not_hide_each_other() {
 /// Runs `work` with the inputs of a joint fit and its best model.
 fn with(run: &Simulation, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, &Model)) {
     let recording: Recording<'_> = run.recording("run");
-    let terms = Terms::try_new(&[], &[], &[run.time_s.len()], NONE).unwrap();
+    let histories = TemperatureHistories::for_effects(std::iter::empty(), &[]);
+    let terms = Terms::try_new(&[], &[], (&[run.time_s.len()], &histories), NONE).unwrap();
     prepare(&[recording], NONE, |prepared, accelerometer, gyroscope| {
         work(prepared, &terms, &crate::joint::fit(prepared, &terms, [accelerometer, gyroscope], None)?.model);
         Ok(())
@@ -157,7 +158,8 @@ fn a_rest_with_a_wrong_rate_is_named() {
 fn the_end_of_a_fit_is_judged_as_if_linearised_anew() {
     let run = paper(2).with_bad_move(20);
     let recording: Recording<'_> = run.recording("run");
-    let terms = Terms::try_new(&[], &[], &[run.time_s.len()], NONE).unwrap();
+    let histories = TemperatureHistories::for_effects(std::iter::empty(), &[]);
+    let terms = Terms::try_new(&[], &[], (&[run.time_s.len()], &histories), NONE).unwrap();
     prepare(&[recording], NONE, |prepared, accelerometer, gyroscope| {
         let fit = crate::joint::fit(prepared, &terms, [accelerometer, gyroscope], None)?;
         let anew = prepared.linearise(&terms, &fit.model.parameters())?;

@@ -1,0 +1,191 @@
+//! Effects of the temperature history on the biases. They differ between heating and cooling.
+//!
+//! ```text
+//! *_bias_temperature_lag          (k_i + q_i dT + c_i dT^2) (T_tau - T)     tau dT_tau/dt = T - T_tau, tau the shape
+//! *_bias_temperature_rate         (k_i + q_i dT + c_i dT^2) dT/dt
+//! *_bias_temperature_hysteresis   (k_i + q_i dT + c_i dT^2) s
+//! ```
+//!
+//! Forms with 3, 6 and 9 parameters have the coefficients up to k, q and c.
+//!
+//! The variables T_tau - T, dT/dt and s are computed by [`TemperatureMemory`](crate::temperature_memory). With
+//! `*_bias_temperature`, whose linear coefficient is a, the sensing element has the temperature T_tau behind the
+//! thermometer if k = a. It leads the thermometer if k has the opposite sign.
+
+use super::{
+    AXES, Alias, DEGREE, Effect, Need, Parameter, Sensor, State, Surroundings, Terms, effect, parameters, same,
+};
+use crate::STANDARD_GRAVITY_MPS2;
+use crate::temperature_memory::TemperatureHistory;
+use nalgebra::RealField;
+
+const OBSERVABLE: &str = "rests while the temperature rises and while it falls";
+const SEVERAL_RATES: &str = "temperature changes of several rates and durations";
+/// Shape of the lag effects: the time constant, typically 60 s for a sensor on a board.
+const TAU: Option<Parameter> = Some(Parameter { name: "tau", unit: "s", typical: 60.0 });
+/// Temperature difference at which the typical higher terms equal the typical first term, K.
+const BEND_K: f64 = 50.0;
+/// Typical coefficients of a lag: those of the bias over temperature, 0.015 deg/s/K and 0.2 mg/K.
+const GYROSCOPE: f64 = 0.015 * DEGREE;
+const ACCELEROMETER: f64 = 0.2e-3 * STANDARD_GRAVITY_MPS2;
+/// Duration by which typical coefficients of the temperature rate exceed those of the temperature, s. A sensing element
+/// that is ahead of its thermometer by this time has the typical coefficient.
+const AHEAD_S: f64 = 60.0;
+/// Half of the typical difference between heating and cooling, as a temperature: 2 K of the bias over temperature.
+const WIDTH_K: f64 = 2.0;
+
+impl<F: RealField + Copy> Effect<F> {
+    #[cfg(feature = "catalogue")]
+    pub(super) const TEMPERATURE_HISTORY: &'static [&'static Self] = &[
+        Self::GYRO_BIAS_TEMPERATURE_LAG,
+        Self::GYRO_BIAS_TEMPERATURE_RATE,
+        Self::GYRO_BIAS_TEMPERATURE_HYSTERESIS,
+        Self::ACCEL_BIAS_TEMPERATURE_LAG,
+        Self::ACCEL_BIAS_TEMPERATURE_RATE,
+        Self::ACCEL_BIAS_TEMPERATURE_HYSTERESIS,
+    ];
+
+    /// `gyro_bias_temperature_lag`: `(k_i + q_i dT + c_i dT^2) (T_tau - T)`.
+    pub const GYRO_BIAS_TEMPERATURE_LAG: &'static Self = &effect! {
+        number: 26,
+        name: "gyro_bias_temperature_lag",
+        sensor: Sensor::Gyroscope,
+        parameters: &graded(["rad/s/K", "rad/s/K^2", "rad/s/K^3"], GYROSCOPE),
+        plain: 3,
+        shape: TAU,
+        reads: &[],
+        needs: &[Need::Temperature, Need::TemperatureHistory],
+        formula: "(k_i + q_i dT + c_i dT^2) (T_tau - T), tau dT_tau/dt = T - T_tau",
+        observable: OBSERVABLE,
+        aliases: &[
+            Alias { with: "gyro_bias_temperature", told_apart_by: SEVERAL_RATES },
+            Alias { with: "gyro_bias_temperature_rate", told_apart_by: SEVERAL_RATES },
+            Alias { with: "gyro_bias_temperature_hysteresis", told_apart_by: SEVERAL_RATES },
+        ],
+        field: |state, _, terms| powers(state, |history| history.gyroscope_lag_k, terms),
+    };
+
+    /// `gyro_bias_temperature_rate`: `(k_i + q_i dT + c_i dT^2) dT/dt`.
+    pub const GYRO_BIAS_TEMPERATURE_RATE: &'static Self = &effect! {
+        number: 27,
+        name: "gyro_bias_temperature_rate",
+        sensor: Sensor::Gyroscope,
+        parameters: &graded(["rad/s/(K/s)", "rad/s/(K/s)/K", "rad/s/(K/s)/K^2"], GYROSCOPE * AHEAD_S),
+        plain: 3,
+        shape: None,
+        reads: &[],
+        needs: &[Need::Temperature, Need::TemperatureHistory],
+        formula: "(k_i + q_i dT + c_i dT^2) dT/dt",
+        observable: OBSERVABLE,
+        aliases: &[
+            Alias { with: "gyro_bias_temperature_lag", told_apart_by: SEVERAL_RATES },
+            Alias { with: "gyro_bias_temperature_hysteresis", told_apart_by: SEVERAL_RATES },
+        ],
+        field: |state, _, terms| powers(state, |history| history.rate_kps, terms),
+    };
+
+    /// `gyro_bias_temperature_hysteresis`: `(k_i + q_i dT + c_i dT^2) s`.
+    pub const GYRO_BIAS_TEMPERATURE_HYSTERESIS: &'static Self = &effect! {
+        number: 28,
+        name: "gyro_bias_temperature_hysteresis",
+        sensor: Sensor::Gyroscope,
+        parameters: &graded(["rad/s", "rad/s/K", "rad/s/K^2"], GYROSCOPE * WIDTH_K),
+        plain: 3,
+        shape: None,
+        reads: &[],
+        needs: &[Need::Temperature, Need::TemperatureHistory],
+        formula: "(k_i + q_i dT + c_i dT^2) s, s = 1 heating, -1 cooling",
+        observable: OBSERVABLE,
+        aliases: &[
+            Alias { with: "gyro_bias_temperature_lag", told_apart_by: SEVERAL_RATES },
+            Alias { with: "gyro_bias_temperature_rate", told_apart_by: SEVERAL_RATES },
+        ],
+        field: |state, _, terms| powers(state, |history| history.direction, terms),
+    };
+
+    /// `accel_bias_temperature_lag`: `(k_i + q_i dT + c_i dT^2) (T_tau - T)`.
+    pub const ACCEL_BIAS_TEMPERATURE_LAG: &'static Self = &effect! {
+        number: 29,
+        name: "accel_bias_temperature_lag",
+        sensor: Sensor::Accelerometer,
+        parameters: &graded(["m/s^2/K", "m/s^2/K^2", "m/s^2/K^3"], ACCELEROMETER),
+        plain: 3,
+        shape: TAU,
+        reads: &[],
+        needs: &[Need::Temperature, Need::TemperatureHistory],
+        formula: "(k_i + q_i dT + c_i dT^2) (T_tau - T), tau dT_tau/dt = T - T_tau",
+        observable: OBSERVABLE,
+        aliases: &[
+            Alias { with: "accel_bias_temperature", told_apart_by: SEVERAL_RATES },
+            Alias { with: "accel_bias_temperature_rate", told_apart_by: SEVERAL_RATES },
+            Alias { with: "accel_bias_temperature_hysteresis", told_apart_by: SEVERAL_RATES },
+        ],
+        field: |state, _, terms| powers(state, |history| history.accelerometer_lag_k, terms),
+    };
+
+    /// `accel_bias_temperature_rate`: `(k_i + q_i dT + c_i dT^2) dT/dt`.
+    pub const ACCEL_BIAS_TEMPERATURE_RATE: &'static Self = &effect! {
+        number: 30,
+        name: "accel_bias_temperature_rate",
+        sensor: Sensor::Accelerometer,
+        parameters: &graded(["m/s^2/(K/s)", "m/s^2/(K/s)/K", "m/s^2/(K/s)/K^2"], ACCELEROMETER * AHEAD_S),
+        plain: 3,
+        shape: None,
+        reads: &[],
+        needs: &[Need::Temperature, Need::TemperatureHistory],
+        formula: "(k_i + q_i dT + c_i dT^2) dT/dt",
+        observable: OBSERVABLE,
+        aliases: &[
+            Alias { with: "accel_bias_temperature_lag", told_apart_by: SEVERAL_RATES },
+            Alias { with: "accel_bias_temperature_hysteresis", told_apart_by: SEVERAL_RATES },
+        ],
+        field: |state, _, terms| powers(state, |history| history.rate_kps, terms),
+    };
+
+    /// `accel_bias_temperature_hysteresis`: `(k_i + q_i dT + c_i dT^2) s`.
+    pub const ACCEL_BIAS_TEMPERATURE_HYSTERESIS: &'static Self = &effect! {
+        number: 31,
+        name: "accel_bias_temperature_hysteresis",
+        sensor: Sensor::Accelerometer,
+        parameters: &graded(["m/s^2", "m/s^2/K", "m/s^2/K^2"], ACCELEROMETER * WIDTH_K),
+        plain: 3,
+        shape: None,
+        reads: &[],
+        needs: &[Need::Temperature, Need::TemperatureHistory],
+        formula: "(k_i + q_i dT + c_i dT^2) s, s = 1 heating, -1 cooling",
+        observable: OBSERVABLE,
+        aliases: &[
+            Alias { with: "accel_bias_temperature_lag", told_apart_by: SEVERAL_RATES },
+            Alias { with: "accel_bias_temperature_rate", told_apart_by: SEVERAL_RATES },
+        ],
+        field: |state, _, terms| powers(state, |history| history.direction, terms),
+    };
+}
+
+/// Coefficients of a variable of the history: a polynomial of the second degree in the temperature, for each axis.
+/// `typical` is the typical size of its constant.
+const fn graded([constant, linear, square]: [&'static str; 3], typical: f64) -> [Parameter; 9] {
+    let [x, y, z] = parameters(AXES, constant, typical);
+    let [xl, yl, zl] = parameters(["x_linear", "y_linear", "z_linear"], linear, typical / BEND_K);
+    let [xs, ys, zs] = parameters(["x_square", "y_square", "z_square"], square, typical / (BEND_K * BEND_K));
+    [x, y, z, xl, yl, zl, xs, ys, zs]
+}
+
+/// A variable of the history times the powers 0 to 2 of the temperature difference. The field is zero if the history or
+/// the temperature is unknown.
+#[inline(always)]
+fn powers<F: RealField + Copy>(
+    state: &State<F>,
+    variable: impl Fn(&TemperatureHistory<F>) -> F,
+    terms: &mut impl Terms<F>,
+) {
+    let Surroundings { temperature_difference_k, temperature_history, .. } = &state.surroundings;
+    let difference = temperature_difference_k.unwrap_or(F::zero());
+    let cause = match (temperature_difference_k, temperature_history) {
+        (Some(_), Some(history)) => variable(history),
+        _ => F::zero(),
+    };
+    terms.axes(same(cause));
+    terms.axes(same(cause * difference));
+    terms.axes(same(cause * difference * difference));
+}

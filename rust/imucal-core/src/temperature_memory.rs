@@ -1,0 +1,281 @@
+//! Variables of the temperature history: the lag behind a first-order low-pass, the rate of the temperature, and the
+//! direction in which the temperature last changed (`docs/model.md` (43)).
+//!
+//! ```text
+//! lag         T_tau - T,          tau dT_tau/dt = T - T_tau
+//! rate        (T_1 - T_2) / tau_r,   T_1, T_2 the temperature behind one and two low-passes of tau_r = 2 s
+//! direction   s <- clamp(s + change of (2 T_1 - T_2) / 1 K, -1, 1)
+//! ```
+//!
+//! At the first temperature, T_tau = T_1 = T_2 = T and s = 0. Between two temperatures, T is a straight line in time,
+//! and the low-passes are exact for this line.
+//!
+//! ```
+//! use imucal_core::effects::{Effect, EffectSet, EffectValues, Surroundings};
+//! use imucal_core::temperature_memory::TemperatureMemory;
+//!
+//! // The gyroscope follows the thermometer with a time constant of 60 s.
+//! let lag = EffectValues::<f64>::try_new(Effect::GYRO_BIAS_TEMPERATURE_LAG, &[1e-4, 0.0, 0.0], Some(60.0))?;
+//! let mut effects = EffectSet::none();
+//! effects.push(lag)?;
+//! let mut memory = TemperatureMemory::new(&effects);
+//! // The thermometer is read once per second, and its temperature rises by 0.1 K per second for 10 minutes.
+//! let mut history = memory.update(0.0, 0.0);
+//! for k in 1..=600 {
+//!     history = memory.update(1.0, 0.1 * f64::from(k));
+//! }
+//! assert!((history.gyroscope_lag_k + 0.1 * 60.0).abs() < 1e-3);
+//! assert!((history.rate_kps - 0.1).abs() < 1e-9 && history.direction == 1.0);
+//! let surroundings = Surroundings {
+//!     temperature_difference_k: Some(60.0),
+//!     temperature_history: Some(history),
+//!     ..Surroundings::unknown()
+//! };
+//! # let _ = surroundings;
+//! # Ok::<(), imucal_core::effects::EffectError>(())
+//! ```
+
+use crate::effects::{EffectSet, Need, Sensor};
+use nalgebra::{RealField, convert};
+
+/// Time constant of the low-passes for rate and direction, s. They suppress the noise of a thermometer.
+pub const SMOOTHING_S: f64 = 2.0;
+/// Half of the temperature change that completes a reversal of the direction, K. The noise of a thermometer behind the
+/// low-pass is smaller.
+pub const REVERSAL_K: f64 = 1.0;
+
+/// Variables of the temperature history at an instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TemperatureHistory<F: RealField + Copy> {
+    /// Derivative of the temperature, K/s.
+    pub rate_kps: F,
+    /// Direction of the last temperature change: 1 heating, -1 cooling, between them while the temperature reverses.
+    pub direction: F,
+    /// Temperature behind the lag of the gyroscope's effect minus the temperature, K; 0 without such an effect.
+    pub gyroscope_lag_k: F,
+    /// Temperature behind the lag of the accelerometer's effect minus the temperature, K; 0 without such an effect.
+    pub accelerometer_lag_k: F,
+}
+
+impl<F: RealField + Copy> TemperatureHistory<F> {
+    /// The history of a temperature that has been constant for a long time.
+    pub fn constant() -> Self {
+        let zero = F::zero();
+        Self { rate_kps: zero, direction: zero, gyroscope_lag_k: zero, accelerometer_lag_k: zero }
+    }
+}
+
+/// State from which the temperature history is computed, temperature by temperature. It has a fixed size of some tens
+/// of bytes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TemperatureMemory<F: RealField + Copy> {
+    gyroscope: LowPass<F>,
+    accelerometer: LowPass<F>,
+    first: LowPass<F>,
+    /// Temperature behind two low-passes minus that behind one, K.
+    second_lag_k: F,
+    direction: F,
+    /// The last temperature; `None` before the first.
+    last_k: Option<F>,
+    /// Time since the last temperature, s.
+    since_s: F,
+}
+
+/// A first-order low-pass of the temperature; `None` if no effect uses it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct LowPass<F: RealField + Copy> {
+    tau_s: Option<F>,
+    /// Output minus temperature, K.
+    lag_k: F,
+}
+
+impl<F: RealField + Copy> LowPass<F> {
+    fn new(tau_s: Option<F>) -> Self {
+        Self { tau_s, lag_k: F::zero() }
+    }
+
+    /// Advances by a time step in which the temperature changes linearly by `change_k`.
+    #[inline]
+    fn advance(&mut self, time_step_s: F, change_k: F) {
+        if let Some(tau_s) = self.tau_s {
+            let step = time_step_s / tau_s;
+            let settled = -((-step).exp_m1());
+            // The limit of (1 - exp(-x)) / x at 0 is 1.
+            let share = if step > F::zero() { settled / step } else { F::one() };
+            self.lag_k = self.lag_k - settled * self.lag_k - change_k * share;
+        }
+    }
+}
+
+impl<F: RealField + Copy> TemperatureMemory<F> {
+    /// The memory for these effects, before the first temperature. If the set contains a lag effect twice, the memory
+    /// has the time constant of the last one.
+    pub fn new(effects: &EffectSet<F>) -> Self {
+        let (mut gyroscope, mut accelerometer) = (None, None);
+        for values in effects.iter() {
+            if !values.effect().has_need(Need::TemperatureHistory) {
+                continue;
+            }
+            match (values.effect().sensor, values.shape()) {
+                (Sensor::Gyroscope, Some(tau_s)) => gyroscope = Some(tau_s),
+                (Sensor::Accelerometer, Some(tau_s)) => accelerometer = Some(tau_s),
+                _ => {}
+            }
+        }
+        Self::with_time_constants(gyroscope, accelerometer)
+    }
+
+    /// The memory for lags with these time constants, s; `None` for a sensor without a lag.
+    pub fn with_time_constants(gyroscope_s: Option<F>, accelerometer_s: Option<F>) -> Self {
+        Self {
+            gyroscope: LowPass::new(gyroscope_s),
+            accelerometer: LowPass::new(accelerometer_s),
+            first: LowPass::new(Some(convert(SMOOTHING_S))),
+            second_lag_k: F::zero(),
+            direction: F::zero(),
+            last_k: None,
+            since_s: F::zero(),
+        }
+    }
+
+    /// Takes the next temperature, relative to any fixed reference, K, and returns the history at it. `time_step_s` is
+    /// the time since the previous call, at least 0. If the temperature is not finite, it is ignored, and the next one
+    /// is connected to the previous one by a straight line.
+    pub fn update(&mut self, time_step_s: F, temperature_k: F) -> TemperatureHistory<F> {
+        self.since_s += time_step_s;
+        if temperature_k.is_finite() && self.since_s.is_finite() {
+            let last_k = self.last_k.replace(temperature_k).unwrap_or(temperature_k);
+            self.advance(temperature_k - last_k);
+            self.since_s = F::zero();
+        }
+        self.history()
+    }
+
+    fn advance(&mut self, change_k: F) {
+        let (step_s, smoothing_s): (F, F) = (self.since_s, convert(SMOOTHING_S));
+        self.gyroscope.advance(step_s, change_k);
+        self.accelerometer.advance(step_s, change_k);
+        let (before_k, second_before_k) = (self.first.lag_k, self.second_lag_k);
+        self.first.advance(step_s, change_k);
+        // The second low-pass follows the first, whose output is a straight line plus a decaying exponential. The
+        // steady lag of the line, -change / step, is c.
+        let step = step_s / smoothing_s;
+        if step > F::zero() {
+            let settled = -((-step).exp_m1());
+            let steady_k = -change_k / step;
+            self.second_lag_k = self.second_lag_k - settled * self.second_lag_k
+                + steady_k * settled
+                + (before_k - steady_k) * step * (F::one() - settled);
+        }
+        // 2 T_1 - T_2 has no delay while the temperature changes at a constant rate.
+        let smooth_change_k = change_k + (self.first.lag_k - before_k) - (self.second_lag_k - second_before_k);
+        let reversal_k: F = convert(REVERSAL_K);
+        let turned = self.direction + smooth_change_k / reversal_k;
+        self.direction = if turned > F::one() {
+            F::one()
+        } else if turned < -F::one() {
+            -F::one()
+        } else {
+            turned
+        };
+    }
+
+    /// The history at the last temperature.
+    pub fn history(&self) -> TemperatureHistory<F> {
+        let smoothing_s: F = convert(SMOOTHING_S);
+        TemperatureHistory {
+            rate_kps: -self.second_lag_k / smoothing_s,
+            direction: self.direction,
+            gyroscope_lag_k: self.gyroscope.lag_k,
+            accelerometer_lag_k: self.accelerometer.lag_k,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lag, rate and direction after the temperatures `degc` at the times `time_s`, by small Euler steps along straight
+    /// lines.
+    fn by_euler(time_s: &[f64], degc: &[f64], tau_s: f64) -> [f64; 3] {
+        let (mut lagged, mut once, mut twice, mut s) = (degc[0], degc[0], degc[0], 0.0_f64);
+        for (t, d) in time_s.windows(2).zip(degc.windows(2)) {
+            let n = 20_000;
+            let h = (t[1] - t[0]) / f64::from(n);
+            for k in 0..n {
+                let now = d[0] + (d[1] - d[0]) * (f64::from(k) + 0.5) / f64::from(n);
+                let before = once;
+                lagged += h * (now - lagged) / tau_s;
+                twice += h * (once - twice) / SMOOTHING_S;
+                once += h * (now - once) / SMOOTHING_S;
+                s = (s + (once - before) / REVERSAL_K).clamp(-1.0, 1.0);
+            }
+        }
+        [lagged - degc[degc.len() - 1], (once - twice) / SMOOTHING_S, s]
+    }
+
+    const TIME_S: [f64; 7] = [0.0, 2.0, 3.0, 10.0, 11.0, 40.0, 43.0];
+    const DEGC: [f64; 7] = [20.0, 20.5, 22.0, 25.0, 24.6, 24.0, 24.4];
+
+    #[test]
+    fn the_steps_are_exact_for_straight_lines() {
+        let mut memory = TemperatureMemory::with_time_constants(Some(30.0), None);
+        let mut last_s = 0.0;
+        for k in 0..TIME_S.len() {
+            let history = memory.update(TIME_S[k] - last_s, DEGC[k]);
+            last_s = TIME_S[k];
+            if k > 0 {
+                let [lag, rate, _] = by_euler(&TIME_S[..=k], &DEGC[..=k], 30.0);
+                assert!((history.gyroscope_lag_k - lag).abs() < 2e-3 * lag.abs(), "{k}: {history:?} {lag}");
+                assert!((history.rate_kps - rate).abs() < 2e-3 * rate.abs() + 2e-5, "{k}: {history:?} {rate}");
+                assert_eq!(history.accelerometer_lag_k, 0.0);
+            }
+        }
+    }
+
+    #[test]
+    fn the_direction_follows_the_temperature_with_a_play_of_two_kelvin() {
+        let mut memory = TemperatureMemory::with_time_constants(None, None);
+        let mut seen: std::vec::Vec<f64> = std::vec::Vec::new();
+        for degc in [20.0, 22.0, 30.0, 29.5, 29.0, 28.0, 27.0, 20.0, 20.5] {
+            memory.update(20.0, degc);
+            // The temperature is constant until the low-pass has settled.
+            seen.push(memory.update(100.0, degc).direction);
+        }
+        let expected = [0.0_f64, 1.0, 1.0, 0.5, 0.0, -1.0, -1.0, -1.0, -0.5];
+        for (seen, expected) in seen.iter().zip(expected) {
+            assert!((seen - expected).abs() < 1e-6, "{seen} {expected}");
+        }
+    }
+
+    #[test]
+    fn a_missing_temperature_is_bridged_by_a_line() {
+        let mut whole = TemperatureMemory::with_time_constants(Some(30.0), Some(7.0));
+        let mut holed = whole;
+        let mut both = (whole.history(), holed.history());
+        for k in 0..41 {
+            let degc = 20.0 + 0.25 * f64::from(k);
+            both.0 = whole.update(0.5, degc);
+            both.1 = holed.update(0.5, if k % 5 == 4 { f64::NAN } else { degc });
+        }
+        let (whole, holed) = both;
+        assert!((whole.gyroscope_lag_k - holed.gyroscope_lag_k).abs() < 1e-12, "{whole:?} {holed:?}");
+        assert!((whole.accelerometer_lag_k - holed.accelerometer_lag_k).abs() < 1e-12, "{whole:?} {holed:?}");
+        assert!((whole.rate_kps - holed.rate_kps).abs() < 1e-12 && whole.direction == holed.direction);
+    }
+
+    #[test]
+    fn single_precision_keeps_a_long_lag_at_a_high_rate() {
+        let mut narrow = TemperatureMemory::<f32>::with_time_constants(Some(300.0), None);
+        let mut wide = TemperatureMemory::<f64>::with_time_constants(Some(300.0), None);
+        let mut both = (TemperatureHistory::constant(), TemperatureHistory::constant());
+        for k in 0..60_000 {
+            let degc = 20.0 + 0.05 * f64::from(k) / 100.0;
+            both = (narrow.update(0.01, degc as f32), wide.update(0.01, degc));
+        }
+        let (narrow, wide) = both;
+        assert!((f64::from(narrow.gyroscope_lag_k) - wide.gyroscope_lag_k).abs() < 2e-3 * 15.0, "{narrow:?} {wide:?}");
+        assert!((f64::from(narrow.rate_kps) - 0.05).abs() < 2e-3, "{narrow:?}");
+    }
+}

@@ -1,0 +1,125 @@
+//! Effects of the temperature history in the forward search.
+//!
+//! A bias with a memory (lag, rate or hysteresis) usually depends on the temperature itself as well. Its two effects
+//! are therefore treated as partners. One of them alone may have the wrong time constant, resemble a wrong alias, or
+//! fail the cross-validation.
+
+use imucal_core::effects::{Effect, Need};
+
+use super::Score;
+use super::detect::FALSE_ALARM;
+use super::forward_search::ForwardSearch;
+use super::score::{Judged, gain, judge};
+use super::stage::{Beside, Member, Stage};
+use crate::calibrate::EffectChoice;
+use crate::joint::Prepared;
+
+/// Log prior odds of an effect without memory relative to an effect of the temperature history, nats, and of the
+/// temperature effect of a bias with a memory relative to other effects. 3 nats are odds of 20 to 1.
+const PRIOR_NATS: f64 = 3.0;
+/// Maximum p-value of the temperature effect of a bias with a memory. It is larger than that of other effects, because
+/// without the temperature effect the time constant of a lag would be biased.
+const PARTNER_CHANCE: f64 = 0.01;
+
+pub(super) fn is_of_history(effect: &Effect<f64>) -> bool {
+    effect.has_need(Need::TemperatureHistory)
+}
+
+fn is_bias_of_temperature(effect: &Effect<f64>) -> bool {
+    effect.has_need(Need::Temperature) && !is_of_history(effect) && effect.reads.is_empty()
+}
+
+fn are_partners(a: &Effect<f64>, b: &Effect<f64>) -> bool {
+    let is_pair = |a, b| is_of_history(a) && is_bias_of_temperature(b);
+    a.sensor == b.sensor && (is_pair(a, b) || is_pair(b, a))
+}
+
+/// Log prior odds of an effect, nats. A long lag has nearly the field of the temperature itself, so an effect of the
+/// temperature history must have a larger evidence than an effect without memory.
+pub(super) fn log_prior_odds(name: &str) -> f64 {
+    if Effect::find(name).is_some_and(is_of_history) { -PRIOR_NATS } else { 0.0 }
+}
+
+/// Maximum p-value of an effect that is not superfluous. `usual` is this value for effects without a partner.
+pub(super) fn largest_chance(members: &[Member], k: usize, usual: f64) -> f64 {
+    let own = Effect::<f64>::find(&members[k].name).filter(|own| is_bias_of_temperature(own));
+    let mut others = members.iter().filter_map(|member| Effect::find(&member.name));
+    if own.is_some_and(|own| others.any(|other| are_partners(own, other))) { PARTNER_CHANCE } else { usual }
+}
+
+impl ForwardSearch<'_> {
+    /// The temperature effect of a bias whose effect of the temperature history is in the model, with its score.
+    /// `None` if it is in the model, or not significant, or if another candidate has a much larger evidence.
+    pub(super) fn temperature_of_history(&self, stage: &Stage) -> Option<(Judged, Score)> {
+        let find = |name: &str| Effect::<f64>::find(name);
+        let histories: Vec<_> =
+            stage.members.iter().filter_map(|member| find(&member.name)).filter(|own| is_of_history(own)).collect();
+        if histories.is_empty() {
+            return None;
+        }
+        let mut scores = judge(stage).scores;
+        let limit = FALSE_ALARM / scores.len().max(1) as f64;
+        let is_own = |judged: &Judged| {
+            let own = find(&judged.score.name).filter(|own| is_bias_of_temperature(own));
+            own.is_some_and(|own| histories.iter().any(|history| are_partners(own, history)))
+        };
+        let own = scores.swap_remove(scores.iter().position(is_own)?);
+        let log = own.score.log_bayes_factor + PRIOR_NATS;
+        let by = |other: &Judged| other.score.log_bayes_factor + log_prior_odds(&other.score.name) - log;
+        if own.score.log_bayes_factor <= 0.0
+            || own.score.p_value >= PARTNER_CHANCE
+            || scores.iter().any(|other| by(other) > 0.0)
+        {
+            return None;
+        }
+        let is_rival = |other: &&Judged| by(other) > -PRIOR_NATS && other.score.p_value < limit;
+        let rivals = scores.iter().filter(is_rival).map(|other| other.score.name.clone()).collect();
+        let score = Score { rivals, ..own.score.clone() };
+        Some((own, score))
+    }
+
+    /// The model with a candidate that improves the prediction of held-out data only together with its partner.
+    pub(super) fn with_partner(
+        &self,
+        prepared: &Prepared<'_>,
+        open: &[EffectChoice],
+        stage: &Stage,
+        pick: &Judged,
+    ) -> Option<Stage> {
+        let picked =
+            Effect::<f64>::find(&pick.score.name).filter(|own| is_of_history(own) || is_bias_of_temperature(own))?;
+        let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+        let next = self.stage(prepared, near, open, &pick.beside(&stage.members), Beside::Candidates).ok()?;
+        let scores = judge(&next).scores;
+        let limit = FALSE_ALARM / scores.len().max(1) as f64;
+        let is_partner = |judged: &&Judged| {
+            let other = Effect::<f64>::find(&judged.score.name);
+            judged.score.p_value < limit && other.is_some_and(|other| are_partners(picked, other))
+        };
+        let partners = scores.iter().filter(is_partner);
+        let best = partners.max_by(|a, b| a.score.log_bayes_factor.total_cmp(&b.score.log_bayes_factor))?;
+        let is_predictive = gain(&next, best).is_none_or(|gain| gain.is_sure());
+        (is_predictive && next.evidence.log > stage.evidence.log).then_some(next)
+    }
+
+    /// The trial time constant with the largest evidence of a lag beside the members other than `k`, s. The lag is
+    /// that of the sensor of member `k`.
+    pub(super) fn best_lag_s(
+        &self,
+        prepared: &Prepared<'_>,
+        open: &[EffectChoice],
+        stage: &Stage,
+        k: usize,
+    ) -> Option<f64> {
+        let sensor = Effect::<f64>::find(&stage.members[k].name)?.sensor;
+        let mut members = stage.members.clone();
+        members.remove(k);
+        let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+        let without = self.stage(prepared, near, open, &members, Beside::Candidates).ok()?;
+        let is_lag = |judged: &Judged| {
+            let own = Effect::<f64>::find(&judged.score.name);
+            own.is_some_and(|own| is_of_history(own) && own.shape.is_some() && own.sensor == sensor)
+        };
+        judge(&without).scores.into_iter().find(is_lag)?.shape
+    }
+}
