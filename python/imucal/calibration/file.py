@@ -37,7 +37,7 @@ from imucal.document.json_document import Node
 from imucal.document.name import require_name
 from imucal.document.plain import plain
 from imucal.document.source import Source
-from imucal.effects.definition import UserEffect
+from imucal.effects.definition import UserEffect, counts_of
 from imucal.effects.effect import Effect, EffectParameter, EffectValues
 from imucal.effects.formula_effect import FormulaEffect
 from imucal.effects.table import catalogue
@@ -283,11 +283,10 @@ def _effect(node: Node, user_effects: Mapping[str, UserEffect]) -> tuple[EffectV
         )
     node.get("sensor").text((effect.sensor,))
     items = node.get("parameters").items()
-    counts = sorted({effect.plain, len(effect.parameters)})
-    if len(items) not in counts:
+    if len(items) not in counts_of(effect):
         raise FormatError(
             f"{node.file}: {node.path}.parameters has {len(items)} items, "
-            f"{' or '.join(map(str, counts))} are needed"
+            f"{' or '.join(map(str, counts_of(effect)))} are needed"
         )
     numbers = np.array([_number(item, p) for item, p in zip(items, effect.parameters, strict=False)])
     shape = node.get("shape")

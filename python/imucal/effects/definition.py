@@ -18,7 +18,7 @@ from imucal.errors import InputError
 if TYPE_CHECKING:
     from imucal.effects.state import State
 
-__all__ = ["UserEffect", "by_name", "check_values", "definitions", "named_numbers"]
+__all__ = ["UserEffect", "by_name", "check_values", "counts_of", "definitions", "named_numbers"]
 
 # Sensors on which a user-defined effect can act.
 TRIADS: Final = ("accelerometer", "gyroscope")
@@ -154,14 +154,19 @@ def definitions(user_effects: Sequence[UserEffect]) -> Mapping[str, Effect | Use
     return {**catalogue_by_name(), **by_name(user_effects)}
 
 
+def counts_of(effect: Effect | UserEffect) -> range:
+    """Numbers of parameters of the forms of an effect."""
+    return range(effect.plain, len(effect.parameters) + 1, effect.plain)
+
+
 def check_values(effect: Effect | UserEffect, values: EffectValues) -> None:
     """Raise InputError if the number of values, or the presence of a shape, does not match the effect.
 
     The shape is the parameter on which the field depends nonlinearly, such as a time constant.
     """
-    count, forms = len(values.values), range(effect.plain, len(effect.parameters) + 1, effect.plain)
-    if count not in forms:
-        *others, full = map(str, forms)
+    count = len(values.values)
+    if count not in counts_of(effect):
+        *others, full = map(str, counts_of(effect))
         listed = f"{', '.join(others)} or {full}" if others else full
         raise InputError(f"{effect.name} has {listed} parameters: {count} were given")
     if effect.shape is not None and values.shape is None:
