@@ -94,6 +94,15 @@ def test_a_real_sweep_is_described_by_two_lags(data_file):
         assert (sensor.left < 0.4).all()
 
 
+def test_a_search_in_one_pose_refers_to_the_soak():
+    with pytest.raises(imucal.NotEnoughMotionError, match="use imucal soak"):
+        imucal.find_gap(sweep(1))
+    still = imucal.simulate(imucal.Static(duration_s=60.0), rate_hz=50, seed=1).recording
+    with pytest.raises(imucal.NotEnoughMotionError) as raised:
+        imucal.find_gap(still)
+    assert "soak" not in str(raised.value)
+
+
 def test_the_degree_is_that_of_the_reading():
     def cubic(degc, _):
         d = (degc - 25.0)[:, None]

@@ -25,7 +25,7 @@ from imucal.effects.definition import UserEffect, by_name
 from imucal.effects.formula import is_formula
 from imucal.effects.formula_effect import FormulaEffect, formula_effects
 from imucal.effects.table import find
-from imucal.errors import InputError
+from imucal.errors import InputError, NotEnoughMotionError
 from imucal.estimation.evaluate import require_judges
 from imucal.estimation.holds import Hold, holds_of
 from imucal.estimation.options import Options
@@ -33,6 +33,7 @@ from imucal.gap.columns import column_effects
 from imucal.gap.laws.search import with_laws
 from imucal.gap.question import Question
 from imucal.gap.result import Gap
+from imucal.gap.soak import is_soak
 from imucal.gap.translation import gap_of
 from imucal.recording.one_unit import of_one_unit, require_other_data, with_own_names
 from imucal.recording.recording import Recording, as_recordings
@@ -120,7 +121,15 @@ def find_gap(
         hold=holds_of(hold),
     )
     question = Question(unit_data, judges, options, wanted, named, calibration, references, stage)
-    found = gap_of(question, question.answer())
+    try:
+        found = gap_of(question, question.answer())
+    except NotEnoughMotionError as error:
+        if not all(map(is_soak, unit_data)):
+            raise
+        raise NotEnoughMotionError(
+            f"{error}; a temperature sweep in one pose determines only how the biases depend on the temperature: "
+            "use imucal soak"
+        ) from error
     # Laws are searched only if no candidates are given.
     return with_laws(question, found) if candidates is None else found
 

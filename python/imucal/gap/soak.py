@@ -28,7 +28,7 @@ from imucal.errors import InputError
 from imucal.gap.temperature_history import TemperatureHistory
 from imucal.recording.recording import Recording, samples_of_both
 
-__all__ = ["Soak", "SoakTerm", "SoakedSensor", "soak"]
+__all__ = ["Soak", "SoakTerm", "SoakedSensor", "is_soak", "soak"]
 
 # The readings are averaged over this number of epochs, each with at least `LEAST_SAMPLES` samples.
 EPOCHS: Final = 240
@@ -221,6 +221,31 @@ def soak(recording: Recording, *, calibration: Calibration | None = None) -> Soa
     Raises InputError for a recording without temperatures or with too few, and for a unit that was moved.
     """
     recording = _corrected(recording, calibration)
+    edges, degc, epoch_degc = _epochs(recording)
+    history = TemperatureHistory(recording.time_s, degc)
+    force, rate = (np.asarray(rows, dtype=np.float64) for rows in samples_of_both(recording))
+    gyroscope, accelerometer = (
+        _Search(name, _means(rows, edges), degc, history, edges).result()
+        for name, rows in (("gyroscope", rate), ("accelerometer", force))
+    )
+    times = _means((recording.time_s - recording.time_s[0])[:, None], edges)[:, 0]
+    return Soak(recording.name, times, epoch_degc, gyroscope, accelerometer)
+
+
+def is_soak(recording: Recording) -> bool:
+    """Whether the recording is at rest in one pose while its temperature changes."""
+    try:
+        _epochs(recording)
+    except InputError:
+        return False
+    return True
+
+
+def _epochs(recording: Recording) -> tuple[npt.NDArray[np.intp], FloatArray, FloatArray]:
+    """Edges of the epochs, the temperature of each sample, and the mean temperature of each epoch.
+
+    Raises InputError if the recording is no soak.
+    """
     degc = recording.temperature_degc
     if degc is None or not np.isfinite(degc).all():
         raise InputError(
@@ -233,15 +258,9 @@ def soak(recording: Recording, *, calibration: Calibration | None = None) -> Soa
             f"{recording.name}: the temperature changes by {np.ptp(epoch_degc):.1f} K: record a soak over "
             f"{LEAST_RANGE_K:g} K or more"
         )
-    force, rate = (np.asarray(rows, dtype=np.float64) for rows in samples_of_both(recording))
-    _require_one_pose(recording.name, _means(force, edges))
-    history = TemperatureHistory(recording.time_s, np.asarray(degc, dtype=np.float64))
-    gyroscope, accelerometer = (
-        _Search(name, _means(rows, edges), np.asarray(degc, dtype=np.float64), history, edges).result()
-        for name, rows in (("gyroscope", rate), ("accelerometer", force))
-    )
-    times = _means((recording.time_s - recording.time_s[0])[:, None], edges)[:, 0]
-    return Soak(recording.name, times, epoch_degc, gyroscope, accelerometer)
+    force, _ = samples_of_both(recording)
+    _require_one_pose(recording.name, _means(np.asarray(force, dtype=np.float64), edges))
+    return edges, np.asarray(degc, dtype=np.float64), epoch_degc
 
 
 def _corrected(recording: Recording, calibration: Calibration | None) -> Recording:
