@@ -7,7 +7,7 @@ use super::Score;
 use super::forward_search::{ForwardSearch, LEAST_WIDTH};
 use super::score::Judged;
 use super::stage::{Beside, Member, Stage};
-use super::temperature_memory::{is_of_history, largest_chance, log_prior_odds};
+use super::temperature_memory::{is_of_history, largest_chance, log_prior_odds, log_prior_odds_of_member};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::Prepared;
@@ -202,7 +202,7 @@ impl ForwardSearch<'_> {
                 found.design.gram.evidence(&columns)?
             };
             let gain = at_best.log - stage.evidence.log;
-            let odds = gain + log_prior_odds(other.name) - log_prior_odds(own.name);
+            let odds = gain + log_prior_odds(other.name) - log_prior_odds_of_member(&stage.members, k);
             Some(Replacement {
                 effect: other,
                 gain,
@@ -256,9 +256,9 @@ impl ForwardSearch<'_> {
         Ok(changed)
     }
 
-    /// Removes an effect if the removal does not reduce the evidence, or does not reduce the likelihood significantly.
-    /// For example, an effect that resembles the sum of two other effects may be selected first. It is superfluous when
-    /// both other effects have been selected. Returns whether an effect was removed.
+    /// Removes an effect if the removal does not reduce the posterior odds, or does not reduce the likelihood
+    /// significantly. For example, an effect that resembles the sum of two other effects may be selected first. It is
+    /// superfluous when both other effects have been selected. Returns whether an effect was removed.
     pub(super) fn eliminate(
         &self,
         prepared: &Prepared<'_>,
@@ -276,8 +276,8 @@ impl ForwardSearch<'_> {
                 let Ok(without) = self.stage(prepared, near, open, &members, Beside::Nothing) else { continue };
                 let dof = stage.place(&stage.members[k].name).map_or(1, |place| place.len());
                 let chance = p_value(without.evidence.deviance - stage.evidence.deviance, dof);
-                if (without.evidence.log >= stage.evidence.log
-                    || chance > largest_chance(&stage.members, k, SUPERFLUOUS))
+                let odds = stage.evidence.log - without.evidence.log + log_prior_odds_of_member(&stage.members, k);
+                if (odds <= 0.0 || chance > largest_chance(&stage.members, k, SUPERFLUOUS))
                     && worst.as_ref().is_none_or(|(_, best)| without.evidence.log > best.evidence.log)
                 {
                     worst = Some((k, without));

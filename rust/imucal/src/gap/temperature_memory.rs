@@ -40,11 +40,21 @@ pub(super) fn log_prior_odds(name: &str) -> f64 {
     if Effect::find(name).is_some_and(is_of_history) { -PRIOR_NATS } else { 0.0 }
 }
 
-/// Maximum p-value of an effect that is not superfluous. `usual` is this value for effects without a partner.
+/// Log prior odds of member `k` of a model beside the other members, nats.
+pub(super) fn log_prior_odds_of_member(members: &[Member], k: usize) -> f64 {
+    if is_temperature_of_history(members, k) { PRIOR_NATS } else { log_prior_odds(&members[k].name) }
+}
+
+/// Maximum p-value of member `k` of a model. `usual` is this value for effects without a partner.
 pub(super) fn largest_chance(members: &[Member], k: usize, usual: f64) -> f64 {
+    if is_temperature_of_history(members, k) { PARTNER_CHANCE } else { usual }
+}
+
+/// Whether member `k` is the temperature effect of a bias whose effect of the temperature history is a member.
+fn is_temperature_of_history(members: &[Member], k: usize) -> bool {
     let own = Effect::<f64>::find(&members[k].name).filter(|own| is_bias_of_temperature(own));
     let mut others = members.iter().filter_map(|member| Effect::find(&member.name));
-    if own.is_some_and(|own| others.any(|other| are_partners(own, other))) { PARTNER_CHANCE } else { usual }
+    own.is_some_and(|own| others.any(|other| are_partners(own, other)))
 }
 
 impl ForwardSearch<'_> {
@@ -66,10 +76,7 @@ impl ForwardSearch<'_> {
         let own = scores.swap_remove(scores.iter().position(is_own)?);
         let log = own.score.log_bayes_factor + PRIOR_NATS;
         let by = |other: &Judged| other.score.log_bayes_factor + log_prior_odds(&other.score.name) - log;
-        if own.score.log_bayes_factor <= 0.0
-            || own.score.p_value >= PARTNER_CHANCE
-            || scores.iter().any(|other| by(other) > 0.0)
-        {
+        if log <= 0.0 || own.score.p_value >= PARTNER_CHANCE || scores.iter().any(|other| by(other) > 0.0) {
             return None;
         }
         let is_rival = |other: &&Judged| by(other) > -PRIOR_NATS && other.score.p_value < limit;
