@@ -141,9 +141,10 @@ def memory_rounding(effect, own):
         # The output of the low-pass is less than 64 K behind the temperature. Two sums are rounded.
         error = 2 * 2**-24 * 64.0 * min(2000, own.shape / 0.005)
     else:
-        # Two low-passes of 2 s with two and three sums, each less than 8 K behind. The rate, K/s, is the
-        # second lag divided by 2 s. The direction follows the change of both lags, and its error is smaller.
-        error = 5 * 2**-24 * 8.0 * (2.0 / 0.005) / 2.0
+        # Two low-passes with two and three sums, each less than 2 K behind. The rate, K/s, is the second lag
+        # divided by the time constant. The direction follows the change of both lags with a smaller error.
+        tau_s = _core.TEMPERATURE_SMOOTHING_S
+        error = 5 * 2**-24 * 2.0 * (tau_s / 0.005) / tau_s
     powers = 25.0 ** (np.arange(len(own.values)) // 3)
     return error * np.abs(own.values * powers).reshape(-1, 3).sum(axis=0).max()
 

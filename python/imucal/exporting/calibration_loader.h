@@ -461,7 +461,7 @@ static inline float imucal_lag(float lag_k, float tau_s, float time_step_s, floa
 static inline void imucal_temperature_update(const imucal_calibration *calibration, imucal_temperature *memory,
                                              float time_step_s, float temperature_degc)
 {
-    const float smoothing_s = 2.0f, reversal_k = 1.0f, now_k = temperature_degc - calibration->reference_degc;
+    const float smoothing_s = 0.5f, reversal_k = 1.0f, now_k = temperature_degc - calibration->reference_degc;
     const float change_k = memory->started ? now_k - memory->last_k : 0, before_k = memory->first_lag_k;
     const float step = time_step_s / smoothing_s, second_before_k = memory->second_lag_k;
     float turned;

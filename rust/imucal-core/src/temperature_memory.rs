@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! lag         T_tau - T,          tau dT_tau/dt = T - T_tau
-//! rate        (T_1 - T_2) / tau_r,   T_1, T_2 the temperature behind one and two low-passes of tau_r = 2 s
+//! rate        (T_1 - T_2) / tau_r,   T_1, T_2 the temperature behind one and two low-passes of tau_r = 0.5 s
 //! direction   s <- clamp(s + change of (2 T_1 - T_2) / 1 K, -1, 1)
 //! ```
 //!
@@ -38,8 +38,9 @@
 use crate::effects::{EffectSet, Need, Sensor};
 use nalgebra::{RealField, convert};
 
-/// Time constant of the low-passes for rate and direction, s. They suppress the noise of a thermometer.
-pub const SMOOTHING_S: f64 = 2.0;
+/// Time constant of the low-passes for rate and direction, s. They suppress the noise of a thermometer. The rate is
+/// delayed by twice this time, which is short relative to the temperature changes of a unit.
+pub const SMOOTHING_S: f64 = 0.5;
 /// Half of the temperature change that completes a reversal of the direction, K. The noise of a thermometer behind the
 /// low-pass is smaller.
 pub const REVERSAL_K: f64 = 1.0;
@@ -62,6 +63,17 @@ impl<F: RealField + Copy> TemperatureHistory<F> {
     pub fn constant() -> Self {
         let zero = F::zero();
         Self { rate_kps: zero, direction: zero, gyroscope_lag_k: zero, accelerometer_lag_k: zero }
+    }
+
+    /// Linear interpolation from this history (`share` 0) to `other` (`share` 1).
+    pub fn between(&self, other: &Self, share: F) -> Self {
+        let between = |own: F, other: F| other + (own - other) * (F::one() - share);
+        Self {
+            rate_kps: between(self.rate_kps, other.rate_kps),
+            direction: between(self.direction, other.direction),
+            gyroscope_lag_k: between(self.gyroscope_lag_k, other.gyroscope_lag_k),
+            accelerometer_lag_k: between(self.accelerometer_lag_k, other.accelerometer_lag_k),
+        }
     }
 }
 
