@@ -43,13 +43,13 @@ def simulated(values, *, moves=46, rate_hz=1000, **options):
 # --- each alone, without noise --------------------------------------------------------------------
 
 FORMS = [(effect, effect.plain) for effect in catalogue()]
-FORMS += [(effect, len(effect.parameters)) for effect in catalogue() if effect.plain < len(effect.parameters)]
+FORMS += [(effect, count) for effect in catalogue() for count in effect.forms.values()]
 NOT_DETERMINED = ("gyro_g2_sensitivity",)
 DETERMINED = [form for form in FORMS if form[0].name not in NOT_DETERMINED]
 
 
 def form_name(effect, count):
-    return effect.name if count == effect.plain else f"{effect.name}:full"
+    return ":".join([effect.name, *(form for form, own in effect.forms.items() if own == count)])
 
 
 @pytest.mark.parametrize(("effect", "count"), DETERMINED, ids=[form_name(*form) for form in DETERMINED])
@@ -234,7 +234,7 @@ def two_runs(tmp_path_factory):
 def test_the_command_writes_judges_and_shows_effects(two_runs, tmp_path, capsys):
     run, control = str(two_runs / "run.parquet"), str(two_runs / "control.parquet")
     paths = {name: str(tmp_path / name) for name in ("cal.json", "result.json", "page.html", "judged.json")}
-    arguments = ["calibrate", run, "--control", control, "--effect", "accel_bias_temperature:full"]
+    arguments = ["calibrate", run, "--control", control, "--effect", "accel_bias_temperature:6"]
     outputs = ["-o", paths["cal.json"], "--json", paths["result.json"], "--report", paths["page.html"]]
     assert main([*arguments, *outputs]) == 0
     printed = capsys.readouterr().out

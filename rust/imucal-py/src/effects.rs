@@ -152,7 +152,8 @@ impl StateArrays<'_> {
             return Err(Error::Input(message)).to_python(py);
         }
         let memory = TemperatureMemory::with_time_constants(shape, shape);
-        let history = temperature_degc.map(|degc| temperature_history_of(memory, time_s, degc));
+        let history: Option<Vec<_>> =
+            temperature_degc.map(|degc| temperature_history_of(memory, time_s, degc).collect());
         let state = |i: usize| {
             let mut surroundings = Surroundings::unknown();
             surroundings.temperature_history = history.as_ref().map(|history| history[i]);
@@ -234,7 +235,7 @@ pub(crate) fn temperature_history<'py>(
         return Err(Error::Input(message)).to_python(py);
     }
     let memory = TemperatureMemory::with_time_constants(Some(tau_s), None);
-    let history = py.detach(|| temperature_history_of(memory, times, degc));
+    let history: Vec<_> = py.detach(|| temperature_history_of(memory, times, degc).collect());
     let array = |of: fn(&TemperatureHistory<f64>) -> f64| history.iter().map(of).collect::<Vec<_>>().into_pyarray(py);
     Ok((array(|own| own.rate_kps), array(|own| own.direction), array(|own| own.gyroscope_lag_k)))
 }

@@ -143,21 +143,23 @@ fn correct_with(
 pub(crate) fn temperature_history(recording: &Recording<'_>, effects: &EffectSet<f64>) -> Vec<TemperatureHistory<f64>> {
     let needs_history = effects.iter().any(|member| member.effect().has_need(Need::TemperatureHistory));
     match recording.temperature_degc {
-        Some(degc) if needs_history => temperature_history_of(TemperatureMemory::new(effects), recording.time_s, degc),
+        Some(degc) if needs_history => {
+            temperature_history_of(TemperatureMemory::new(effects), recording.time_s, degc).collect()
+        }
         _ => Vec::new(),
     }
 }
 
 /// The temperature history at each sample of a memory that starts at the first sample.
-pub fn temperature_history_of(
+pub fn temperature_history_of<'t>(
     mut memory: TemperatureMemory<f64>,
-    time_s: &[f64],
-    temperature_degc: &[f64],
-) -> Vec<TemperatureHistory<f64>> {
+    time_s: &'t [f64],
+    temperature_degc: &'t [f64],
+) -> impl Iterator<Item = TemperatureHistory<f64>> + 't {
     let steps = time_s.iter().scan(None, |last: &mut Option<f64>, time_s| {
         Some(last.replace(*time_s).map_or(0.0, |last_s| (time_s - last_s).max(0.0)))
     });
-    steps.zip(temperature_degc).map(|(step_s, degc)| memory.update(step_s, degc - REFERENCE_TEMPERATURE_DEGC)).collect()
+    steps.zip(temperature_degc).map(move |(step_s, degc)| memory.update(step_s, degc - REFERENCE_TEMPERATURE_DEGC))
 }
 
 /// Derivative of the angular rate with respect to time, rad/s^2, one row per sample; empty for a single sample.

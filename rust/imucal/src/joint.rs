@@ -18,6 +18,7 @@
 //! the innovations of a Kalman filter whiten it (`inside`). The weights are estimated from the residuals of a fit, and
 //! the next fit uses the new weights. Fits are repeated until the parameters converge.
 
+mod choices;
 mod encoders;
 mod fields;
 mod histories;
@@ -46,11 +47,12 @@ mod derivatives;
 mod tests;
 
 use crate::parameters::BASE;
-pub use terms::{EffectChoice, UserField};
+pub use choices::{EffectChoice, UserField};
 
+pub(crate) use choices::Kinds;
 pub(crate) use encoders::{Encoders, StandModel, mount_rotation};
 pub(crate) use fields::{Field, move_segments};
-pub(crate) use histories::TemperatureHistories;
+pub(crate) use histories::SharedHistories;
 pub(crate) use lanes::Lanes;
 pub(crate) use linear::{EPOCH_RATES, INSIDE, Insides, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
 pub use misfit::Misfit;
@@ -65,7 +67,7 @@ pub(crate) use problem::report::JointFit;
 pub use problem::report::{ResidualScales, TermEstimate};
 pub use start::WarmStart;
 pub(crate) use start::start_model;
-pub(crate) use terms::{Kinds, Term, Terms};
+pub(crate) use terms::{Term, Terms};
 pub(crate) use wander::Wander;
 pub use wander::{BiasWander, UnitWander};
 

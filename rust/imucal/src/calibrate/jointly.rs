@@ -11,7 +11,7 @@ use super::{CrossValidation, Options};
 use crate::calibrate::two_stages::Gyroscope;
 use crate::error::Error;
 use crate::joint::{
-    self, BLOCK_S, Encoders, Item, Joint, JointFit, Kinds, Misfits, Prepared, TemperatureHistories, Terms, UnitWander,
+    self, BLOCK_S, Encoders, Item, Joint, JointFit, Kinds, Misfits, Prepared, SharedHistories, Terms, UnitWander,
     Wander, WarmStart,
 };
 use crate::numerics::derivative::Width;
@@ -250,9 +250,7 @@ impl UnitData<'_> {
     fn terms<'b>(&self, options: &'b Options<'_>) -> Result<Terms<'b>, Error> {
         let samples: Vec<usize> = self.recordings.iter().map(Recording::len).collect();
         let kinds = Kinds::needed_by(&options.effects);
-        let effects = options.effects.iter().map(|choice| choice.effect);
-        let histories = TemperatureHistories::for_effects(effects, self.recordings);
-        let mut terms = Terms::try_new(&options.effects, &options.user_fields, (&samples, &histories), kinds)?;
+        let mut terms = Terms::try_new(&options.effects, &options.user_fields, &samples, kinds)?;
         terms.allow_partly(&options.partly);
         Ok(terms)
     }
@@ -292,6 +290,7 @@ impl UnitData<'_> {
             ends: &ends,
             widths: &widths,
             flicker: &OnceLock::new(),
+            histories: &SharedHistories::default(),
             noise: self.noise(),
             gravity_mps2: options.gravity_mps2,
             wander,

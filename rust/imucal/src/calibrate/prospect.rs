@@ -14,7 +14,7 @@ use super::design::{Design, FAR_OFF, OBSERVED, sizes};
 use super::unit_data::{MIN_MOVES, UnitData, too_few_moves};
 use super::{Frame, Options};
 use crate::error::Error;
-use crate::joint::{BLOCK_S, Joint, Kinds, Model, Prepared, TemperatureHistories, Terms, Wander};
+use crate::joint::{BLOCK_S, Joint, Kinds, Model, Prepared, SharedHistories, Terms, Wander};
 use crate::numerics::derivative::Width;
 use crate::numerics::lsq;
 use crate::parameters::{BASE, parameter_names};
@@ -115,6 +115,7 @@ impl UnitData<'_> {
             ends: &ends,
             widths: &widths,
             flicker: &OnceLock::new(),
+            histories: &SharedHistories::default(),
             noise: self.noise(),
             gravity_mps2: options.gravity_mps2,
             wander: Wander::of(options.wander),
@@ -124,8 +125,7 @@ impl UnitData<'_> {
             block_s: BLOCK_S,
         };
         let samples: Vec<usize> = self.recordings.iter().map(Recording::len).collect();
-        let histories = TemperatureHistories::for_effects(std::iter::empty(), self.recordings);
-        let terms = Terms::try_new(&[], &[], (&samples, &histories), Kinds { in_motion: false, encoders: false })?;
+        let terms = Terms::try_new(&[], &[], &samples, Kinds { in_motion: false, encoders: false })?;
         let model = Model { accelerometer, gyroscope, values: Vec::new(), stand: Vec::new() };
         let sizes = sizes(&model, options.gravity_mps2);
 

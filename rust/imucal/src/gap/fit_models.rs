@@ -50,7 +50,7 @@ impl<'a> ForwardSearch<'a> {
         beside: Beside,
     ) -> Result<Stage, Error> {
         let (own, fields) = self.of_members(open, members);
-        let terms = Terms::try_new(&own, &fields, self.inputs(), self.kinds)?;
+        let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
         let mut start = joint::start_model(prepared, &terms, near[0], near[1]);
         let mut precisions = vec![0.0; terms.count];
         for term in &terms.all {
@@ -155,7 +155,7 @@ impl<'a> ForwardSearch<'a> {
         let (fields, free): (Vec<_>, Vec<_>) = self.user_fields.iter().cloned().partition(|f| is_member(f.name));
         let all_fields: Vec<UserField<'_>> = fields.into_iter().chain(free).collect();
         let choices: Vec<EffectChoice> = members.chain(plain).collect();
-        let mut all = Terms::try_new(&choices, &all_fields, self.inputs(), terms.kinds)?;
+        let mut all = Terms::try_new(&choices, &all_fields, &self.samples, terms.kinds)?;
         let longest_s = prepared.longest_s();
         for effect in timed.iter().map(|choice| choice.effect) {
             for share in start_shares(effect) {

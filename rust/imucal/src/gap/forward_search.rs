@@ -5,7 +5,6 @@ mod beside_patterns;
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
-use std::iter;
 use std::sync::Arc;
 
 use imucal_core::effects::{Need, Sensor};
@@ -22,7 +21,7 @@ use super::stage::{Beside, FitKey, Member, Stage};
 use super::{Linearised, NotPredictive, Scattering, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
-use crate::joint::{Kinds, Linear, Model, Prepared, TemperatureHistories};
+use crate::joint::{Kinds, Linear, Model, Prepared};
 use crate::numerics::stats::sample_interval_s;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
@@ -161,8 +160,7 @@ pub(super) struct ForwardSearch<'a> {
     /// Name of each effect that is not observable, and the data that would make it observable.
     pub(super) left_out: Vec<(String, String)>,
     pub(super) user_fields: &'a [UserField<'a>],
-    samples: Vec<usize>,
-    histories: TemperatureHistories,
+    pub(super) samples: Vec<usize>,
     /// All fits of this search, by effects and kinds of residuals.
     pub(super) fits: RefCell<Vec<(FitKey, Model)>>,
     /// The most recent fits, the latest first, each with the linearisation at its solution.
@@ -188,19 +186,12 @@ impl<'a> ForwardSearch<'a> {
             left_out: Vec::new(),
             user_fields,
             samples: recordings.iter().map(Recording::len).collect(),
-            histories: TemperatureHistories::for_effects(iter::empty(), recordings),
             fits: RefCell::new(Vec::new()),
             recent: RefCell::new(Vec::new()),
             ground: RefCell::new(None),
         };
         let open = search.with_columns(recordings, candidates);
-        search.histories = TemperatureHistories::for_effects(open.iter().map(|choice| choice.effect), recordings);
         (search, open)
-    }
-
-    /// Numbers of samples and temperature histories of the recordings, which the terms of a fit need.
-    pub(super) fn inputs(&self) -> (&[usize], &TemperatureHistories) {
-        (&self.samples, &self.histories)
     }
 
     /// The candidates whose requirements the recordings meet. All other candidates are added to `left_out`.

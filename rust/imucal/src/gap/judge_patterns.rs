@@ -76,7 +76,7 @@ impl ForwardSearch<'_> {
         let (path, path_chi2) = with.as_ref().map_or((0.0, 0.0), |with| {
             (with.evidence.log - without.evidence.log, without.evidence.chi2 - with.evidence.chi2)
         });
-        let none = Terms::try_new(&[], &[], self.inputs(), self.kinds)?;
+        let none = Terms::try_new(&[], &[], &self.samples, self.kinds)?;
         let setting = Setting::new(prepared, &none, &without.model)?;
         let (alone, on_top) = match &with {
             Some(with) if setting.has_axes(with.design.axes()) => {
@@ -87,7 +87,7 @@ impl ForwardSearch<'_> {
                 let [alone] = best_generics(&setting, [&without], &is_selected);
                 let beside = |with: &Stage| -> Result<Option<BestGeneric>, Error> {
                     let (own, fields) = self.of_members(choices.as_deref().unwrap_or_default(), &with.members);
-                    let terms = Terms::try_new(&own, &fields, self.inputs(), self.kinds)?;
+                    let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
                     let setting = Setting::new(prepared, &terms, &with.model)?;
                     let [on_top] = best_generics(&setting, [with], &is_selected);
                     Ok(on_top)

@@ -275,7 +275,7 @@ fn temperature_history(
     match corrected.temperature_degc {
         Some(degc) if effect.needs.contains(&Need::TemperatureHistory) => {
             let memory = TemperatureMemory::with_time_constants(shape, shape);
-            temperature_history_of(memory, corrected.time_s, degc)
+            temperature_history_of(memory, corrected.time_s, degc).collect()
         }
         _ => Vec::new(),
     }

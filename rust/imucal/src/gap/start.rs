@@ -90,7 +90,7 @@ impl ForwardSearch<'_> {
         self.kinds = kinds;
         let model = plain?.model;
         let prepared = &Prepared { encoders: None, block_s: STRETCH_S, ..*prepared };
-        let none = Terms::try_new(&[], &[], self.inputs(), Kinds { in_motion: true, encoders: false })?;
+        let none = Terms::try_new(&[], &[], &self.samples, Kinds { in_motion: true, encoders: false })?;
         let linear = Arc::new(prepared.linearise(&none, &model.parameters())?);
         let seen = design(prepared, (&none, &[]), &none, &linear)?;
         // Effects can only reduce the scatter. A recording needs no further test if its scatter without effects is

@@ -87,7 +87,7 @@ impl ForwardSearch<'_> {
         let members: Vec<Member> = members.iter().filter(is_seen).cloned().collect();
         let Ok(stage) = self.stage(prepared, triads, &seen, &members, Beside::Nothing) else { return Ok(None) };
         let (own, fields) = self.of_members(&seen, &stage.members);
-        let terms = Terms::try_new(&own, &fields, self.inputs(), self.kinds)?;
+        let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
         let setting = Setting::new(prepared, &terms, &stage.model)?;
         if !setting.has_axes(stage.design.axes()) {
             return Ok(None);

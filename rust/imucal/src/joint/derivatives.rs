@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use imucal_core::effects::{Effect, EffectSet, Need, Sensor};
 
-use super::histories::TemperatureHistories;
+use super::choices::{EffectChoice, Kinds, UserField};
 use super::model::Model;
 use super::prepared::Prepared;
 use super::problem::Joint;
-use super::terms::{EffectChoice, Kinds, Term, Terms, UserField};
+use super::terms::{Term, Terms};
 use super::tests::{Run, STAND_RAD};
 use crate::calibrate::prepare;
 use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, STAND_PARAMETERS};
@@ -26,8 +26,7 @@ fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepare
     let effects: Vec<EffectChoice> =
         effects.iter().map(|name| EffectChoice::full(Effect::find(name).unwrap())).collect();
     let fields = [UserField { name: "own", sensor: Sensor::Gyroscope, typical: vec![1e-3], columns: vec![&field] }];
-    let histories = TemperatureHistories::for_effects(effects.iter().map(|choice| choice.effect), &[run.recording()]);
-    let terms = Terms::try_new(&effects, &fields, (&[run.time_s.len()], &histories), kinds).unwrap();
+    let terms = Terms::try_new(&effects, &fields, &[run.time_s.len()], kinds).unwrap();
     prepare(&[run.recording()], kinds, |prepared, accelerometer, gyroscope| {
         // The direction residuals are components along vectors that rotate with the measured gravity direction. The
         // Jacobian neglects this rotation, so its error is proportional to the residual. With the true stand
@@ -60,8 +59,7 @@ fn derivatives_in_a_hand_meet_central_differences() {
     .unwrap();
     let recording = run.recording("run");
     let kinds = Kinds { in_motion: false, encoders: false };
-    let histories = TemperatureHistories::for_effects(std::iter::empty(), &[]);
-    let terms = Terms::try_new(&[], &[], (&[recording.len()], &histories), kinds).unwrap();
+    let terms = Terms::try_new(&[], &[], &[recording.len()], kinds).unwrap();
     prepare(&[recording], kinds, |prepared, accelerometer, gyroscope| {
         assert!(prepared.rests.iter().all(|rest| rest.propagated.is_some()));
         let values = super::start::start_values(&terms);

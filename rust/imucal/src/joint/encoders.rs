@@ -268,7 +268,7 @@ impl Encoders {
 
     /// Corrected motor angles at a rest.
     pub(crate) fn at_rest(&self, k: usize, rest: &UnitRest, values: &[f64], terms: &Terms<'_>) -> Angles {
-        let sample = Sample { recording: rest.recording, index: rest.rest.end - 1 };
+        let sample = Sample { recording: rest.recording, index: rest.rest.end - 1, count: 1 };
         let direction = self.directions[rest.recording][sample.index];
         Angles::of(values, terms, &[0.0], &[(*self.mean(k)).into()], &[direction], sample)
     }
@@ -276,7 +276,7 @@ impl Encoders {
     /// Corrected motor angles of all samples of a move.
     pub(crate) fn in_move(&self, recording: &Recording<'_>, m: &Move, values: &[f64], terms: &Terms<'_>) -> Angles {
         let range = m.first..m.last + 1;
-        let sample = Sample { recording: m.recording, index: m.first };
+        let sample = Sample { recording: m.recording, index: m.first, count: 1 };
         let readings = &recording.stand_rad.unwrap_or_default()[range.clone()];
         let directions = &self.directions[m.recording][range.clone()];
         Angles::of(values, terms, &recording.time_s[range], readings, directions, sample)

@@ -1,158 +1,176 @@
-//! Temperature histories of the recordings of a fit, at any time and for any time constant of a lag.
+//! Temperature histories of the recordings of a fit.
 //!
-//! The temperature is averaged over intervals of a second, which form the nodes. The lag is computed at the nodes for a
-//! geometric series of time constants. Between nodes it is interpolated linearly in time, and between time constants by
-//! a cubic polynomial in the logarithm, whose relative error is below 1e-4.
+//! The memory takes every temperature of a recording, as in the correction of the recording. The history is kept at
+//! nodes, which are some of the samples, and is interpolated linearly between them.
 
-use std::sync::Arc;
+use std::borrow::Cow;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use imucal_core::effects::{Effect, Need};
+use imucal_core::effects::Need;
 use imucal_core::temperature_memory::{TemperatureHistory, TemperatureMemory};
 
-use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
+use super::prepared::Prepared;
+use super::terms::{SHAPE_STEP, Sample, Terms};
+use crate::correct::temperature_history_of;
+use crate::recording::Recording;
 
-/// Minimum distance of two nodes, s.
-const NODE_S: f64 = 1.0;
-/// Maximum number of nodes of a recording. In longer recordings the nodes are further apart.
-const MOST_NODES: f64 = 20_000.0;
-/// Smallest time constant of the series, s, its ratio, and its length. The largest is 1e5 s.
-const FIRST_S: f64 = 1.0;
-const RATIO: f64 = 1.25;
-const TAUS: usize = 52;
+/// Maximum time between two nodes, s. The interpolation error of the rate, which varies with a time constant of 2 s, is
+/// then below 2e-5 of the rate.
+const NODE_S: f64 = 0.02;
+/// Maximum number of nodes of a recording, which limits the memory of the process. In recordings longer than half an
+/// hour, the nodes are further apart.
+const MOST_NODES: usize = 100_000;
 
-/// The temperature history of each recording of a fit.
+/// The temperature history of each recording of a fit, in which both lags have the same time constant.
 #[derive(Clone, Debug)]
-pub(crate) struct TemperatureHistories(Arc<Vec<Option<Nodes>>>);
+pub(super) struct TemperatureHistories(Arc<Vec<Option<Nodes>>>);
 
+/// Histories that all models share: those without lags, and those whose time constant is fixed. They are computed when
+/// first needed and then kept. Each has the time constant of its lags, s.
+#[derive(Debug, Default)]
+pub(crate) struct SharedHistories(Mutex<Vec<(Option<f64>, TemperatureHistories)>>);
+
+/// The temperature history at every `stride`-th sample of a recording, from the first sample on.
 #[derive(Debug)]
 struct Nodes {
-    /// Time since the first sample, s.
-    time_s: Vec<f64>,
-    /// Rate and direction at each node.
+    stride: usize,
     history: Vec<TemperatureHistory<f64>>,
-    /// Lag at each node for each time constant, K.
-    lag_k: Vec<[f64; TAUS]>,
+}
+
+impl SharedHistories {
+    fn get(&self, recordings: &[Recording<'_>], tau_s: Option<f64>) -> TemperatureHistories {
+        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, histories)) = known.iter().find(|(own, _)| *own == tau_s) {
+            return histories.clone();
+        }
+        let histories = TemperatureHistories::new(recordings, tau_s);
+        known.push((tau_s, histories.clone()));
+        histories
+    }
 }
 
 impl TemperatureHistories {
-    /// The histories of recordings, if any of the effects depends on them.
-    pub(crate) fn for_effects<'e>(
-        mut effects: impl Iterator<Item = &'e Effect<f64>>,
+    /// The histories with a time constant of the lags, s; `None` without lags.
+    pub(super) fn new(recordings: &[Recording<'_>], tau_s: Option<f64>) -> Self {
+        Self::map(recordings, TemperatureMemory::with_time_constants(tau_s, None), |history| TemperatureHistory {
+            accelerometer_lag_k: history.gyroscope_lag_k,
+            ..history
+        })
+    }
+
+    /// The derivatives of the histories with respect to the time constant of the lags, per second.
+    pub(super) fn derivative(recordings: &[Recording<'_>], tau_s: f64) -> Self {
+        let step_s = SHAPE_STEP * tau_s;
+        let memory = TemperatureMemory::with_time_constants(Some(tau_s + step_s), Some(tau_s - step_s));
+        Self::map(recordings, memory, |history| {
+            let by_tau = (history.gyroscope_lag_k - history.accelerometer_lag_k) / (2.0 * step_s);
+            TemperatureHistory {
+                gyroscope_lag_k: by_tau,
+                accelerometer_lag_k: by_tau,
+                ..TemperatureHistory::constant()
+            }
+        })
+    }
+
+    fn map(
         recordings: &[Recording<'_>],
+        memory: TemperatureMemory<f64>,
+        of: impl Fn(TemperatureHistory<f64>) -> TemperatureHistory<f64>,
     ) -> Self {
-        let is_needed = effects.any(|effect| effect.needs.contains(&Need::TemperatureHistory));
         let nodes = |recording: &Recording<'_>| {
-            recording.temperature_degc.filter(|_| is_needed).and_then(|degc| Nodes::of(recording.time_s, degc))
+            let stride = stride_of(recording);
+            let history = temperature_history_of(memory, recording.time_s, recording.temperature_degc?);
+            Some(Nodes { stride, history: history.step_by(stride).map(&of).collect() })
         };
         Self(Arc::new(recordings.iter().map(nodes).collect()))
     }
 
-    /// The history of a recording at a time since its first sample, in which both lags have the time constant `tau_s`.
-    /// `None` if the temperature of the recording is unknown.
-    pub(super) fn at(&self, recording: usize, time_s: f64, tau_s: f64) -> Option<TemperatureHistory<f64>> {
-        self.0.get(recording)?.as_ref().map(|nodes| nodes.at(time_s, tau_s))
+    /// Mean history over samples of a recording. `None` if the temperature of the recording is unknown.
+    pub(super) fn at(&self, Sample { recording, index, count }: Sample) -> Option<TemperatureHistory<f64>> {
+        let nodes = self.0.get(recording)?.as_ref()?;
+        // Points one stride apart, which are centred in the range of the samples.
+        let (last, stride) = (count.saturating_sub(1), nodes.stride);
+        let points = last / stride + 1;
+        let first = index as f64 + (last % stride) as f64 / 2.0;
+        let mut mean = nodes.at(first);
+        for point in 1..points {
+            mean = mean.between(&nodes.at(first + (point * stride) as f64), 1.0 / (point + 1) as f64);
+        }
+        Some(mean)
     }
 }
 
 impl Nodes {
-    fn of(time_s: &[f64], degc: &[f64]) -> Option<Self> {
-        let start_s = *time_s.first()?;
-        let node_s = ((time_s[time_s.len() - 1] - start_s) / MOST_NODES).max(NODE_S);
-        let (mut times, mut means) = (Vec::new(), Vec::new());
-        let known = time_s.iter().zip(degc).filter(|(_, degc)| degc.is_finite());
-        let differences: Vec<(f64, f64)> =
-            known.map(|(time_s, degc)| (time_s - start_s, degc - REFERENCE_TEMPERATURE_DEGC)).collect();
-        for own in differences.chunk_by(|a, b| (a.0 / node_s).floor() == (b.0 / node_s).floor()) {
-            let (time_s, degc) = own.iter().fold((0.0, 0.0), |sum, value| (sum.0 + value.0, sum.1 + value.1));
-            times.push(time_s / own.len() as f64);
-            means.push(degc / own.len() as f64);
-        }
-        // The low-passes start at the first temperature, half an interval before the first mean.
-        let known_s = differences.first()?.0;
-        if times.len() > 1 {
-            let (lead_s, step_s) = (times[0] - known_s, times[1] - times[0]);
-            if lead_s > 0.0 && lead_s <= step_s {
-                means.insert(0, means[0] - (means[1] - means[0]) * lead_s / step_s);
-                times.insert(0, known_s);
-            }
-        }
-        let mut lag_k = vec![[0.0; TAUS]; times.len()];
-        let mut history = Vec::new();
-        for pair in (0..TAUS).step_by(2) {
-            let tau_s = |k: usize| FIRST_S * RATIO.powi(k as i32);
-            let mut memory = TemperatureMemory::with_time_constants(Some(tau_s(pair)), Some(tau_s(pair + 1)));
-            let steps =
-                times.iter().scan(*times.first()?, |last, time_s| Some(time_s - std::mem::replace(last, *time_s)));
-            history = steps.zip(&means).map(|(step_s, mean)| memory.update(step_s, *mean)).collect();
-            for (lag_k, history) in lag_k.iter_mut().zip(&history) {
-                lag_k[pair] = history.gyroscope_lag_k;
-                lag_k[pair + 1] = history.accelerometer_lag_k;
-            }
-        }
-        Some(Self { time_s: times, history, lag_k })
-    }
-
-    fn at(&self, time_s: f64, tau_s: f64) -> TemperatureHistory<f64> {
-        let last = self.time_s.len() - 1;
-        let after = self.time_s.partition_point(|node| *node <= time_s).clamp(1, last.max(1)).min(last);
-        let before = after.saturating_sub(1);
-        let step_s = self.time_s[after] - self.time_s[before];
-        let share = if step_s > 0.0 { ((time_s - self.time_s[before]) / step_s).clamp(0.0, 1.0) } else { 0.0 };
-        let between = |of: &dyn Fn(usize) -> f64| of(before) + (of(after) - of(before)) * share;
-        let lag_k = between(&|node| lag_between(&self.lag_k[node], tau_s));
-        TemperatureHistory {
-            rate_kps: between(&|node| self.history[node].rate_kps),
-            direction: between(&|node| self.history[node].direction),
-            gyroscope_lag_k: lag_k,
-            accelerometer_lag_k: lag_k,
-        }
+    /// History at a sample, or between two samples if its index is not an integer.
+    fn at(&self, sample: f64) -> TemperatureHistory<f64> {
+        let place = sample / self.stride as f64;
+        let before = (place as usize).min(self.history.len() - 1);
+        let after = (before + 1).min(self.history.len() - 1);
+        self.history[before].between(&self.history[after], place - before as f64)
     }
 }
 
-/// The lag for a time constant, by a cubic polynomial through the four nearest members of the series. Time constants
-/// beyond the ends of the series have the lag of the end.
-fn lag_between(series: &[f64; TAUS], tau_s: f64) -> f64 {
-    let place = ((tau_s / FIRST_S).ln() / RATIO.ln()).clamp(0.0, (TAUS - 1) as f64);
-    let first = (place.floor() as usize).saturating_sub(1).min(TAUS - 4);
-    let x = place - first as f64;
-    let [a, b, c, d] = [series[first], series[first + 1], series[first + 2], series[first + 3]];
-    let (x1, x2, x3) = (x - 1.0, x - 2.0, x - 3.0);
-    -a * x1 * x2 * x3 / 6.0 + b * x * x2 * x3 / 2.0 - c * x * x1 * x3 / 2.0 + d * x * x1 * x2 / 6.0
+impl Terms<'_> {
+    /// The terms with the temperature histories of the recordings at the time constants in `values`. Without them, the
+    /// fields of effects of the temperature history are zero.
+    pub(super) fn with_histories(&self, prepared: &Prepared<'_>, values: &[f64]) -> Cow<'_, Self> {
+        if !self.needs(Need::TemperatureHistory) {
+            return Cow::Borrowed(self);
+        }
+        let Prepared { recordings, histories, .. } = prepared;
+        let mut terms = self.clone();
+        for term in terms.all.iter_mut().filter(|term| term.needs(Need::TemperatureHistory)) {
+            if term.has_shape() {
+                let tau_s = values[term.first + term.linear];
+                term.histories = Some(TemperatureHistories::new(recordings, Some(tau_s)));
+                term.by_time_constant = Some(TemperatureHistories::derivative(recordings, tau_s));
+            } else {
+                term.histories = Some(histories.get(recordings, term.frozen_shape()));
+            }
+        }
+        Cow::Owned(terms)
+    }
+}
+
+/// Number of samples between two nodes.
+fn stride_of(recording: &Recording<'_>) -> usize {
+    let [first_s, last_s] = recording.span_s();
+    let intervals = recording.len().saturating_sub(1);
+    let within_limit = (NODE_S * intervals as f64 / (last_s - first_s).max(f64::MIN_POSITIVE)) as usize;
+    within_limit.max(recording.len().div_ceil(MOST_NODES)).max(1)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// The lag behind `sin(w t)`: the steady response and the decaying start.
-    fn lag_of_sine(time_s: f64, omega: f64, tau_s: f64) -> f64 {
-        let x = omega * tau_s;
-        let output =
-            ((omega * time_s).sin() - x * (omega * time_s).cos() + x * (-time_s / tau_s).exp()) / (1.0 + x * x);
-        output - (omega * time_s).sin()
-    }
-
     #[test]
-    fn the_lag_is_the_exact_one_at_any_time_and_time_constant() {
-        let omega = 2.0 * std::f64::consts::PI / 700.0;
-        let time_s: Vec<f64> = (0..60_000).map(|k| 100.0 + 0.02 * f64::from(k)).collect();
-        let degc: Vec<f64> = time_s.iter().map(|t| 25.0 + 20.0 * (omega * (t - 100.0)).sin()).collect();
-        let nodes = Nodes::of(&time_s, &degc).unwrap();
-        for tau_s in [3.0, 11.3, 60.0, 222.0, 1500.0] {
-            for at_s in [60.3, 400.0, 777.7, 1190.1] {
-                let (got, expected) = (nodes.at(at_s, tau_s), 20.0 * lag_of_sine(at_s, omega, tau_s));
-                assert!((got.gyroscope_lag_k - expected).abs() < 3e-3, "{tau_s} {at_s}: {got:?} {expected}");
-            }
+    fn the_history_of_a_fit_is_that_of_the_correction() {
+        // 500 Hz, so that a node has ten samples.
+        let time_s: Vec<f64> = (0..30_000).map(|k| 100.0 + 0.002 * f64::from(k)).collect();
+        let degc: Vec<f64> = time_s.iter().map(|t| 25.0 + 20.0 * (t / 10.0).sin()).collect();
+        let zeros = vec![[0.0; 3]; time_s.len()];
+        let mut recording = Recording::try_new("run", &time_s, &zeros, &zeros).unwrap();
+        recording.temperature_degc = Some(&degc);
+        let memory = TemperatureMemory::with_time_constants(Some(11.0), None);
+        let exact: Vec<_> = temperature_history_of(memory, &time_s, &degc).collect();
+        let histories = TemperatureHistories::new(&[recording], Some(11.0));
+        for (index, count) in [(0, 1), (4321, 1), (17_000, 313), (12_345, 20), (29_000, 1000)] {
+            let own = histories.at(Sample { recording: 0, index, count }).unwrap();
+            let samples = &exact[index..index + count];
+            let mean = |of: fn(&TemperatureHistory<f64>) -> f64| samples.iter().map(of).sum::<f64>() / count as f64;
+            assert!((own.gyroscope_lag_k - mean(|h| h.gyroscope_lag_k)).abs() < 2e-5, "{index}: {own:?}");
+            assert!((own.rate_kps - mean(|h| h.rate_kps)).abs() < 1e-5, "{index}: {own:?}");
+            assert!((own.direction - mean(|h| h.direction)).abs() < 2e-4, "{index}: {own:?}");
+            assert_eq!(own.accelerometer_lag_k, own.gyroscope_lag_k);
         }
     }
 
     #[test]
-    fn few_samples_have_a_history() {
-        for n in 1..5 {
-            let time_s: Vec<f64> = (0..n).map(f64::from).collect();
-            let nodes = Nodes::of(&time_s, &vec![20.0; time_s.len()]).unwrap();
-            assert_eq!(nodes.at(0.7, 10.0), TemperatureHistory::constant());
-        }
-        assert!(Nodes::of(&[0.0, 1.0], &[f64::NAN; 2]).is_none());
+    fn a_recording_without_temperatures_has_no_history() {
+        let zeros = [[0.0; 3]; 2];
+        let recording = Recording::try_new("run", &[0.0, 1.0], &zeros, &zeros).unwrap();
+        let histories = TemperatureHistories::new(&[recording], None);
+        assert_eq!(histories.at(Sample { recording: 0, index: 0, count: 2 }), None);
     }
 }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use imucal_core::effects::{Need, Sensor};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
+use super::choices::Kinds;
 use super::encoders::moves;
 use super::inside;
 use super::model::Model;
@@ -13,7 +14,7 @@ use super::move_ends::{AtMove, EndDirection, move_direction};
 use super::pass::{EvaluatedTerms, Route};
 use super::prepared::Prepared;
 use super::rests::{BiasError, Force, Rate, Rests};
-use super::terms::{Kinds, Terms};
+use super::terms::Terms;
 use crate::error::Error;
 use crate::joint::inside::{InsideNoise, Rows, count};
 use crate::joint::lanes::Lanes;
@@ -175,6 +176,7 @@ impl Prepared<'_> {
     /// Residuals and their derivatives at these parameters.
     pub(crate) fn linearise(&self, terms: &Terms<'_>, parameters: &[f64]) -> Result<Linear, Error> {
         let model = Model::of(parameters, terms)?;
+        let terms = &*terms.with_histories(self, &model.values);
         let rests = Rests::new(self, &model, terms);
         let ends: Vec<_> = (0..self.moves.len()).map(|index| rests.ends(index)).collect();
         let (has_blocks, evaluated) = (terms.kinds.look_inside(), EvaluatedTerms::new(&model, terms));

@@ -73,11 +73,22 @@ pub(crate) fn surroundings(recording: &Recording<'_>, index: usize) -> Surroundi
 /// and warm-up within a rest.
 const PARTS: usize = 16;
 
-/// Mean temperature and time of each part of a rest.
-pub(crate) fn moments(recording: &Recording<'_>, range: Range<usize>) -> Vec<Surroundings<f64>> {
+/// A part of a rest, with the quantities on which the effects depend, except the force and the attitude.
+pub(super) struct Part {
+    pub(super) samples: Range<usize>,
+    /// Mean temperature and time.
+    pub(super) surroundings: Surroundings<f64>,
+}
+
+/// The parts of a rest.
+pub(super) fn parts(recording: &Recording<'_>, range: Range<usize>) -> Vec<Part> {
     let parts = PARTS.min(range.len()).max(1);
     let edge = |part: usize| range.start + range.len() * part / parts;
-    (0..parts).map(|part| mean_surroundings(recording, edge(part)..edge(part + 1))).collect()
+    let part = |part: usize| {
+        let samples = edge(part)..edge(part + 1);
+        Part { surroundings: mean_surroundings(recording, samples.clone()), samples }
+    };
+    (0..parts).map(part).collect()
 }
 
 /// Mean temperature and time over a non-empty range of samples.

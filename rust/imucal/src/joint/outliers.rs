@@ -25,11 +25,12 @@ use imucal_core::STANDARD_GRAVITY_MPS2;
 use nalgebra::{DMatrix, DVector};
 use statrs::function::gamma::ln_gamma;
 
+use super::choices::Kinds;
 use super::linear::{Linear, Source};
 use super::model::Model;
 use super::prepared::Prepared;
 use super::problem::Joint;
-use super::terms::{Kinds, Terms};
+use super::terms::Terms;
 use crate::error::Error;
 use crate::numerics::lsq;
 use crate::numerics::robust::may_exclude;

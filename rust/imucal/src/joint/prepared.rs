@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use nalgebra::UnitQuaternion;
 
 use super::encoders::Encoders;
+use super::histories::SharedHistories;
 use super::move_ends::EndDirection;
 use super::pass::Route;
 use super::scatter::Modes;
@@ -31,6 +32,8 @@ pub(crate) struct Prepared<'a> {
     /// whitened with the noise of the mean rates. They are computed when first needed and then kept, because they
     /// depend on the model only through the lower limit of the noise.
     pub(crate) flicker: &'a OnceLock<Option<[Modes; 3]>>,
+    /// Temperature histories of the recordings.
+    pub(crate) histories: &'a SharedHistories,
     pub(crate) noise: &'a [NoiseDensity],
     pub(crate) gravity_mps2: f64,
     pub(crate) wander: Wander,

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use imucal_core::effects::{Sensor, Surroundings};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::model::{Model, force_by_parameters, moments};
+use super::model::{Model, Part, force_by_parameters, parts};
 use super::prepared::Prepared;
 use super::settle::Still;
 use super::terms::{Term, Terms};
@@ -68,11 +68,11 @@ impl<'a> Rests<'a> {
         };
         let still = |(k, UnitRest { recording, rest, .. }): (usize, &UnitRest)| {
             let (samples, whole) = (rest.first..rest.end, &prepared.recordings[*recording]);
-            let moments = match prepared.used[k] && changes(whole) {
-                true => moments(whole, samples.clone()),
-                false => vec![Surroundings::unknown()],
+            let parts = match prepared.used[k] && changes(whole) {
+                true => parts(whole, samples.clone()),
+                false => vec![Part { samples: samples.clone(), surroundings: Surroundings::unknown() }],
             };
-            let still = Still { recording: *recording, samples, moments };
+            let still = Still { recording: *recording, samples, parts };
             let mut columns = vec![Vector3::zeros(); terms.count];
             let is_known = |term: &Term<'_>| !term.reads(Sensor::Accelerometer);
             on_force.mean_columns(&model.values, (&Vector3::zeros(), None), &still, is_known, &mut columns);

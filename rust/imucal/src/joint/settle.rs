@@ -5,7 +5,9 @@ use std::ops::Range;
 use imucal_core::effects::{MAX_PARAMETERS, Sensor, State, Surroundings};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::terms::{Kind, Sample, Term, Terms, UserField};
+use super::choices::UserField;
+use super::model::Part;
+use super::terms::{Kind, Sample, Term, Terms};
 
 /// Maximum number of fixed-point iterations. Each iteration multiplies the error by about 0.01 for effects of typical
 /// size.
@@ -65,8 +67,8 @@ impl<'a> Settling<'a> {
 pub(super) struct Still {
     pub(super) recording: usize,
     pub(super) samples: Range<usize>,
-    /// Temperature and time of the parts of the rest, at least one part.
-    pub(super) moments: Vec<Surroundings<f64>>,
+    /// At least one part.
+    pub(super) parts: Vec<Part>,
 }
 
 impl Terms<'_> {
@@ -102,17 +104,22 @@ impl Terms<'_> {
         is_asked: impl Fn(&Term<'_>) -> bool,
         columns: &mut [Vector3<f64>],
     ) {
-        let Still { recording, samples, moments } = still;
-        let sample = Sample { recording: *recording, index: samples.start };
+        let Still { recording, samples, parts } = still;
         let asked = || self.all.iter().filter(|term| is_asked(term));
-        let changes = |term: &Term<'_>| term.changes_at_rest(moments[0].temperature_difference_k.is_some());
-        let moments = if asked().any(changes) { moments } else { &moments[..1] };
-        let state = |moment: &Surroundings<f64>| State {
+        let changes = |term: &Term<'_>| term.changes_at_rest(parts[0].surroundings.temperature_difference_k.is_some());
+        let parts = if asked().any(changes) { parts } else { &parts[..1] };
+        let state = |part: &Part| State {
             angular_rate: Vector3::zeros(),
             specific_force: *force,
-            surroundings: Surroundings { rotation_world_from_body: attitude, ..*moment },
+            surroundings: Surroundings { rotation_world_from_body: attitude, ..part.surroundings },
         };
-        let states: Vec<State<f64>> = moments.iter().map(state).collect();
+        let states: Vec<(State<f64>, Sample)> = parts
+            .iter()
+            .map(|part| {
+                let Range { start: index, end } = part.samples;
+                (state(part), Sample { recording: *recording, index, count: end - index })
+            })
+            .collect();
         let mut each = vec![[Vector3::zeros(); MAX_PARAMETERS]; states.len()];
         for term in asked() {
             let own = &mut columns[term.first..term.first + term.count()];
@@ -123,10 +130,14 @@ impl Terms<'_> {
             let count = if changes(term) { states.len() } else { 1 };
             // All columns are stored before any of them is added, because reading a value immediately after it was
             // written would be slow.
-            for (state, one) in states[..count].iter().zip(&mut each) {
-                term.columns_at(values, state, sample, one);
+            for ((state, sample), one) in states[..count].iter().zip(&mut each) {
+                term.columns_at(values, state, *sample, one);
             }
-            let mean = |k: usize| each[..count].iter().map(|one| one[k]).sum::<Vector3<f64>>() / count as f64;
+            let weights = || states[..count].iter().map(|(_, sample)| sample.count as f64);
+            let total: f64 = weights().sum();
+            let mean = |k: usize| {
+                each.iter().zip(weights()).map(|(one, weight)| one[k] * weight).sum::<Vector3<f64>>() / total
+            };
             own.iter_mut().enumerate().for_each(|(k, own)| *own = mean(k));
         }
     }

@@ -12,54 +12,14 @@
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor, State};
 use nalgebra::Vector3;
 
+use super::choices::{EffectChoice, Kinds, UserField};
 use super::histories::TemperatureHistories;
 use crate::error::Error;
 use crate::parameters::{BASE, STAND_PARAMETERS};
 
-/// An effect of the catalogue to be estimated.
-#[derive(Clone, Copy, Debug)]
-pub struct EffectChoice {
-    /// Entry of the effect in the catalogue.
-    pub effect: &'static Effect<f64>,
-    /// Number of parameters of the form to be estimated ([`Effect::has_form`]).
-    pub parameters: usize,
-}
-
-impl EffectChoice {
-    /// The plain form of an effect, with the fewest parameters.
-    pub fn plain(effect: &'static Effect<f64>) -> Self {
-        Self { effect, parameters: effect.plain }
-    }
-
-    /// The effect as a candidate of a search: an effect of the temperature in its full form, because the search selects
-    /// the degree of its polynomial, and any other effect in its plain form.
-    pub fn candidate(effect: &'static Effect<f64>) -> Self {
-        if effect.needs.contains(&Need::Temperature) { Self::full(effect) } else { Self::plain(effect) }
-    }
-
-    /// The full form of an effect, with all parameters.
-    pub fn full(effect: &'static Effect<f64>) -> Self {
-        Self { effect, parameters: effect.parameters.len() }
-    }
-}
-
-/// User-defined effect, given by its columns (derivatives of the sensor reading) at every sample.
-#[derive(Clone, Debug)]
-pub struct UserField<'a> {
-    /// Name of the effect, used in messages and results.
-    pub name: &'a str,
-    /// Sensor on which the effect acts.
-    pub sensor: Sensor,
-    /// Typical size of each parameter, in SI units.
-    pub typical: Vec<f64>,
-    /// Derivatives at each sample, one slice per recording. Each slice has the shape (N, 3, p) in C order: sample,
-    /// axis, parameter.
-    pub columns: Vec<&'a [f64]>,
-}
-
 /// Step of the central difference with respect to a shape parameter, as a fraction of its value. The relative error of
 /// the derivative is about the square of this step.
-const SHAPE_STEP: f64 = 1e-4;
+pub(super) const SHAPE_STEP: f64 = 1e-4;
 /// One effect of a fit, from the catalogue or user-defined.
 #[derive(Clone, Debug)]
 pub(crate) struct Term<'a> {
@@ -71,8 +31,11 @@ pub(crate) struct Term<'a> {
     pub(crate) first: usize,
     /// Whether the fit may use a prior where the recordings do not determine all parameters of the effect.
     pub(crate) partly: bool,
-    /// Temperature histories of the recordings; `None` if the term does not depend on them.
-    histories: Option<TemperatureHistories>,
+    /// Temperature histories at the time constant of this term; `None` before [`Terms::with_histories`], and if the
+    /// term does not depend on them.
+    pub(super) histories: Option<TemperatureHistories>,
+    /// Derivatives of the histories with respect to the time constant, if it is estimated.
+    pub(super) by_time_constant: Option<TemperatureHistories>,
 }
 
 #[derive(Clone, Debug)]
@@ -123,60 +86,46 @@ impl Term<'_> {
                     *column = Vector3::new(row[k], row[p + k], row[2 * p + k]);
                 }
             }
-            Kind::Frozen(effect, shape) => self.set_field(effect, state, sample, shape, own),
+            Kind::Frozen(effect, shape) => set_field(effect, state, self.histories.as_ref(), sample, shape, own),
             Kind::Catalogue(effect) if effect.shape.is_some() => {
                 let (linear, shape) = values[self.first..=self.first + self.linear].split_at(self.linear);
-                self.set_field(effect, state, sample, shape[0], own);
-                own[self.linear] = self.shape_column(effect, linear, shape[0], (state, sample));
+                set_field(effect, state, self.histories.as_ref(), sample, shape[0], own);
+                own[self.linear] = self.shape_column(effect, linear, shape[0], state, sample);
             }
-            Kind::Catalogue(effect) => self.set_field(effect, state, sample, 1.0, own),
+            Kind::Catalogue(effect) => set_field(effect, state, self.histories.as_ref(), sample, 1.0, own),
         }
     }
 
-    /// Writes the columns of a catalogue effect to the front of `room`, which holds at least [`MAX_PARAMETERS`]
-    /// columns.
-    #[inline]
-    fn set_field(
-        &self,
-        effect: &Effect<f64>,
-        state: &State<f64>,
-        sample: Sample,
-        shape: f64,
-        room: &mut [Vector3<f64>],
-    ) {
-        let Some(columns) = room.first_chunk_mut() else { return };
-        match &self.histories {
-            None => effect.field(state, shape, columns),
-            Some(histories) => {
-                let mut state = *state;
-                let time_s = state.surroundings.time_s.unwrap_or_default();
-                state.surroundings.temperature_history = histories.at(sample.recording, time_s, shape);
-                effect.field(&state, shape, columns);
-            }
-        }
-    }
-
-    /// Derivative `d(Phi theta)/d(shape)` by a central difference.
+    /// Derivative `d(Phi theta)/d(shape)`.
     fn shape_column(
         &self,
         effect: &Effect<f64>,
         linear: &[f64],
         shape: f64,
-        (state, sample): (&State<f64>, Sample),
+        state: &State<f64>,
+        sample: Sample,
     ) -> Vector3<f64> {
-        let sum = |shape: f64| {
+        let sum = |shape: f64, histories: Option<&TemperatureHistories>| {
             let mut columns: Columns<f64> = [Vector3::zeros(); MAX_PARAMETERS];
-            self.set_field(effect, state, sample, shape, &mut columns);
+            set_field(effect, state, histories, sample, shape, &mut columns);
             columns.iter().zip(linear).map(|(column, value)| column * *value).sum::<Vector3<f64>>()
         };
+        // The field is linear in the history, so the derivative of the field is the field of the derivative.
+        if self.by_time_constant.is_some() {
+            return sum(shape, self.by_time_constant.as_ref());
+        }
         let step = SHAPE_STEP * shape;
-        (sum(shape + step) - sum(shape - step)) / (2.0 * step)
+        (sum(shape + step, None) - sum(shape - step, None)) / (2.0 * step)
     }
 
     /// Whether the term may vary during a rest, because it depends on time or on a known temperature.
     pub(super) fn changes_at_rest(&self, temperature_is_known: bool) -> bool {
-        let needs = |need| self.effect().is_some_and(|effect| effect.needs.contains(&need));
-        needs(Need::Time) || (temperature_is_known && needs(Need::Temperature))
+        self.needs(Need::Time) || (temperature_is_known && self.needs(Need::Temperature))
+    }
+
+    /// Whether the term depends on the quantity `need`.
+    pub(super) fn needs(&self, need: Need) -> bool {
+        self.effect().is_some_and(|effect| effect.needs.contains(&need))
     }
 
     /// Whether the term depends on the true value of `sensor`.
@@ -220,11 +169,14 @@ impl Term<'_> {
     }
 }
 
-/// Recording and sample index at which user-defined effects and temperature histories are looked up.
+/// Samples of a recording at which user-defined effects and temperature histories are looked up. A user-defined effect
+/// is evaluated at the first sample, and a temperature history is averaged over all of them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sample {
     pub(crate) recording: usize,
     pub(crate) index: usize,
+    /// Number of samples, at least 1.
+    pub(crate) count: usize,
 }
 
 /// All terms of a fit, in the order of their parameters.
@@ -237,7 +189,6 @@ pub(crate) struct Terms<'a> {
     pub(crate) sensors: Vec<Sensor>,
     /// Kinds of residuals used in addition to the residuals of rests and moves.
     pub(crate) kinds: Kinds,
-    pub(super) histories: TemperatureHistories,
 }
 
 /// Terms that act on one sensor, with consecutive parameters.
@@ -250,39 +201,14 @@ pub(super) struct SideBySide<'a> {
     pub(super) places: Vec<usize>,
 }
 
-/// Kinds of residuals used in a fit in addition to the residuals of rests and moves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Kinds {
-    /// Specific force inside the moves (model.md (20)).
-    pub(crate) in_motion: bool,
-    /// Encoder angles of a stand (model.md (21)); the fit then also estimates the parameters of the stand.
-    pub(crate) encoders: bool,
-}
-
-impl Kinds {
-    /// Kinds of residuals that are needed to observe the effects.
-    pub(crate) fn needed_by(choices: &[EffectChoice]) -> Self {
-        Self {
-            in_motion: choices.iter().any(|choice| choice.effect.needs.contains(&Need::AngularAcceleration)),
-            encoders: choices.iter().any(|choice| choice.effect.sensor == Sensor::Encoder),
-        }
-    }
-
-    /// Whether residuals inside the moves are used.
-    pub(super) fn look_inside(self) -> bool {
-        self.in_motion || self.encoders
-    }
-}
-
 impl<'a> Terms<'a> {
     pub(crate) fn try_new(
         choices: &[EffectChoice],
         fields: &'a [UserField<'a>],
-        (samples, histories): (&[usize], &TemperatureHistories),
+        samples: &[usize],
         kinds: Kinds,
     ) -> Result<Self, Error> {
-        let histories = histories.clone();
-        let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new(), kinds, histories };
+        let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new(), kinds };
         for choice in choices {
             terms.push(Kind::Catalogue(choice.effect), choice.effect.sensor, choice.parameters)?;
         }
@@ -318,12 +244,8 @@ impl<'a> Terms<'a> {
     }
 
     fn push(&mut self, kind: Kind<'a>, sensor: Sensor, linear: usize) -> Result<(), Error> {
-        let needs_history = match kind {
-            Kind::Catalogue(effect) | Kind::Frozen(effect, _) => effect.needs.contains(&Need::TemperatureHistory),
-            Kind::User(_) => false,
-        };
-        let histories = needs_history.then(|| self.histories.clone());
-        let term = Term { kind, sensor, linear, first: self.count, partly: false, histories };
+        let (first, partly) = (self.count, false);
+        let term = Term { kind, sensor, linear, first, partly, histories: None, by_time_constant: None };
         let twice = |other: &Term<'_>| other.name() == term.name() && other.frozen_shape().is_none();
         if self.all.iter().any(twice) {
             return Err(Error::Input(format!("{} is asked for twice: name each effect once", term.name())));
@@ -387,7 +309,7 @@ impl<'a> Terms<'a> {
 
     /// The terms on one sensor, with new consecutive indices.
     pub(super) fn side_by_side(&self, sensor: Sensor, values: &[f64]) -> SideBySide<'a> {
-        let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new(), ..self.clone() };
+        let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new(), kinds: self.kinds };
         for term in self.all.iter().filter(|term| term.sensor == sensor) {
             terms.all.push(Term { first: terms.count, ..term.clone() });
             terms.count += term.count();
@@ -409,6 +331,24 @@ impl<'a> Terms<'a> {
 
     /// Whether any term depends on the quantity `need`.
     pub(crate) fn needs(&self, need: Need) -> bool {
-        self.all.iter().any(|term| term.effect().is_some_and(|effect| effect.needs.contains(&need)))
+        self.all.iter().any(|term| term.needs(need))
     }
+}
+
+/// Computes the columns of a catalogue effect, with its temperature history if it depends on it. They are written to
+/// the first entries of `room`, which holds at least [`MAX_PARAMETERS`] columns.
+#[inline]
+fn set_field(
+    effect: &Effect<f64>,
+    state: &State<f64>,
+    histories: Option<&TemperatureHistories>,
+    sample: Sample,
+    shape: f64,
+    room: &mut [Vector3<f64>],
+) {
+    let Some(columns) = room.first_chunk_mut() else { return };
+    let Some(histories) = histories else { return effect.field(state, shape, columns) };
+    let mut state = *state;
+    state.surroundings.temperature_history = histories.at(sample);
+    effect.field(&state, shape, columns);
 }

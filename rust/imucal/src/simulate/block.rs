@@ -6,6 +6,7 @@
 //! same bytes for any number of threads.
 
 use imucal_core::so3;
+use imucal_core::temperature_memory::{TemperatureHistory, TemperatureMemory};
 use nalgebra::Vector3;
 
 use super::faults::Clock;
@@ -16,6 +17,7 @@ use super::stream::Stream;
 use super::truth::Truth;
 use super::{Added, Setup, Simulation};
 use crate::numerics::workers::share_out;
+use crate::recording::REFERENCE_TEMPERATURE_DEGC;
 
 /// Number of internal time steps in a block. The buffers of such a block fit into the processor's cache.
 const BLOCK_STEPS: usize = 32_768;
@@ -43,6 +45,7 @@ pub(super) fn fill(plan: &Plan, run: &mut Simulation, triads: [&mut Sampler; 2],
     for first in (0..samples).step_by(block_samples) {
         let end = samples.min(first + block_samples);
         buffers.draw(&run.time_s[first..end], clock);
+        buffers.remember(&plan.truth);
         share_out(plan.threads, pieces(plan, run, &mut buffers, first, end), |piece| piece.fill(plan));
 
         let steps = plan.steps * (end - first);
@@ -63,6 +66,10 @@ struct Buffers {
     true_time_s: Vec<f64>,
     encoder_noise: Vec<Vector3<f64>>,
     encoders: Option<Generators>,
+    /// Memory of the temperatures, and the instant of its last temperature, s; `None` if no effect depends on it.
+    memory: Option<(TemperatureMemory<f64>, Option<f64>)>,
+    /// Temperature history at the sample before the block and at each sample of the block. Empty without a memory.
+    history: Vec<TemperatureHistory<f64>>,
     seen_force: Vec<Seen>,
     seen_rate: Vec<Seen>,
 }
@@ -74,6 +81,8 @@ impl Buffers {
             true_time_s: Vec::with_capacity(samples),
             encoder_noise: vec![Vector3::zeros(); samples],
             encoders: noisy.then(|| [0, 1, 2].map(|motor| Stream::Encoder(motor).generator(plan.setup.seed))),
+            memory: plan.truth.needs_history().then(|| (TemperatureMemory::new(&plan.setup.unit.effects), None)),
+            history: Vec::new(),
             seen_force: vec![Seen::default(); samples * plan.steps],
             seen_rate: vec![Seen::default(); samples * plan.steps],
         }
@@ -87,6 +96,18 @@ impl Buffers {
             self.encoder_noise.iter_mut().take(stamps_s.len()).for_each(|noise| *noise = normals(generators));
         }
     }
+
+    /// Computes the temperature history at each sample of the block. The memory depends on all earlier samples, so the
+    /// order is that of the samples.
+    fn remember(&mut self, truth: &Truth) {
+        let Some((memory, last_s)) = &mut self.memory else { return };
+        self.history.clear();
+        self.history.push(memory.history());
+        self.history.extend(self.true_time_s.iter().map(|time_s| {
+            let step_s = last_s.replace(*time_s).map_or(0.0, |last_s| (time_s - last_s).max(0.0));
+            memory.update(step_s, truth.temperature_degc(*time_s) - REFERENCE_TEMPERATURE_DEGC)
+        }));
+    }
 }
 
 /// Consecutive rows of a run, which one thread fills.
@@ -94,6 +115,8 @@ struct Piece<'r> {
     first: usize,
     true_time_s: &'r [f64],
     encoder_noise: &'r [Vector3<f64>],
+    /// Temperature history at the sample before the piece and at each of its samples; empty if no effect depends on it.
+    history: &'r [TemperatureHistory<f64>],
     seen_force: &'r mut [Seen],
     seen_rate: &'r mut [Seen],
     specific_force: &'r mut [[f64; 3]],
@@ -132,6 +155,7 @@ fn pieces<'r>(
             first: first + k * samples,
             true_time_s,
             encoder_noise: encoder_noise.next().unwrap_or_default(),
+            history: buffers.history.get(k * samples..=k * samples + true_time_s.len()).unwrap_or_default(),
             seen_force: seen_force.next().unwrap_or_default(),
             seen_rate: seen_rate.next().unwrap_or_default(),
             specific_force: specific_force.next().unwrap_or_default(),
@@ -153,8 +177,8 @@ impl Piece<'_> {
         for (i, time_s) in self.true_time_s.iter().enumerate() {
             // The last internal step is at the instant of the sample, so the cursor is at this instant after the loop.
             for step in 1..=steps {
-                cursor.seek(time_s - (steps - step) as f64 * step_s);
                 let share = step as f64 / steps as f64;
+                cursor.seek(time_s - (steps - step) as f64 * step_s, history(self.history, i, share));
                 let (rate, force) = cursor.seen(added(plan.setup.added.as_ref(), self.first + i, share));
                 if let Some((seen_force, seen_rate)) = seen.next() {
                     *seen_force = Seen { value: force.into(), moving: cursor.moving };
@@ -174,6 +198,12 @@ impl Piece<'_> {
             }
         }
     }
+}
+
+/// Temperature history, interpolated linearly from the sample before `sample` (`share` 0) to `sample` (`share` 1).
+#[inline]
+fn history(rows: &[TemperatureHistory<f64>], sample: usize, share: f64) -> Option<TemperatureHistory<f64>> {
+    Some(rows.get(sample)?.between(rows.get(sample + 1)?, share))
 }
 
 /// Rate and force that the user adds to those of the motion. They are interpolated linearly from the previous sample

@@ -3,7 +3,7 @@
 mod record;
 
 use imucal_core::calibration::Calibration;
-use imucal_core::effects::{Effect, EffectValues, Need, State, Surroundings};
+use imucal_core::effects::{Effect, EffectValues, State, Surroundings};
 use imucal_core::sensor::Triad;
 use imucal_core::so3;
 use imucal_core::temperature_memory::TemperatureMemory;
@@ -216,10 +216,7 @@ fn each_effect_alone_is_what_the_calibration_says_of_the_true_state() {
             let mut calibration = Calibration::new(triad(&unit.accelerometer), triad(&unit.gyroscope));
             calibration.effects = unit.effects;
             let memory = TemperatureMemory::new(&unit.effects);
-            let history = temperature_history_of(memory, &run.time_s, &run.temperature_degc);
-            // The simulation interpolates the temperature history in a table with steps of 0.05 s.
-            let remembers = effect.has_need(Need::TemperatureHistory);
-            let of_history = if remembers { 0.03 * effect.parameters[0].typical } else { 0.0 };
+            let history: Vec<_> = temperature_history_of(memory, &run.time_s, &run.temperature_degc).collect();
             for i in 0..run.time_s.len() {
                 let state = State {
                     angular_rate: run.true_angular_rate[i].into(),
@@ -234,15 +231,8 @@ fn each_effect_alone_is_what_the_calibration_says_of_the_true_state() {
                     },
                 };
                 let (rate, force) = calibration.measure(&state);
-                let name = effect.name;
-                assert!(
-                    (Vector3::from(run.angular_rate[i]) - rate).norm() < 1e-14 + of_history,
-                    "{name} at sample {i}"
-                );
-                assert!(
-                    (Vector3::from(run.specific_force[i]) - force).norm() < 1e-13 + of_history,
-                    "{name} at sample {i}"
-                );
+                assert!((Vector3::from(run.angular_rate[i]) - rate).norm() < 1e-14, "{} at sample {i}", effect.name);
+                assert!((Vector3::from(run.specific_force[i]) - force).norm() < 1e-13, "{} at sample {i}", effect.name);
             }
             let on_unit = run.angular_rate != plain.angular_rate || run.specific_force != plain.specific_force;
             let on_encoders = run.stand_rad != plain.stand_rad;

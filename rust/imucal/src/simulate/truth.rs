@@ -10,16 +10,13 @@
 //! is that at the true instant of a sample, even if the time stamps are wrong.
 
 use imucal_core::effects::{EffectSet, Need, State, Surroundings};
-use imucal_core::temperature_memory::{TemperatureHistory, TemperatureMemory};
+use imucal_core::temperature_memory::TemperatureHistory;
 use nalgebra::Vector3;
 
 use super::motion::Motion;
 use super::temperature::Temperature;
 use super::unit::Unit;
 use crate::recording::REFERENCE_TEMPERATURE_DEGC;
-
-/// Time between two tabulated temperature histories, s. Between them the history is interpolated linearly.
-const HISTORY_STEP_S: f64 = 0.05;
 
 /// All inputs of the true state: motion, location and unit.
 pub(super) struct Truth<'a> {
@@ -29,9 +26,6 @@ pub(super) struct Truth<'a> {
     temperature: &'a Temperature,
     /// The temperature if it is constant over the run, degC.
     constant_degc: Option<f64>,
-    /// The temperature history every [`HISTORY_STEP_S`] from time 0 to the end of the motion. It is empty if no effect
-    /// depends on it, or if the temperature is constant.
-    history: Vec<TemperatureHistory<f64>>,
     rests: Vec<(f64, f64)>,
     /// Effects that are constant while the unit is at rest.
     steady: EffectSet<f64>,
@@ -53,26 +47,18 @@ impl<'a> Truth<'a> {
             // The new set is a subset of an `EffectSet`, so there is always room and the result can be ignored.
             let _ = place.push(*member);
         }
-        let needs_history = changing.iter().any(|member| member.effect().has_need(Need::TemperatureHistory));
-        let history = if needs_history { history(temperature, &unit.effects, motion.duration_s()) } else { Vec::new() };
-        let rests = motion.rests();
-        Self { motion, unit, gravity_mps2, temperature, constant_degc, history, rests, steady, changing }
+        Self { motion, unit, gravity_mps2, temperature, constant_degc, rests: motion.rests(), steady, changing }
     }
 
-    /// The temperature history at an instant; `None` if no effect depends on it.
+    /// Whether any effect depends on the history of a varying temperature.
+    pub(super) fn needs_history(&self) -> bool {
+        self.changing.iter().any(|member| member.effect().has_need(Need::TemperatureHistory))
+    }
+
+    /// Temperature at a time, degC.
     #[inline]
-    fn history_at(&self, time_s: f64) -> Option<TemperatureHistory<f64>> {
-        let last = self.history.len().checked_sub(1)?;
-        let place = (time_s / HISTORY_STEP_S).clamp(0.0, last as f64);
-        let before = (place as usize).min(last.saturating_sub(1));
-        let (a, b, share) = (self.history[before], self.history[(before + 1).min(last)], place - before as f64);
-        let between = |a: f64, b: f64| a + (b - a) * share;
-        Some(TemperatureHistory {
-            rate_kps: between(a.rate_kps, b.rate_kps),
-            direction: between(a.direction, b.direction),
-            gyroscope_lag_k: between(a.gyroscope_lag_k, b.gyroscope_lag_k),
-            accelerometer_lag_k: between(a.accelerometer_lag_k, b.accelerometer_lag_k),
-        })
+    pub(super) fn temperature_degc(&self, time_s: f64) -> f64 {
+        self.constant_degc.unwrap_or_else(|| self.temperature.at(time_s))
     }
 
     /// A cursor that computes the state at any instant. It is fastest if the instants increase.
@@ -113,14 +99,15 @@ pub(super) struct Cursor<'a> {
 }
 
 impl Cursor<'_> {
+    /// Moves to an instant. `history` is the temperature history at this instant, if any effect depends on it.
     #[inline]
-    pub(super) fn seek(&mut self, time_s: f64) {
+    pub(super) fn seek(&mut self, time_s: f64, history: Option<TemperatureHistory<f64>>) {
         let truth = self.truth;
         let surroundings = &mut self.state.surroundings;
         surroundings.time_s = Some(time_s);
-        self.temperature_degc = truth.constant_degc.unwrap_or_else(|| truth.temperature.at(time_s));
+        self.temperature_degc = truth.temperature_degc(time_s);
         surroundings.temperature_difference_k = Some(self.temperature_degc - REFERENCE_TEMPERATURE_DEGC);
-        surroundings.temperature_history = truth.history_at(time_s);
+        surroundings.temperature_history = history;
         if !(self.from_s..=self.until_s).contains(&time_s) {
             self.move_to(time_s);
         }
@@ -157,11 +144,4 @@ impl Cursor<'_> {
             accelerometer.sensitivity * (self.state.specific_force + (on_force + added.1)) + accelerometer.bias,
         )
     }
-}
-
-/// The temperature history every [`HISTORY_STEP_S`] over a run.
-fn history(temperature: &Temperature, effects: &EffectSet<f64>, duration_s: f64) -> Vec<TemperatureHistory<f64>> {
-    let mut memory = TemperatureMemory::new(effects);
-    let steps = (duration_s / HISTORY_STEP_S).ceil() as usize + 1;
-    (0..=steps).map(|k| memory.update(HISTORY_STEP_S, temperature.at(k as f64 * HISTORY_STEP_S))).collect()
 }

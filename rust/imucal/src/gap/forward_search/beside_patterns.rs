@@ -288,7 +288,7 @@ impl ForwardSearch<'_> {
         varying: &[Varying],
     ) -> Result<Option<Extended>, Error> {
         let (own, fields) = self.of_members(open, &stage.members);
-        let terms = Terms::try_new(&own, &fields, self.inputs(), self.kinds)?;
+        let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
         let setting = Setting::new(prepared, &terms, &stage.model)?;
         if !setting.has_axes(stage.design.axes()) {
             return Ok(None);

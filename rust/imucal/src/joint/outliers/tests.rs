@@ -6,7 +6,7 @@ use nalgebra::Rotation3;
 use super::*;
 use crate::calibrate::{Options, Outcome, calibrate, prepare};
 use crate::evaluate::MoveReport;
-use crate::joint::{EffectChoice, TemperatureHistories};
+use crate::joint::EffectChoice;
 use crate::recording::Recording;
 use crate::rests::unit_rest::UnitRest;
 use crate::simulate::{Program, RandomMoves, Simulation, Unit, simulate};
@@ -130,8 +130,7 @@ fn bad_ones_do_not_hide_each_other() {
 /// Runs `work` with the inputs of a joint fit and its best model.
 fn with(run: &Simulation, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, &Model)) {
     let recording: Recording<'_> = run.recording("run");
-    let histories = TemperatureHistories::for_effects(std::iter::empty(), &[]);
-    let terms = Terms::try_new(&[], &[], (&[run.time_s.len()], &histories), NONE).unwrap();
+    let terms = Terms::try_new(&[], &[], &[run.time_s.len()], NONE).unwrap();
     prepare(&[recording], NONE, |prepared, accelerometer, gyroscope| {
         work(prepared, &terms, &crate::joint::fit(prepared, &terms, [accelerometer, gyroscope], None)?.model);
         Ok(())
@@ -158,8 +157,7 @@ fn a_rest_with_a_wrong_rate_is_named() {
 fn the_end_of_a_fit_is_judged_as_if_linearised_anew() {
     let run = paper(2).with_bad_move(20);
     let recording: Recording<'_> = run.recording("run");
-    let histories = TemperatureHistories::for_effects(std::iter::empty(), &[]);
-    let terms = Terms::try_new(&[], &[], (&[run.time_s.len()], &histories), NONE).unwrap();
+    let terms = Terms::try_new(&[], &[], &[run.time_s.len()], NONE).unwrap();
     prepare(&[recording], NONE, |prepared, accelerometer, gyroscope| {
         let fit = crate::joint::fit(prepared, &terms, [accelerometer, gyroscope], None)?;
         let anew = prepared.linearise(&terms, &fit.model.parameters())?;

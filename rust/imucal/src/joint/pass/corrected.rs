@@ -121,7 +121,7 @@ impl Route<'_> {
                 *attitude *= so3::exp(&increment(&all.rate[k - 1], &(seen_rate - added_rate), h));
             }
             around.rotation_world_from_body = attitude;
-            let sample = Sample { recording: self.span.recording, index };
+            let sample = Sample { recording: self.span.recording, index, count: 1 };
             let state = settling.settle(seen_rate, seen_force, &around, sample);
             (all.rate[k], all.force[k]) = (state.angular_rate, state.specific_force);
             added_rate = seen_rate - all.rate[k];

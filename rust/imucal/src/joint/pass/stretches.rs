@@ -159,7 +159,8 @@ impl Route<'_> {
         columns: &mut [Vector3<f64>],
     ) {
         let (recording, samples) = (self.span.recording, |k: usize| self.samples(stretches.groups, k));
-        let sample = Sample { recording, index: samples(k).start };
+        let Range { start: index, end } = samples(k);
+        let sample = Sample { recording, index, count: end - index };
         terms.columns_at(values, &stretches.states[k], sample, columns);
         if terms.has_user_fields() {
             terms.user_means(recording, &samples(k), columns);

@@ -8,9 +8,10 @@ use nalgebra::Vector3;
 
 use super::Joint;
 use crate::error::Error;
+use crate::joint::choices::Kinds;
 use crate::joint::linear::Linear;
 use crate::joint::model::Model;
-use crate::joint::terms::{Kinds, Term};
+use crate::joint::terms::Term;
 use crate::numerics::lsq::Solution;
 
 /// The first-order update is used up to this distance from the last linearisation. The distance is the norm of the

@@ -1,0 +1,68 @@
+//! What a fit estimates in addition to the base parameters, and the residuals that it uses.
+
+use imucal_core::effects::{Effect, Need, Sensor};
+
+/// An effect of the catalogue to be estimated.
+#[derive(Clone, Copy, Debug)]
+pub struct EffectChoice {
+    /// Entry of the effect in the catalogue.
+    pub effect: &'static Effect<f64>,
+    /// Number of parameters of the form to be estimated ([`Effect::has_form`]).
+    pub parameters: usize,
+}
+
+impl EffectChoice {
+    /// The plain form of an effect, with the fewest parameters.
+    pub fn plain(effect: &'static Effect<f64>) -> Self {
+        Self { effect, parameters: effect.plain }
+    }
+
+    /// The effect as a candidate of a search: an effect of the temperature in its full form, because the search selects
+    /// the degree of its polynomial, and any other effect in its plain form.
+    pub fn candidate(effect: &'static Effect<f64>) -> Self {
+        if effect.needs.contains(&Need::Temperature) { Self::full(effect) } else { Self::plain(effect) }
+    }
+
+    /// The full form of an effect, with all parameters.
+    pub fn full(effect: &'static Effect<f64>) -> Self {
+        Self { effect, parameters: effect.parameters.len() }
+    }
+}
+
+/// User-defined effect, given by its columns (derivatives of the sensor reading) at every sample.
+#[derive(Clone, Debug)]
+pub struct UserField<'a> {
+    /// Name of the effect, used in messages and results.
+    pub name: &'a str,
+    /// Sensor on which the effect acts.
+    pub sensor: Sensor,
+    /// Typical size of each parameter, in SI units.
+    pub typical: Vec<f64>,
+    /// Derivatives at each sample, one slice per recording. Each slice has the shape (N, 3, p) in C order: sample,
+    /// axis, parameter.
+    pub columns: Vec<&'a [f64]>,
+}
+
+/// Kinds of residuals used in a fit in addition to the residuals of rests and moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Kinds {
+    /// Specific force inside the moves (model.md (20)).
+    pub(crate) in_motion: bool,
+    /// Encoder angles of a stand (model.md (21)); the fit then also estimates the parameters of the stand.
+    pub(crate) encoders: bool,
+}
+
+impl Kinds {
+    /// Kinds of residuals that are needed to observe the effects.
+    pub(crate) fn needed_by(choices: &[EffectChoice]) -> Self {
+        Self {
+            in_motion: choices.iter().any(|choice| choice.effect.needs.contains(&Need::AngularAcceleration)),
+            encoders: choices.iter().any(|choice| choice.effect.sensor == Sensor::Encoder),
+        }
+    }
+
+    /// Whether residuals inside the moves are used.
+    pub(super) fn look_inside(self) -> bool {
+        self.in_motion || self.encoders
+    }
+}
