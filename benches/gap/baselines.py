@@ -141,7 +141,9 @@ def ask(measured: imucal.Recording, candidates: Sequence[str] | None = None) -> 
     wanted = candidates or [effect.name for effect in imucal.effects.catalogue()]
     start = time.perf_counter()
     try:
-        design = _core.gap_design([measured], OPTIONS, [(name, False) for name in wanted])
+        design = _core.gap_design(
+            [measured], OPTIONS, [(name, imucal.effects.find(name).plain) for name in wanted]
+        )
     except imucal.ImucalError:
         return {}
     # An effect with a time constant stands there once for each of several: they are rivals like all others.

@@ -24,8 +24,8 @@ from gap.rates import Rate
 from gap.thermal_cases import CLEAN, FAMILIES, pose
 
 REPORT: Final = Path(__file__).parents[2] / "docs/results/thermal.md"
-# Cases 0 to 99 of each family were used while the search was written, so that they prove nothing about it.
-FIRST: Final = 100
+# Cases 0 to 199 of each family were used while the search was written, so that they prove nothing about it.
+FIRST: Final = 200
 
 
 def asked(family: str, index: int) -> dict[str, Any]:
@@ -88,10 +88,10 @@ def _parts(rows: list[dict[str, Any]]) -> Iterator[str]:
     yield INTRODUCTION.format(cases=len(rows), hidden=len(hidden), clean=len(clean))
     yield "## Families\n"
     yield (
-        "| family | named, and nothing else | named | tau within 10 % | tau, median error | "
-        "within two sigma of tau | control gap closed, median |"
+        "| family | named, and nothing else | named | verdict `named` | tau within 10 % | "
+        "tau, median error | within two sigma of tau | control gap closed, median |"
     )
-    yield "| --- | ---: | ---: | ---: | ---: | ---: | ---: |"
+    yield "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
     for family in dict.fromkeys(row["family"] for row in hidden):
         own = [row for row in hidden if row["family"] == family]
         timed = [row for row in own if row["tau_s"] and row["found_tau_s"]]
@@ -101,6 +101,7 @@ def _parts(rows: list[dict[str, Any]]) -> Iterator[str]:
         yield (
             f"| {family} | {Rate.count(map(is_right, own))} | "
             f"{Rate.count(set(row['truth']) <= set(row['named']) for row in own)} | "
+            f"{Rate.count(row['verdict'] == 'named' for row in own)} | "
             f"{Rate.count(error < 0.1 for error in errors)} | "
             + (f"{100 * np.median(errors):.1f} %" if errors else "-")
             + f" | {sure} | {np.median(closed):.3f} |"
@@ -131,9 +132,13 @@ the error that no straight line in the temperature describes has a chi2, after t
 fitted, of 25 times the noncentrality 27.
 
 * Rate: the bias follows the exact derivative of the temperature. The rate of the catalogue has a delay of
-  4 s, so the search names a lag instead.
+  1 s.
 * Named, and nothing else: the effects are the truth alone, or with `*_bias_temperature` of the same
   sensor.
+* Verdict `named`: other verdicts are mostly `ambiguous`, because an alias describes the recording nearly as
+  well.
+* tau: if the temperature effect beside a lag is not significant, the lag is fitted alone. The error of tau is
+  then often larger than its standard deviation.
 * Control gap closed: reduction of chi2 of the control recording, relative to the same recordings without the
   error.
 """

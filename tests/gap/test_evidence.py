@@ -30,7 +30,9 @@ class Reference:
 
     def __init__(self, recording, names):
         options = Options(gravity_mps2=imucal.units.STANDARD_GRAVITY_MPS2, min_rest_s=_core.MIN_REST_S)
-        design = _core.gap_design([recording], options, [(name, False) for name in names])
+        design = _core.gap_design(
+            [recording], options, [(name, imucal.effects.find(name).plain) for name in names]
+        )
         # Base columns of length one, and columns of effects with their typical sizes.
         columns = [design.base / np.linalg.norm(design.base, axis=0)]
         # An effect with a time constant has one set of columns for each of four values.

@@ -127,8 +127,8 @@ def find_gap(
         if not all(map(is_soak, unit_data)):
             raise
         raise NotEnoughMotionError(
-            f"{error}; a temperature sweep in one pose determines only how the biases depend on the temperature: "
-            "use imucal soak"
+            f"{error}; a temperature sweep in one pose determines only how the biases depend on the "
+            "temperature: use imucal soak"
         ) from error
     # Laws are searched only if no candidates are given.
     return with_laws(question, found) if candidates is None else found

@@ -88,13 +88,12 @@ impl TemperatureHistories {
     /// Mean history over samples of a recording. `None` if the temperature of the recording is unknown.
     pub(super) fn at(&self, Sample { recording, index, count }: Sample) -> Option<TemperatureHistory<f64>> {
         let nodes = self.0.get(recording)?.as_ref()?;
-        // Points one stride apart, which are centred in the range of the samples.
-        let (last, stride) = (count.saturating_sub(1), nodes.stride);
-        let points = last / stride + 1;
-        let first = index as f64 + (last % stride) as f64 / 2.0;
-        let mut mean = nodes.at(first);
+        // The middles of equal sections, each at most a stride long.
+        let points = count.div_ceil(nodes.stride).max(1);
+        let place = |point: usize| index as f64 + (point as f64 + 0.5) * count as f64 / points as f64 - 0.5;
+        let mut mean = nodes.at(place(0));
         for point in 1..points {
-            mean = mean.between(&nodes.at(first + (point * stride) as f64), 1.0 / (point + 1) as f64);
+            mean = mean.between(&nodes.at(place(point)), 1.0 / (point + 1) as f64);
         }
         Some(mean)
     }
