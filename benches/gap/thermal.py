@@ -135,10 +135,9 @@ fitted, of 25 times the noncentrality 27.
   1 s.
 * Named, and nothing else: the effects are the truth alone, or with `*_bias_temperature` of the same
   sensor.
-* Verdict `named`: other verdicts are mostly `ambiguous`, because an alias describes the recording nearly as
-  well.
-* tau: if the temperature effect beside a lag is not significant, the lag is fitted alone. The error of tau is
-  then often larger than its standard deviation.
+* Verdict `named`: the verdict is `ambiguous` if an alias describes the recording nearly as well.
+* tau: if the temperature effect beside a lag is not significant, the lag is fitted alone. Its standard
+  deviation then does not contain the error by the missing effect.
 * Control gap closed: reduction of chi2 of the control recording, relative to the same recordings without the
   error.
 """
