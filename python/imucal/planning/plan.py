@@ -316,7 +316,7 @@ class _Planner:
 
     def _visible(self, run: Recording) -> tuple[dict[str, Size], tuple[NotObservable, ...], list[str]]:
         """Detection limits, effects that are not observable, and notes if there are no detection limits."""
-        candidates = [(effect.name, False) for effect in catalogue()]
+        candidates = [(effect.name, effect.plain) for effect in catalogue()]
         try:
             visible, blind = _core.smallest_visible([run], self._options(), candidates)
         except ImucalError as error:

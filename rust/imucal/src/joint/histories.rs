@@ -100,10 +100,11 @@ impl TemperatureHistories {
 }
 
 impl Nodes {
-    /// History at a sample, or between two samples if its index is not an integer.
+    /// History at a sample, or between two samples if its index is not an integer. The samples after the last node are
+    /// extrapolated from the last two nodes.
     fn at(&self, sample: f64) -> TemperatureHistory<f64> {
         let place = sample / self.stride as f64;
-        let before = (place as usize).min(self.history.len() - 1);
+        let before = (place as usize).min(self.history.len().saturating_sub(2));
         let after = (before + 1).min(self.history.len() - 1);
         self.history[before].between(&self.history[after], place - before as f64)
     }
