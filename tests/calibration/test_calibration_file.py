@@ -332,7 +332,7 @@ BAD_FIELDS = {
     ),
     "short effect": (
         lambda d: d["effects"][0]["parameters"].pop(),
-        r"\$\.effects\[0\]\.parameters has 2 items, 3 or 6 are needed",
+        r"\$\.effects\[0\]\.parameters has 2 items, 3 or 6 or 9 are needed",
     ),
     "other parameter": (
         put("effects", 0, "parameters", 1, "name", value="q"),

@@ -41,13 +41,14 @@ mod g_sensitivity;
 mod scale;
 mod temperature;
 mod temperature_history;
+pub mod temperature_memory;
 mod terms;
 mod values;
 
 #[cfg(test)]
 mod tests;
 
-use crate::temperature_memory::TemperatureHistory;
+use crate::effects::temperature_memory::TemperatureHistory;
 use crate::vector::each;
 use terms::{Terms, effect, same};
 pub use values::{EffectError, EffectSet, EffectValues, MAX_EFFECTS, MAX_PASSES};
@@ -82,7 +83,7 @@ pub struct Surroundings<F: RealField + Copy> {
     pub rotation_world_from_body: Option<UnitQuaternion<F>>,
     /// Temperature of the sensor minus the reference temperature of the sensitivities and biases, K.
     pub temperature_difference_k: Option<F>,
-    /// Variables of the temperature history, from [`TemperatureMemory`](crate::temperature_memory::TemperatureMemory).
+    /// Variables of the temperature history, from [`TemperatureMemory`](crate::effects::temperature_memory::TemperatureMemory).
     pub temperature_history: Option<TemperatureHistory<F>>,
     /// Time since power-on, or since another reference instant that the calibration defines, s.
     pub time_s: Option<F>,

@@ -83,8 +83,9 @@ pub mod rest;
 pub mod sensor;
 pub mod so3;
 pub mod stored;
-pub mod temperature_memory;
 mod vector;
+
+pub use effects::temperature_memory;
 
 /// Standard gravity, m/s^2. It is the unit g in datasheets.
 pub const STANDARD_GRAVITY_MPS2: f64 = 9.80665;

@@ -1,5 +1,6 @@
 //! The catalogue of effects for Python: its rows, the fields of the effects, and the conversion of effects with values.
 
+use imucal::calibrate::EffectChoice;
 use imucal::correct::temperature_history_of;
 use imucal::error::Error;
 use imucal::recording::REFERENCE_TEMPERATURE_DEGC;
@@ -238,4 +239,18 @@ pub(crate) fn temperature_history<'py>(
     let history: Vec<_> = py.detach(|| temperature_history_of(memory, times, degc).collect());
     let array = |of: fn(&TemperatureHistory<f64>) -> f64| history.iter().map(of).collect::<Vec<_>>().into_pyarray(py);
     Ok((array(|own| own.rate_kps), array(|own| own.direction), array(|own| own.gyroscope_lag_k)))
+}
+
+/// Effects by name, each with the number of parameters of its form.
+pub(crate) fn choices(candidates: &[(String, usize)]) -> Result<Vec<EffectChoice>, Error> {
+    candidates.iter().map(|(name, parameters)| choice(name, *parameters)).collect()
+}
+
+fn choice(name: &str, parameters: usize) -> Result<EffectChoice, Error> {
+    let effect = find(name)?;
+    if effect.has_form(parameters) {
+        Ok(EffectChoice { effect, parameters })
+    } else {
+        Err(Error::Input(format!("{name} has no form with {parameters} parameters")))
+    }
 }

@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 
 use crate::arrays::RecordingColumns;
 use crate::calibration::{CalibrationArrays, TriadArrays};
-use crate::effects::find;
+use crate::effects::{choices, find};
 use crate::error::{ToPython, finding};
 use crate::interrupt::interruptible;
 use crate::mappings::Fields;
@@ -384,18 +384,4 @@ pub(crate) fn gap_design(
         groups: PyArray1::from_vec(py, found.groups).unbind(),
         items: PyArray1::from_vec(py, found.items).unbind(),
     })
-}
-
-/// Effects by name, each with the number of parameters of its form.
-pub(crate) fn choices(candidates: &[(String, usize)]) -> Result<Vec<EffectChoice>, Error> {
-    candidates.iter().map(|(name, parameters)| choice(name, *parameters)).collect()
-}
-
-fn choice(name: &str, parameters: usize) -> Result<EffectChoice, Error> {
-    let effect = find(name)?;
-    if effect.has_form(parameters) {
-        Ok(EffectChoice { effect, parameters })
-    } else {
-        Err(Error::Input(format!("{name} has no form with {parameters} parameters")))
-    }
 }

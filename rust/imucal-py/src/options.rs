@@ -7,8 +7,8 @@ use imucal::held::{Hold, KnownAccelerometer, ParameterModel, Priors};
 use pyo3::prelude::*;
 
 use crate::arrays::UserFieldArrays;
+use crate::effects::choices;
 use crate::error::ToPython;
-use crate::gap::choices;
 
 pub(crate) fn frame_named(name: &str) -> Result<Frame, Error> {
     match name {

@@ -6,8 +6,8 @@ use imucal::plan::{self as library, Axis, Goal, Limits, Search, Sensors, Zone};
 use pyo3::prelude::*;
 
 use crate::arrays::RecordingColumns;
+use crate::effects::choices;
 use crate::error::ToPython;
-use crate::gap::choices;
 use crate::interrupt::interruptible;
 use crate::options::{CalibrateOptions, HeldTuple, priors};
 use crate::simulation::{Motion, StepTuple, UnitArrays, steps};

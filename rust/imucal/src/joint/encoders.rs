@@ -23,8 +23,9 @@ use imucal_core::effects::{Sensor, StandState, State, Surroundings};
 use imucal_core::so3;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
+use super::histories::Sample;
 use super::move_ends::EndDirection;
-use super::terms::{Sample, Terms};
+use super::terms::Terms;
 use crate::error::Error;
 use crate::numerics::derivative::Derivative;
 use crate::numerics::stats::median;

@@ -3,23 +3,29 @@
 //! The memory takes every temperature of a recording, as in the correction of the recording. The history is kept at
 //! nodes, which are some of the samples, and is interpolated linearly between them.
 
-use std::borrow::Cow;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use imucal_core::effects::Need;
 use imucal_core::temperature_memory::{TemperatureHistory, TemperatureMemory};
 
-use super::prepared::Prepared;
-use super::terms::{SHAPE_STEP, Sample, Terms};
 use crate::correct::temperature_history_of;
 use crate::recording::Recording;
 
-/// Maximum time between two nodes, s. The interpolation error of the rate, which varies with a time constant of 2 s, is
-/// then below 2e-5 of the rate.
+/// Maximum time between two nodes, s. The rate varies with a time constant of 0.5 s, so its interpolation error is then
+/// at most 2e-4 of its change.
 const NODE_S: f64 = 0.02;
 /// Maximum number of nodes of a recording, which limits the memory of the process. In recordings longer than half an
 /// hour, the nodes are further apart.
 const MOST_NODES: usize = 100_000;
+
+/// Samples of a recording at which user-defined effects and temperature histories are looked up. A user-defined effect
+/// is evaluated at the first sample, and a temperature history is averaged over all of them.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sample {
+    pub(crate) recording: usize,
+    pub(crate) index: usize,
+    /// Number of samples, at least 1.
+    pub(crate) count: usize,
+}
 
 /// The temperature history of each recording of a fit, in which both lags have the same time constant.
 #[derive(Clone, Debug)]
@@ -38,7 +44,7 @@ struct Nodes {
 }
 
 impl SharedHistories {
-    fn get(&self, recordings: &[Recording<'_>], tau_s: Option<f64>) -> TemperatureHistories {
+    pub(super) fn get(&self, recordings: &[Recording<'_>], tau_s: Option<f64>) -> TemperatureHistories {
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, histories)) = known.iter().find(|(own, _)| *own == tau_s) {
             return histories.clone();
@@ -59,8 +65,8 @@ impl TemperatureHistories {
     }
 
     /// The derivatives of the histories with respect to the time constant of the lags, per second.
-    pub(super) fn derivative(recordings: &[Recording<'_>], tau_s: f64) -> Self {
-        let step_s = SHAPE_STEP * tau_s;
+    /// They are central differences with the step `step_s`.
+    pub(super) fn derivative(recordings: &[Recording<'_>], tau_s: f64, step_s: f64) -> Self {
         let memory = TemperatureMemory::with_time_constants(Some(tau_s + step_s), Some(tau_s - step_s));
         Self::map(recordings, memory, |history| {
             let by_tau = (history.gyroscope_lag_k - history.accelerometer_lag_k) / (2.0 * step_s);
@@ -107,28 +113,6 @@ impl Nodes {
         let before = (place as usize).min(self.history.len().saturating_sub(2));
         let after = (before + 1).min(self.history.len() - 1);
         self.history[before].between(&self.history[after], place - before as f64)
-    }
-}
-
-impl Terms<'_> {
-    /// The terms with the temperature histories of the recordings at the time constants in `values`. Without them, the
-    /// fields of effects of the temperature history are zero.
-    pub(super) fn with_histories(&self, prepared: &Prepared<'_>, values: &[f64]) -> Cow<'_, Self> {
-        if !self.needs(Need::TemperatureHistory) {
-            return Cow::Borrowed(self);
-        }
-        let Prepared { recordings, histories, .. } = prepared;
-        let mut terms = self.clone();
-        for term in terms.all.iter_mut().filter(|term| term.needs(Need::TemperatureHistory)) {
-            if term.has_shape() {
-                let tau_s = values[term.first + term.linear];
-                term.histories = Some(TemperatureHistories::new(recordings, Some(tau_s)));
-                term.by_time_constant = Some(TemperatureHistories::derivative(recordings, tau_s));
-            } else {
-                term.histories = Some(histories.get(recordings, term.frozen_shape()));
-            }
-        }
-        Cow::Owned(terms)
     }
 }
 

@@ -176,7 +176,7 @@ impl Prepared<'_> {
     /// Residuals and their derivatives at these parameters.
     pub(crate) fn linearise(&self, terms: &Terms<'_>, parameters: &[f64]) -> Result<Linear, Error> {
         let model = Model::of(parameters, terms)?;
-        let terms = &*terms.with_histories(self, &model.values);
+        let terms = &*terms.with_histories(self.recordings, self.histories, &model.values);
         let rests = Rests::new(self, &model, terms);
         let ends: Vec<_> = (0..self.moves.len()).map(|index| rests.ends(index)).collect();
         let (has_blocks, evaluated) = (terms.kinds.look_inside(), EvaluatedTerms::new(&model, terms));

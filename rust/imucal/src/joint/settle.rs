@@ -6,8 +6,9 @@ use imucal_core::effects::{MAX_PARAMETERS, Sensor, State, Surroundings};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::choices::UserField;
+use super::histories::Sample;
 use super::model::Part;
-use super::terms::{Kind, Sample, Term, Terms};
+use super::terms::{Kind, Term, Terms};
 
 /// Maximum number of fixed-point iterations. Each iteration multiplies the error by about 0.01 for effects of typical
 /// size.

@@ -9,17 +9,21 @@
 //! parameter, for example a time constant. The column of a shape parameter is `d(Phi theta)/d(shape)`. Every column is
 //! thus the derivative of the sensor reading, before multiplication by T, with respect to its parameter.
 
+use std::borrow::Cow;
+
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor, State};
 use nalgebra::Vector3;
 
 use super::choices::{EffectChoice, Kinds, UserField};
-use super::histories::TemperatureHistories;
+use super::histories::{Sample, SharedHistories, TemperatureHistories};
 use crate::error::Error;
 use crate::parameters::{BASE, STAND_PARAMETERS};
+use crate::recording::Recording;
 
 /// Step of the central difference with respect to a shape parameter, as a fraction of its value. The relative error of
 /// the derivative is about the square of this step.
-pub(super) const SHAPE_STEP: f64 = 1e-4;
+const SHAPE_STEP: f64 = 1e-4;
+
 /// One effect of a fit, from the catalogue or user-defined.
 #[derive(Clone, Debug)]
 pub(crate) struct Term<'a> {
@@ -167,16 +171,6 @@ impl Term<'_> {
             Kind::Frozen(effect, _) => effect.parameters[..self.linear].iter().map(|p| p.typical).collect(),
         }
     }
-}
-
-/// Samples of a recording at which user-defined effects and temperature histories are looked up. A user-defined effect
-/// is evaluated at the first sample, and a temperature history is averaged over all of them.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Sample {
-    pub(crate) recording: usize,
-    pub(crate) index: usize,
-    /// Number of samples, at least 1.
-    pub(crate) count: usize,
 }
 
 /// All terms of a fit, in the order of their parameters.
@@ -332,6 +326,32 @@ impl<'a> Terms<'a> {
     /// Whether any term depends on the quantity `need`.
     pub(crate) fn needs(&self, need: Need) -> bool {
         self.all.iter().any(|term| term.needs(need))
+    }
+}
+
+impl Terms<'_> {
+    /// The terms with the temperature histories of the recordings at the time constants in `values`. Without them, the
+    /// fields of effects of the temperature history are zero.
+    pub(super) fn with_histories(
+        &self,
+        recordings: &[Recording<'_>],
+        shared: &SharedHistories,
+        values: &[f64],
+    ) -> Cow<'_, Self> {
+        if !self.needs(Need::TemperatureHistory) {
+            return Cow::Borrowed(self);
+        }
+        let mut terms = self.clone();
+        for term in terms.all.iter_mut().filter(|term| term.needs(Need::TemperatureHistory)) {
+            if term.has_shape() {
+                let tau_s = values[term.first + term.linear];
+                term.histories = Some(TemperatureHistories::new(recordings, Some(tau_s)));
+                term.by_time_constant = Some(TemperatureHistories::derivative(recordings, tau_s, SHAPE_STEP * tau_s));
+            } else {
+                term.histories = Some(shared.get(recordings, term.frozen_shape()));
+            }
+        }
+        Cow::Owned(terms)
     }
 }
 

@@ -9,9 +9,10 @@ use imucal_core::so3;
 use nalgebra::Vector3;
 
 use super::Route;
+use crate::joint::histories::Sample;
 use crate::joint::model::{Model, surroundings};
 use crate::joint::settle::Settling;
-use crate::joint::terms::{Sample, Terms};
+use crate::joint::terms::Terms;
 use crate::preintegration::{Interpolation, turn};
 use crate::recording::Samples;
 
