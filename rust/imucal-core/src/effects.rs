@@ -83,7 +83,7 @@ pub struct Surroundings<F: RealField + Copy> {
     pub rotation_world_from_body: Option<UnitQuaternion<F>>,
     /// Temperature of the sensor minus the reference temperature of the sensitivities and biases, K.
     pub temperature_difference_k: Option<F>,
-    /// Variables of the temperature history, from [`TemperatureMemory`](crate::effects::temperature_memory::TemperatureMemory).
+    /// Variables of the temperature history, from [`TemperatureMemory`](temperature_memory::TemperatureMemory).
     pub temperature_history: Option<TemperatureHistory<F>>,
     /// Time since power-on, or since another reference instant that the calibration defines, s.
     pub time_s: Option<F>,

@@ -8,7 +8,7 @@
 //!
 //! Forms with 3, 6 and 9 parameters have the coefficients up to k, q and c.
 //!
-//! The variables T_tau - T, dT/dt and s are computed by [`TemperatureMemory`](crate::effects::temperature_memory). With
+//! The variables T_tau - T, dT/dt and s are computed by [`TemperatureMemory`](super::temperature_memory). With
 //! `*_bias_temperature`, whose linear coefficient is a, the sensing element has the temperature T_tau behind the
 //! thermometer if k = a. It leads the thermometer if k has the opposite sign.
 
