@@ -181,12 +181,23 @@ def record(
 def size_of(law: Law, run: Run, recording: imucal.Recording) -> float:
     """The size of an error of five times the detection limit; `recording` is of an ideal unit without it."""
     field = law.error(run)
-    column = np.ascontiguousarray(field[:, :, None])
-    given = UserField("truth", law.sensor, (1.0 / float(np.sqrt(np.mean(field**2))) * 1e-3,), (column,))
+    typical = (1.0 / float(np.sqrt(np.mean(field**2))) * 1e-3,)
+    return size_of_columns(law.sensor, typical, field[:, :, None], recording)
+
+
+def size_of_columns(
+    sensor: str, typical: tuple[float, ...], columns: np.ndarray, recording: imucal.Recording
+) -> float:
+    """The size of the first of `columns` (N, 3, p) with five times the detection limit of `recording`.
+
+    The base parameters and the other columns are fitted to it.
+    """
+    given = UserField("truth", sensor, typical, (np.ascontiguousarray(columns),))
     design = _core.gap_design([recording], replace(OPTIONS, user_fields=(given,)), [])
-    own = dict(design.effects)["truth"][:, 0]
-    base, _ = np.linalg.qr(design.base / np.linalg.norm(design.base, axis=0))
-    left = own - base @ (base.T @ own)
+    whitened = dict(design.effects)["truth"]
+    others = np.hstack((design.base, whitened[:, 1:]))
+    base, _ = np.linalg.qr(others / np.linalg.norm(others, axis=0))
+    left = whitened[:, 0] - base @ (base.T @ whitened[:, 0])
     return TIMES * float(np.sqrt(NONCENTRALITY / (left @ left)))
 
 

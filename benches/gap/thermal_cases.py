@@ -13,11 +13,9 @@ from typing import Final
 import numpy as np
 
 import imucal
-import imucal._core as _core
 from gap.analytic import RATE_HZ, Motion, Sensors, measured, random_motion
 from gap.case import generator
-from gap.law_cases import NONCENTRALITY, OPTIONS, TIMES, vector
-from imucal.estimation.options import UserField
+from gap.law_cases import size_of_columns, vector
 
 __all__ = ["CLEAN", "FAMILIES", "Memory", "pose"]
 
@@ -150,14 +148,8 @@ def size_of(truth: Memory, history: np.ndarray, degc: np.ndarray, ideal: imucal.
     """The size of a history of five times the detection limit beside a line in the temperature."""
     own = history[:, None] * truth.size
     line = (degc - degc.mean())[:, None, None] * np.eye(3)
-    columns = np.ascontiguousarray(np.concatenate((own[:, :, None], line), axis=2))
-    field = UserField("truth", truth.sensor, (1e-3, 1e-3, 1e-3, 1e-3), (columns,))
-    design = _core.gap_design([ideal], replace(OPTIONS, user_fields=(field,)), [])
-    columns = dict(design.effects)["truth"]
-    others = np.hstack((design.base, columns[:, 1:]))
-    base, _ = np.linalg.qr(others / np.linalg.norm(others, axis=0))
-    left = columns[:, 0] - base @ (base.T @ columns[:, 0])
-    return TIMES * float(np.sqrt(NONCENTRALITY / (left @ left)))
+    columns = np.concatenate((own[:, :, None], line), axis=2)
+    return size_of_columns(truth.sensor, (1e-3, 1e-3, 1e-3, 1e-3), columns, ideal)
 
 
 def pose(

@@ -17,12 +17,12 @@ use crate::{STANDARD_GRAVITY_MPS2, vector::scaled};
 use nalgebra::{RealField, Vector3};
 
 const HEAT_AND_COOL: &str = "a run that heats and cools again";
-/// Temperature difference at which the typical quadratic and cubic terms equal the typical linear term, K.
+/// Temperature difference at which the typical terms of all degrees are equal, K.
 const BEND_K: f64 = 50.0;
 /// Typical temperature coefficient of a gyroscope bias: 0.015 deg/s per kelvin.
-const GYROSCOPE: f64 = 0.015 * DEGREE;
+pub(super) const GYROSCOPE: f64 = 0.015 * DEGREE;
 /// Typical temperature coefficient of an accelerometer bias: 0.2 mg per kelvin.
-const ACCELEROMETER: f64 = 0.2e-3 * STANDARD_GRAVITY_MPS2;
+pub(super) const ACCELEROMETER: f64 = 0.2e-3 * STANDARD_GRAVITY_MPS2;
 
 impl<F: RealField + Copy> Effect<F> {
     #[cfg(feature = "catalogue")]
@@ -111,10 +111,20 @@ impl<F: RealField + Copy> Effect<F> {
 
 /// Parameters of a polynomial of the third degree without a constant, for each axis. `typical` is the typical size of
 /// the linear coefficient.
-const fn cubic([linear, square, cube]: [&'static str; 3], typical: f64) -> [Parameter; 9] {
-    let [x, y, z] = parameters(AXES, linear, typical);
-    let [xx, yy, zz] = parameters(["x_square", "y_square", "z_square"], square, typical / BEND_K);
-    let [xxx, yyy, zzz] = parameters(["x_cube", "y_cube", "z_cube"], cube, typical / (BEND_K * BEND_K));
+const fn cubic(units: [&'static str; 3], typical: f64) -> [Parameter; 9] {
+    by_degree([["x_square", "y_square", "z_square"], ["x_cube", "y_cube", "z_cube"]], units, typical)
+}
+
+/// Coefficients of three consecutive degrees of the temperature, for each axis. `typical` is the typical size of the
+/// coefficients of the first of these degrees. `higher` are the names of the others.
+pub(super) const fn by_degree(
+    higher: [[&'static str; 3]; 2],
+    units: [&'static str; 3],
+    typical: f64,
+) -> [Parameter; 9] {
+    let [x, y, z] = parameters(AXES, units[0], typical);
+    let [xx, yy, zz] = parameters(higher[0], units[1], typical / BEND_K);
+    let [xxx, yyy, zzz] = parameters(higher[1], units[2], typical / (BEND_K * BEND_K));
     [x, y, z, xx, yy, zz, xxx, yyy, zzz]
 }
 

@@ -12,22 +12,15 @@
 //! `*_bias_temperature`, whose linear coefficient is a, the sensing element has the temperature T_tau behind the
 //! thermometer if k = a. It leads the thermometer if k has the opposite sign.
 
-use super::{
-    AXES, Alias, DEGREE, Effect, Need, Parameter, Sensor, State, Surroundings, Terms, effect, parameters, same,
-};
-use crate::STANDARD_GRAVITY_MPS2;
-use crate::effects::temperature_memory::TemperatureHistory;
+use super::temperature::{ACCELEROMETER, GYROSCOPE, by_degree};
+use super::temperature_memory::TemperatureHistory;
+use super::{Alias, Effect, Need, Parameter, Sensor, State, Surroundings, Terms, effect, same};
 use nalgebra::RealField;
 
 const OBSERVABLE: &str = "rests while the temperature rises and while it falls";
 const SEVERAL_RATES: &str = "temperature changes of several rates and durations";
 /// Shape of the lag effects: the time constant, typically 60 s for a sensor on a board.
 const TAU: Option<Parameter> = Some(Parameter { name: "tau", unit: "s", typical: 60.0 });
-/// Temperature difference at which the typical higher terms equal the typical first term, K.
-const BEND_K: f64 = 50.0;
-/// Typical coefficients of a lag: those of the bias over temperature, 0.015 deg/s/K and 0.2 mg/K.
-const GYROSCOPE: f64 = 0.015 * DEGREE;
-const ACCELEROMETER: f64 = 0.2e-3 * STANDARD_GRAVITY_MPS2;
 /// Duration by which typical coefficients of the temperature rate exceed those of the temperature, s. A sensing element
 /// that is ahead of its thermometer by this time has the typical coefficient.
 const AHEAD_S: f64 = 60.0;
@@ -163,12 +156,9 @@ impl<F: RealField + Copy> Effect<F> {
 }
 
 /// Coefficients of a variable of the history: a polynomial of the second degree in the temperature, for each axis.
-/// `typical` is the typical size of its constant.
-const fn graded([constant, linear, square]: [&'static str; 3], typical: f64) -> [Parameter; 9] {
-    let [x, y, z] = parameters(AXES, constant, typical);
-    let [xl, yl, zl] = parameters(["x_linear", "y_linear", "z_linear"], linear, typical / BEND_K);
-    let [xs, ys, zs] = parameters(["x_square", "y_square", "z_square"], square, typical / (BEND_K * BEND_K));
-    [x, y, z, xl, yl, zl, xs, ys, zs]
+/// `typical` is the typical size of its constant. That of a lag is the coefficient of the bias over temperature.
+const fn graded(units: [&'static str; 3], typical: f64) -> [Parameter; 9] {
+    by_degree([["x_linear", "y_linear", "z_linear"], ["x_square", "y_square", "z_square"]], units, typical)
 }
 
 /// A variable of the history times the powers 0 to 2 of the temperature difference. The field is zero if the history or

@@ -17,17 +17,17 @@ use std::ops::Range;
 use faer::Mat;
 
 use crate::error::Error;
-use crate::numerics::lsq::{self, Solution};
+use crate::numerics::lsq::Solution;
 
 /// Mean square of the second-order errors for independent normal errors e, `2 sum c c^T + (sum c) (sum c)^T`. The sums
-/// run over the priors, whose residuals are the rows `priors`. `residuals_at` returns all residuals at given
-/// parameters.
+/// run over the priors, whose residuals are the rows `priors`. `gain` is G. `residuals_at` returns all residuals at
+/// given parameters.
 pub(crate) fn mean_square(
     found: &Solution,
+    gain: &Mat<f64>,
     priors: Range<usize>,
     residuals_at: impl Fn(&[f64]) -> Result<Mat<f64>, Error>,
 ) -> Result<Mat<f64>, Error> {
-    let gain = lsq::gain(&found.jacobian);
     let n = found.parameters.len();
     let (mut sum, mut changes) = (Mat::<f64>::zeros(n, 1), Vec::new());
     for row in priors {
@@ -38,7 +38,7 @@ pub(crate) fn mean_square(
         let half = Mat::from_fn(above.nrows(), 1, |i, _| {
             (2.0 * found.residuals[(i, 0)] - above[(i, 0)] - below[(i, 0)]) / 2.0
         });
-        let change = &gain * half;
+        let change = gain * half;
         sum += &change;
         changes.push(change);
     }
@@ -49,7 +49,7 @@ pub(crate) fn mean_square(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numerics::lsq::Residuals;
+    use crate::numerics::lsq::{self, Residuals};
 
     /// A scale s and a misalignment m with the reading `s sqrt(1 + m^2)`, and a prior of m.
     struct Tilted {
@@ -85,7 +85,7 @@ mod tests {
             problem.evaluate(p, &mut residuals, &mut jacobian);
             Ok(residuals)
         };
-        let stated = mean_square(&found, 1..2, residuals_at).unwrap()[(0, 0)];
+        let stated = mean_square(&found, &lsq::gain(&found.jacobian), 1..2, residuals_at).unwrap()[(0, 0)];
         // Gauss-Hermite quadrature with three points is exact for the fourth moment of a normal distribution.
         let error = |e: f64| (fit(e * sigma).parameters[0] - found.parameters[0]).powi(2);
         let exact = (error(3f64.sqrt()) + 4.0 * error(0.0) + error(-(3f64.sqrt()))) / 6.0;

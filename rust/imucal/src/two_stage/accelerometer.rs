@@ -188,7 +188,7 @@ fn finish(
         problem.evaluate(parameters, &mut residuals, &mut jacobian);
         Ok(residuals)
     };
-    let second_order = second_order::mean_square(solution, first..problem.count(), residuals_at)?;
+    let second_order = second_order::mean_square(solution, &row_gain, first..problem.count(), residuals_at)?;
     let mut report = FitReport::of(solution);
     if !is_determined {
         // The residuals of the priors also determine parameters. Only the parameters that the rests determine reduce

@@ -89,8 +89,8 @@ impl JointFit {
     ) -> Result<Self, Error> {
         let linear = problem.linear(&solution.parameters)?;
         let model = &linear.model;
-        let second_order = problem.second_order(&linear, &solution)?;
         let mut covariance = lsq::covariance(&solution.jacobian);
+        let second_order = problem.second_order(&linear, &solution, &covariance)?;
         if let Some(own) = &second_order {
             covariance += own;
         }
@@ -154,7 +154,13 @@ impl Joint<'_> {
     /// Mean square of the second-order errors that are due to the priors of held parameters. `None` without held
     /// parameters. Also `None` if the only priors are those of an accelerometer that was calibrated earlier, because
     /// their standard deviations are too small for second-order errors.
-    fn second_order(&self, linear: &Linear, found: &Solution) -> Result<Option<Mat<f64>>, Error> {
+    /// `covariance` is the covariance without them.
+    fn second_order(
+        &self,
+        linear: &Linear,
+        found: &Solution,
+        covariance: &Mat<f64>,
+    ) -> Result<Option<Mat<f64>>, Error> {
         let held = self.prepared.held;
         if held.iter().all(HeldParameter::is_combination) {
             return Ok(None);
@@ -162,7 +168,8 @@ impl Joint<'_> {
         let first = linear.groups().stand_moves.end;
         // A first-order update of the linearisation would not contain the second-order terms.
         let residuals_at = |parameters: &[f64]| Ok(self.whiten(&self.prepared.linearise(self.terms, parameters)?).0);
-        second_order::mean_square(found, first..first + held.len(), residuals_at).map(Some)
+        let gain = covariance * found.jacobian.transpose();
+        second_order::mean_square(found, &gain, first..first + held.len(), residuals_at).map(Some)
     }
 }
 
