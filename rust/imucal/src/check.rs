@@ -51,10 +51,10 @@ pub use unsigned::check_counts;
 use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
 
-/// Runs all checks that do not need rests. It is for functions that need both sensors. An empty result means that no
+/// Runs all checks that do not need detected rests, for functions that need both sensors. An empty result means that no
 /// fault was found.
 ///
-/// The findings are those of [`check_one_or_both`], and `sensor_missing` if the recording has only one sensor.
+/// The findings are those of [`check_one_or_both`]. If the recording has only one sensor, `sensor_missing` is added.
 pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     sensor_missing(recording).into_iter().chain(check_one_or_both(recording)).collect()
 }
@@ -146,8 +146,8 @@ impl Place {
     }
 }
 
-/// Number of affected samples, number of runs (intervals of consecutive affected samples), and the first run. Samples
-/// must be added in ascending order.
+/// Counts of the samples in which a check finds a fault: their number, the number of runs (intervals of consecutive
+/// faulty samples), and the first run. Samples must be added in ascending order.
 #[derive(Clone, Copy, Default)]
 struct Tally {
     samples: usize,

@@ -8,8 +8,8 @@
 //! * [`stand`]: errors of the stand. [`tremor`] and [`slip`]: motions of the unit relative to the stand. [`tumble`]: a
 //!   hand-held run. [`motion`]: the resulting motion as a function of time.
 //! * [`earth`]: gravity and the rate of the Earth at a location.
-//! * [`mod@unit`]: sensitivity, bias, noise, filter and converter of the sensors, and the unit of this paper. The
-//!   effects of a unit are from the catalogue ([`imucal_core::effects`]), evaluated at the true state.
+//! * [`mod@unit`]: sensitivity, bias, noise, filter and converter of the sensors, and the unit of the paper cited in
+//!   `docs/model.md`. The effects are from the catalogue ([`imucal_core::effects`]), evaluated at the true state.
 //! * [`temperature`]: the temperature of the unit over the run. [`faults`]: clock errors and lost or repeated samples.
 //!
 //! Motion and true values are exact functions of time. Nothing is integrated, so the true values do not depend on the

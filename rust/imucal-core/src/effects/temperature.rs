@@ -33,7 +33,8 @@ impl<F: RealField + Copy> Effect<F> {
         Self::ACCEL_SCALE_TEMPERATURE,
     ];
 
-    /// `gyro_bias_temperature`: `k_i dT + q_i dT^2 + c_i dT^3`.
+    /// `gyro_bias_temperature`: bias change `k_i dT + q_i dT^2 + c_i dT^3` of axis i at the temperature difference dT
+    /// from the reference, K, with the parameters k_i, q_i and c_i.
     pub const GYRO_BIAS_TEMPERATURE: &'static Self = &effect! {
         number: 12,
         name: "gyro_bias_temperature",
@@ -52,7 +53,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| bias(state, terms),
     };
 
-    /// `gyro_scale_temperature`: `(k_i dT + q_i dT^2 + c_i dT^3) w_i`.
+    /// `gyro_scale_temperature`: error `(k_i dT + q_i dT^2 + c_i dT^3) w_i` of axis i at the temperature difference dT
+    /// from the reference, K, with the parameters k_i, q_i and c_i and the angular rate w.
     pub const GYRO_SCALE_TEMPERATURE: &'static Self = &effect! {
         number: 13,
         name: "gyro_scale_temperature",
@@ -69,7 +71,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| scale(&state.angular_rate, state, terms),
     };
 
-    /// `accel_bias_temperature`: `k_i dT + q_i dT^2 + c_i dT^3`.
+    /// `accel_bias_temperature`: bias change `k_i dT + q_i dT^2 + c_i dT^3` of axis i at the temperature difference dT
+    /// from the reference, K, with the parameters k_i, q_i and c_i.
     pub const ACCEL_BIAS_TEMPERATURE: &'static Self = &effect! {
         number: 14,
         name: "accel_bias_temperature",
@@ -88,7 +91,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| bias(state, terms),
     };
 
-    /// `accel_scale_temperature`: `(k_i dT + q_i dT^2 + c_i dT^3) f_i`.
+    /// `accel_scale_temperature`: error `(k_i dT + q_i dT^2 + c_i dT^3) f_i` of axis i at the temperature difference dT
+    /// from the reference, K, with the parameters k_i, q_i and c_i and the specific force f.
     pub const ACCEL_SCALE_TEMPERATURE: &'static Self = &effect! {
         number: 15,
         name: "accel_scale_temperature",
@@ -115,8 +119,8 @@ const fn cubic(units: [&'static str; 3], typical: f64) -> [Parameter; 9] {
     by_degree([["x_square", "y_square", "z_square"], ["x_cube", "y_cube", "z_cube"]], units, typical)
 }
 
-/// Coefficients of three consecutive degrees of the temperature, for each axis. `typical` is the typical size of the
-/// coefficients of the first of these degrees. `higher` are the names of the others.
+/// Coefficients of three consecutive powers of the temperature difference, for each axis. `typical` is the typical size
+/// of the coefficients of the lowest power. `higher` contains the names of the coefficients of the other two powers.
 pub(super) const fn by_degree(
     higher: [[&'static str; 3]; 2],
     units: [&'static str; 3],

@@ -8,9 +8,14 @@
 //!
 //! Forms with 3, 6 and 9 parameters have the coefficients up to k, q and c.
 //!
-//! The variables T_tau - T, dT/dt and s are computed by [`TemperatureMemory`](super::temperature_memory). With
-//! `*_bias_temperature`, whose linear coefficient is a, the sensing element has the temperature T_tau behind the
-//! thermometer if k = a. It leads the thermometer if k has the opposite sign.
+//! k_i, q_i and c_i are the parameters of axis i, T is the temperature, and dT is its difference from the reference, K.
+//! T_tau is the output of a first-order low-pass of T with the time constant tau (the shape). s is the direction of the
+//! last temperature change, from -1 (cooling) to 1 (heating). [`TemperatureMemory`](super::temperature_memory) computes
+//! T_tau - T, dT/dt and s.
+//!
+//! A unit may have both the lag effect and `*_bias_temperature`, whose linear coefficient is a. If k = a, the sensing
+//! element has the temperature T_tau, so it lags the thermometer. If k and a have opposite signs, it leads the
+//! thermometer.
 
 use super::temperature::{ACCELEROMETER, GYROSCOPE, by_degree};
 use super::temperature_memory::TemperatureHistory;
@@ -21,10 +26,10 @@ const OBSERVABLE: &str = "rests while the temperature rises and while it falls";
 const SEVERAL_RATES: &str = "temperature changes of several rates and durations";
 /// Shape of the lag effects: the time constant, typically 60 s for a sensor on a board.
 const TAU: Option<Parameter> = Some(Parameter { name: "tau", unit: "s", typical: 60.0 });
-/// Duration by which typical coefficients of the temperature rate exceed those of the temperature, s. A sensing element
-/// that is ahead of its thermometer by this time has the typical coefficient.
+/// Ratio of the typical coefficient of the temperature rate to that of the temperature, s. It is the ratio for a
+/// sensing element whose temperature is ahead of the thermometer by this time.
 const AHEAD_S: f64 = 60.0;
-/// Half of the typical difference between heating and cooling, as a temperature: 2 K of the bias over temperature.
+/// Half of the typical bias difference between heating and cooling, divided by the typical temperature coefficient, K.
 const WIDTH_K: f64 = 2.0;
 
 impl<F: RealField + Copy> Effect<F> {
@@ -38,7 +43,8 @@ impl<F: RealField + Copy> Effect<F> {
         Self::ACCEL_BIAS_TEMPERATURE_HYSTERESIS,
     ];
 
-    /// `gyro_bias_temperature_lag`: `(k_i + q_i dT + c_i dT^2) (T_tau - T)`.
+    /// `gyro_bias_temperature_lag`: bias change `(k_i + q_i dT + c_i dT^2) (T_tau - T)` of axis i. T_tau is the
+    /// temperature T after a low-pass with the time constant tau, and dT is the difference of T from the reference.
     pub const GYRO_BIAS_TEMPERATURE_LAG: &'static Self = &effect! {
         number: 26,
         name: "gyro_bias_temperature_lag",
@@ -58,7 +64,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| powers(state, |history| history.gyroscope_lag_k, terms),
     };
 
-    /// `gyro_bias_temperature_rate`: `(k_i + q_i dT + c_i dT^2) dT/dt`.
+    /// `gyro_bias_temperature_rate`: bias change `(k_i + q_i dT + c_i dT^2) dT/dt` of axis i. dT is the difference of
+    /// the temperature from the reference, K, and dT/dt is the rate of the temperature, K/s.
     pub const GYRO_BIAS_TEMPERATURE_RATE: &'static Self = &effect! {
         number: 27,
         name: "gyro_bias_temperature_rate",
@@ -77,7 +84,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| powers(state, |history| history.rate_kps, terms),
     };
 
-    /// `gyro_bias_temperature_hysteresis`: `(k_i + q_i dT + c_i dT^2) s`.
+    /// `gyro_bias_temperature_hysteresis`: bias change `(k_i + q_i dT + c_i dT^2) s` of axis i. dT is the difference of
+    /// the temperature from the reference, K, and s its direction: 1 while heating, -1 while cooling.
     pub const GYRO_BIAS_TEMPERATURE_HYSTERESIS: &'static Self = &effect! {
         number: 28,
         name: "gyro_bias_temperature_hysteresis",
@@ -96,7 +104,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| powers(state, |history| history.direction, terms),
     };
 
-    /// `accel_bias_temperature_lag`: `(k_i + q_i dT + c_i dT^2) (T_tau - T)`.
+    /// `accel_bias_temperature_lag`: bias change `(k_i + q_i dT + c_i dT^2) (T_tau - T)` of axis i. T_tau is the
+    /// temperature T after a low-pass with the time constant tau, and dT is the difference of T from the reference.
     pub const ACCEL_BIAS_TEMPERATURE_LAG: &'static Self = &effect! {
         number: 29,
         name: "accel_bias_temperature_lag",
@@ -116,7 +125,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| powers(state, |history| history.accelerometer_lag_k, terms),
     };
 
-    /// `accel_bias_temperature_rate`: `(k_i + q_i dT + c_i dT^2) dT/dt`.
+    /// `accel_bias_temperature_rate`: bias change `(k_i + q_i dT + c_i dT^2) dT/dt` of axis i. dT is the difference of
+    /// the temperature from the reference, K, and dT/dt is the rate of the temperature, K/s.
     pub const ACCEL_BIAS_TEMPERATURE_RATE: &'static Self = &effect! {
         number: 30,
         name: "accel_bias_temperature_rate",
@@ -135,7 +145,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| powers(state, |history| history.rate_kps, terms),
     };
 
-    /// `accel_bias_temperature_hysteresis`: `(k_i + q_i dT + c_i dT^2) s`.
+    /// `accel_bias_temperature_hysteresis`: bias change `(k_i + q_i dT + c_i dT^2) s` of axis i. dT is the difference
+    /// of the temperature from the reference, K, and s its direction: 1 while heating, -1 while cooling.
     pub const ACCEL_BIAS_TEMPERATURE_HYSTERESIS: &'static Self = &effect! {
         number: 31,
         name: "accel_bias_temperature_hysteresis",
@@ -155,8 +166,8 @@ impl<F: RealField + Copy> Effect<F> {
     };
 }
 
-/// Coefficients of a variable of the history: a polynomial of the second degree in the temperature, for each axis.
-/// `typical` is the typical size of its constant. That of a lag is the coefficient of the bias over temperature.
+/// Coefficients of a variable of the temperature history, for each axis: a polynomial of the second degree in the
+/// temperature difference. `typical` is the typical size of the constant term of this polynomial.
 const fn graded(units: [&'static str; 3], typical: f64) -> [Parameter; 9] {
     by_degree([["x_linear", "y_linear", "z_linear"], ["x_square", "y_square", "z_square"]], units, typical)
 }

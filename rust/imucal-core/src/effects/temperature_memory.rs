@@ -41,8 +41,8 @@ use nalgebra::{RealField, convert};
 /// Time constant of the low-passes for rate and direction, s. They suppress the noise of a thermometer. The rate is
 /// delayed by twice this time, which is short relative to the temperature changes of a unit.
 pub const SMOOTHING_S: f64 = 0.5;
-/// Half of the temperature change that completes a reversal of the direction, K. The noise of a thermometer behind the
-/// low-pass is smaller.
+/// Half of the temperature change that completes a reversal of the direction, K. The noise of a thermometer after the
+/// low-pass is smaller than this change.
 pub const REVERSAL_K: f64 = 1.0;
 
 /// Variables of the temperature history at an instant.
@@ -52,9 +52,10 @@ pub struct TemperatureHistory<F: RealField + Copy> {
     pub rate_kps: F,
     /// Direction of the last temperature change: 1 heating, -1 cooling, between them while the temperature reverses.
     pub direction: F,
-    /// Temperature behind the lag of the gyroscope's effect minus the temperature, K; 0 without such an effect.
+    /// Output of the low-pass for the lag effect of the gyroscope minus the temperature, K; 0 without such an effect.
     pub gyroscope_lag_k: F,
-    /// Temperature behind the lag of the accelerometer's effect minus the temperature, K; 0 without such an effect.
+    /// Output of the low-pass for the lag effect of the accelerometer minus the temperature, K; 0 without such an
+    /// effect.
     pub accelerometer_lag_k: F,
 }
 
@@ -77,14 +78,14 @@ impl<F: RealField + Copy> TemperatureHistory<F> {
     }
 }
 
-/// State from which the temperature history is computed, temperature by temperature. It has a fixed size of some tens
-/// of bytes.
+/// State of the low-passes from which the temperature history is computed. Each new temperature updates it. It has a
+/// fixed size of some tens of bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TemperatureMemory<F: RealField + Copy> {
     gyroscope: LowPass<F>,
     accelerometer: LowPass<F>,
     first: LowPass<F>,
-    /// Temperature behind two low-passes minus that behind one, K.
+    /// Output of the second low-pass minus the output of the first, K.
     second_lag_k: F,
     direction: F,
     /// The last temperature; `None` before the first.
@@ -169,8 +170,8 @@ impl<F: RealField + Copy> TemperatureMemory<F> {
         self.accelerometer.advance(step_s, change_k);
         let (before_k, second_before_k) = (self.first.lag_k, self.second_lag_k);
         self.first.advance(step_s, change_k);
-        // The second low-pass follows the first, whose output is a straight line plus a decaying exponential. The
-        // steady lag of the line, -change / step, is c.
+        // The input of the second low-pass is the output of the first: a straight line plus a decaying exponential.
+        // `steady_k` is the constant lag of the first output behind its input after the exponential has decayed.
         let step = step_s / smoothing_s;
         if step > F::zero() {
             let settled = -((-step).exp_m1());

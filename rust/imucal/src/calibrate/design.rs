@@ -30,7 +30,7 @@ pub(super) struct Design {
     rows: Vec<[f64; 18]>,
     /// Residuals, each divided by the typical model error of a real unit.
     residuals: Vec<f64>,
-    /// The linearised residuals.
+    /// The residuals with their derivatives, as [`Line`]s.
     lines: Vec<Line>,
 }
 

@@ -119,8 +119,8 @@ impl UnitData<'_> {
         let rests = |selection: &Selection| selection.used.iter().filter(|used| **used).count() as f64;
         let (still, seemingly) =
             (self.everything(), self.all_where(|reason| reason.is_none_or(|reason| reason == NOT_STILL)));
-        // If many rests have deviating mean rates, the gyroscope bias differs between the rests. Slow rotations are not
-        // the cause.
+        // If many rests have deviating mean rates, the gyroscope bias differs between the rests. The deviations are
+        // then not caused by slow rotations of the unit.
         let all = if rests(&still) < (1.0 - OUTLIERS) * rests(&seemingly) { seemingly } else { still };
         let (kept, most) = (rests(&selection), rests(&all));
         let few = kept < (1.0 - OUTLIERS) * most

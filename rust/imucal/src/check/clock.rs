@@ -23,8 +23,8 @@ const SPREAD: [f64; 2] = [0.2, 0.5];
 /// A clock counts as regular if no time step deviates from the median by more than this fraction. With a regular clock,
 /// the slower checks of spread and gaps are skipped.
 const REGULAR: f64 = 0.2;
-/// Some samples may have the time stamp of the previous sample. If their share is above this limit, the finding is an
-/// error, otherwise a warning.
+/// Limit of the share of samples whose time stamp equals the time stamp of the previous sample. Above this limit, the
+/// finding is an error, otherwise a warning.
 const MAX_EQUAL_SHARE: f64 = 0.01;
 
 /// Time steps between consecutive finite time stamps.
@@ -205,7 +205,8 @@ fn share(tally: &Tally, recording: &Recording) -> f64 {
     100.0 * tally.samples as f64 / recording.len() as f64
 }
 
-/// Finding for samples with the time stamp of the previous sample. The caller sets the texts.
+/// Finding for samples with the time stamp of the previous sample. The caller fills in the message and the
+/// recommendation.
 fn duplicated(tally: &Tally, recording: &Recording) -> Option<Finding> {
     let (first, _) = tally.first?;
     let share = share(tally, recording);

@@ -38,7 +38,7 @@ const KINDS: [std::ops::Range<usize>; 2] = [0..3, 3..SIGNALS];
 
 /// A template: part of the noise of one recording. Other recordings are searched for this part.
 pub(super) struct Template {
-    /// Index of the recording.
+    /// Index of the recording from which the template is taken.
     pub(super) recording: usize,
     /// Index of the first sample of the template in the recording.
     pub(super) first: usize,
@@ -94,9 +94,9 @@ impl Transform {
     /// The template that begins `first` samples after the start of `range`, which is the range of a recording on the
     /// tape `from`. `ratio` is the rate of the searched tape divided by the rate of the recording.
     ///
-    /// A second difference is the change of slope of the linear interpolation between samples. At another sampling
-    /// rate, the second difference of the interpolated samples is obtained by distributing this change over the two
-    /// nearest samples.
+    /// The signals on a tape are second differences of the samples. A second difference is the change of slope of the
+    /// linear interpolation between samples. To convert it to another sampling rate, this change is distributed over
+    /// the two nearest samples of the new rate.
     pub(super) fn template(
         &mut self,
         from: &Tape,

@@ -21,8 +21,8 @@ const LOWEST_RAIL_G: f64 = 1.3;
 /// Two rails belong to one measurement range if their distances from the zero reading differ by at most this fraction.
 const ONE_RANGE: f64 = 1e-4;
 
-/// The lowest and the highest value of one axis if it is clipped there; `None` for a limit at which it is not
-/// clipped.
+/// The lowest and the highest value of one axis if the axis is clipped there. `None` stands for an end of the range at
+/// which the axis is not clipped.
 type Rails = [Option<f64>; 2];
 
 /// Findings `accel_saturation` and `gyro_saturation`.
@@ -140,8 +140,8 @@ fn finding(
 ///   of the rows.
 ///
 /// Other powers of two are no evidence of a rail, because common accelerometers read 2048 or 16384 counts at 1 g.
-/// `ends` are the lowest and the highest value of each axis. `held` are the lowest and the highest among those values
-/// that the axis keeps for at least the length of a plateau.
+/// `ends` are the lowest and the highest value of each axis. `held` are the lowest and the highest value that each axis
+/// repeats in consecutive samples over at least the length of a plateau.
 fn triad_rails(
     rows: Samples<'_>,
     unit: RawUnit,

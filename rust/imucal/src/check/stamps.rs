@@ -1,5 +1,5 @@
-//! Recommendations for time stamps that are not the sampling instants, for example arrival times. They contain the mean
-//! sampling rate.
+//! Recommendations for time stamps that are not the sampling instants, for example arrival times. The recommendation
+//! states the mean sampling rate, with which the user can replace the time stamps.
 
 use crate::finding::general;
 use crate::recording::Recording;

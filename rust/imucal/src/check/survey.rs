@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn parts_meet_without_a_seam() {
-        // Equal samples, non-finite values and a backward time step. Each of them is across the boundary of two blocks.
+        // Equal samples, non-finite values and a backward time step, each placed across the boundary of two blocks.
         let mut columns = Columns::tumbling();
         let seam = 3 * PART;
         for i in seam - 5..seam + 5 {

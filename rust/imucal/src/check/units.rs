@@ -65,8 +65,8 @@ pub(super) fn check(recording: &Recording, (lengths, extremes): (&Lengths, &Extr
     findings
 }
 
-/// Three numbers of finite rows: of all rows, of rows whose norm is below a lower limit, and of rows whose norm is
-/// above an upper limit.
+/// Counts of finite rows: all rows, rows whose norm is below a lower limit, and rows whose norm is above an upper
+/// limit.
 #[derive(Default)]
 pub(super) struct Lengths {
     rows: usize,
@@ -93,7 +93,7 @@ impl Lengths {
         }
     }
 
-    /// Whether the median norm is between the two limits. The three numbers answer this without sorting the norms.
+    /// Whether the median norm is between the two limits. The three counts decide this without sorting the norms.
     fn have_median_within(&self) -> bool {
         2 * self.below < self.rows && 2 * self.above < self.rows
     }

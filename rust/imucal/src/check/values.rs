@@ -74,8 +74,8 @@ impl NotFinite {
     }
 }
 
-/// Reports NaN and infinity, with the columns. In the columns of the stand, the finding is only a warning, because only
-/// effects of the encoders need these columns.
+/// Reports NaN and infinity, with the columns. In the stand's encoder columns, the finding is only a warning, because
+/// only the effects of the encoders need these columns.
 pub(super) fn check_finite(recording: &Recording, not_finite: &NotFinite) -> Vec<Finding> {
     let NotFinite { bad, columns, bad_stand, stand_columns, alone, .. } = not_finite;
     let sensors = [&["time_s"], &ACCEL[..], &GYRO[..]].concat();

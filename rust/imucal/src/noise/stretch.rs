@@ -99,7 +99,7 @@ fn faults(recording: &Recording<'_>, has_repeats: bool) -> Vec<Fault> {
             if is_repeated(k) {
                 faults.push(Fault { sample: k, count: 1, is_lost: false });
             }
-            // A row that was written twice does not advance the ideal clock.
+            // A row that was written twice is not a new sample, so it does not increase the sample number `place`.
             place += if time_s[k] == time_s[k - 1] && equal(k) { 0.0 } else { 1.0 };
         }
         envelope.push(k, time_s[k] - time_s[0] - place * interval_s);

@@ -166,7 +166,8 @@ impl Sensors {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::Time))
     }
 
-    /// Ratio of the reading at this body rate to the usable range of the gyroscope. Above 1, the gyroscope saturates.
+    /// Ratio of the reading at this body rate to the usable range of the gyroscope, which is 95 % of its range. If the
+    /// ratio is above 1, the rate is too high for the plan.
     pub(super) fn too_fast(&self, rate: &Vector3<f64>) -> f64 {
         let reading = self.gyroscope * rate;
         let share = |axis: usize| {

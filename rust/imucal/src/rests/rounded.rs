@@ -32,10 +32,10 @@ const EDGE: f64 = 0.15;
 /// correlated than the noise. For any other mean, the ratio is larger.
 const SIGN: f64 = 1.28;
 
-/// Factors c of model.md (10), by which the correlation of the noise increases the variance of a mean, of the noise
-/// before rounding. For channels whose noise is below the step, they are estimated from the rounded samples. The
-/// correlation of these decreases with the distance of the mean from the middle between two levels. All axes of a
-/// triad have equal filters, so the largest factor among the axes is the best estimate.
+/// The factor c of model.md (10) of each channel: the factor by which the correlation of the noise before rounding
+/// increases the variance of a mean. For channels whose noise is below the step, c is estimated from the rounded
+/// samples. Their correlation decreases with the distance of the mean from the middle between two levels. All axes of a
+/// triad have equal filters, so the largest estimate among the axes is the best one.
 pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6<f64> {
     let coarse = |channel: &usize| steps[*channel] > 0.0;
     Vector6::from_fn(|channel, _| {

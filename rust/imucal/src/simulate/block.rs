@@ -66,7 +66,8 @@ struct Buffers {
     true_time_s: Vec<f64>,
     encoder_noise: Vec<Vector3<f64>>,
     encoders: Option<Generators>,
-    /// Memory of the temperatures, and the instant of its last temperature, s; `None` if no effect depends on it.
+    /// State of the temperature memory, and the instant of the last temperature added to it, s; `None` if no effect
+    /// depends on the memory.
     memory: Option<(TemperatureMemory<f64>, Option<f64>)>,
     /// Temperature history at the sample before the block and at each sample of the block. Empty without a memory.
     history: Vec<TemperatureHistory<f64>>,

@@ -194,8 +194,8 @@ impl Stencil {
         powers
     }
 
-    /// Weights that give the slope of the polynomial from the means over the boxes. The slope is that at the time `at`,
-    /// in box widths.
+    /// Weights that give the slope of the polynomial at the time `at` from the means over the boxes. Time is counted in
+    /// box widths.
     fn slope_of(&self, polynomial: &Polynomial, at: f64) -> [f64; BOXES] {
         std::array::from_fn(|j| {
             let slope = (1..self.boxes).rev().fold(0.0, |slope, m| slope * at + m as f64 * polynomial[(j, m)]);

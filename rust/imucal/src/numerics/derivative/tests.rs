@@ -63,8 +63,8 @@ fn how_smooth_a_motion_is_is_asked_once() {
 
 #[test]
 fn that_of_neighbours_is_wrong_by_the_fourth_power_of_the_step() {
-    // The error is the fifth derivative times h^4 / 30 in the middle of the data. Near the ends and at the ends, it is
-    // the fifth derivative times h^4 / 20 and h^4 / 5.
+    // The error is the fifth derivative times h^4 / 30 in the middle of the data. At the first and the last sample, it
+    // is the fifth derivative times h^4 / 5, and one sample further inside, times h^4 / 20.
     let (h, frequency) = (2e-3, 20.0);
     let time_s: Vec<f64> = (0..1000).map(|i| f64::from(i) * h).collect();
     let rates: Vec<Vector3<f64>> = time_s.iter().map(|t| Vector3::repeat((frequency * t + 0.4).sin())).collect();

@@ -115,9 +115,9 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
     // infinite.
     const HIGHEST: f64 = 1e300;
     let maximum = statistic.iter().copied().fold(1.0, f64::max).min(HIGHEST);
-    // Highest trial threshold. Higher thresholds would classify motion as rest. It is the largest of three values: a
-    // tenth of the standard deviation of the fastest motion, as a variance; the geometric mean of the variances of
-    // noise and fastest motion; and twice the lowest trial threshold.
+    // Highest trial threshold, a ratio of variances. Higher thresholds would classify motion as rest. It is the largest
+    // of three values: a hundredth of the variance of the fastest motion, the square root of this variance (both
+    // relative to the noise), and twice the lowest trial threshold.
     let highest = (maximum / 100.0).max(maximum.sqrt()).max(2.0 * LOWEST);
     let mut pending: Vec<(f64, usize)> = statistic.iter().copied().zip(0..).collect();
     pending.retain(|(level, _)| (LOWEST..highest).contains(level));
