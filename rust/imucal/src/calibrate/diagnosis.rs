@@ -113,7 +113,8 @@ fn flat(outcome: &Outcome) -> Vec<Diagnosis> {
 fn at_bound(effect: &TermEstimate, longest_s: f64) -> Option<Diagnosis> {
     let tau_s = effect.shape?;
     let name = effect.parameter_names.last()?;
-    // A lag acts at each change of the temperature, so a short one is observable in a long recording.
+    // A lag acts at each change of the temperature, so a short time constant of a lag is observable in a long
+    // recording.
     let acts_again = Effect::<f64>::find(&effect.name).is_some_and(|own| own.needs.contains(&Need::TemperatureHistory));
     let (bound, way_out) = if tau_s > longest_s {
         ("longer than", "record from power-on until the sensors have settled, or estimate a drift instead")

@@ -37,7 +37,7 @@ const LOST: [f64; 2] = [1.75, 2.25];
 /// Range of `k` between the peaks at 1 and 2. Rough motion gives about as many values of `k` in this range as near 2.
 /// The number of values in this range is therefore the reference for the peak at 2.
 const BETWEEN: [f64; 2] = [1.35, 1.65];
-/// Number of rows that are examined together. Their data fit into the cache.
+/// Number of rows that are examined together. The data of so many rows fit into the processor's cache.
 const BLOCK: usize = 4096;
 /// A finding is reported only for at least this number of lost samples.
 const FEWEST: usize = 5;
@@ -147,7 +147,7 @@ fn change_over_neighbours([a, b, c, d]: [Vector3<f64>; 4], noise: f64) -> Option
     let length2 = mean.norm_squared();
     // This test is first, because most rows are at rest and fail it.
     let is_clear = length2 > (CLEAR * noise).powi(2) && (after - before).norm_squared() < SMOOTH.powi(2) * length2;
-    // Changes of the size of the rounding errors occur in simulations without noise.
+    // Changes as small as rounding errors, which occur in simulations without noise, are not used.
     if !is_clear || length2 < (CLEAR * f64::EPSILON).powi(2) * b.norm_squared() {
         return None;
     }

@@ -13,9 +13,9 @@ const EDGE_STEPS: f64 = 3.0;
 /// condition excludes rests without noise.
 const SIBLING_STEPS: f64 = 2.0;
 /// Minimum difference, in steps of the converter, between the plateau and the samples one plateau length before its
-/// start and after its end. At high sampling rates and with coarse steps, a clipped channel changes slowly next to
-/// the plateau, so [`EDGE_STEPS`] does not detect it. The limit excludes rounded peaks: if n samples at the top of a
-/// parabola are within one step, the parabola is only nine steps lower n samples beyond them.
+/// start and after its end. This limit detects a clipped channel that changes slowly next to the plateau, which
+/// [`EDGE_STEPS`] misses at high sampling rates and with coarse steps. A rounded peak stays below the limit: if n
+/// samples at the top of a parabola are within one step, the parabola is only nine steps lower n samples beyond them.
 const FAR_STEPS: f64 = 12.0;
 /// Minimum change of another axis during a plateau that is detected by [`FAR_STEPS`], as a share of the range of that
 /// axis.
