@@ -192,8 +192,8 @@ mod _core {
         Evaluation::new(py, evaluation, &recordings)
     }
 
-    /// Predicts, before any fit, the standard deviation of each parameter that the recordings of one unit determine.
-    /// Also names the parameters that the recordings do not determine.
+    /// Predicts, before any fit, which parameters the recordings of one unit determine, and their standard deviations.
+    /// The result also names the parameters that the recordings do not determine.
     #[pyfunction]
     fn prospect(
         py: Python<'_>,

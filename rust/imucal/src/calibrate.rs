@@ -80,8 +80,8 @@ pub struct Options<'a> {
     pub gyro_nominal: Option<f64>,
     /// Priors of parameters. Priors require the joint fit, so any prior sets `joint`.
     pub priors: Priors,
-    /// Whether all parameters are estimated in a joint fit. If false, the result is that of the two-stage fit, which
-    /// does not support effects.
+    /// Whether all parameters are estimated in a joint fit. If false, the result is from the two-stage fit, which does
+    /// not support effects.
     pub joint: bool,
     /// Known bias instability and random walk of the biases. If `None`, the accelerometer biases are assumed to be
     /// constant, and the bias instability of the gyroscope is estimated from the scatter of its mean rates at the
@@ -182,7 +182,7 @@ impl Options<'_> {
         Ok(())
     }
 
-    /// Whether the result is that of the joint fit. Effects and priors require the joint fit.
+    /// Whether the result is from the joint fit. Effects and priors require the joint fit.
     fn is_joint(&self) -> bool {
         self.joint || self.has_effects() || !self.priors.is_empty()
     }

@@ -54,8 +54,8 @@ pub fn correct(recording: &Recording<'_>, calibration: &Calibration<f64>) -> (Ve
 /// Returns an error for a recording that lacks a quantity on which an effect of the calibration depends.
 ///
 /// # Errors
-/// [`Error::Input`] if an effect depends on temperature and there is no temperature column. Also if an effect depends
-/// on the angular acceleration, and the recording has a single sample or decreasing times.
+/// [`Error::Input`] in two cases. First, an effect depends on temperature, and there is no temperature column. Second,
+/// an effect depends on the angular acceleration, and the recording has a single sample or decreasing times.
 pub fn require_surroundings(recording: &Recording<'_>, calibration: &Calibration<f64>) -> Result<(), Error> {
     let name = recording.name;
     for effect in calibration.effects.iter().map(|values| values.effect()) {

@@ -334,7 +334,7 @@ pub(crate) fn figures(
     Figures {
         chi2_per_dof: chi2 / count.saturating_sub(parameters).max(1) as f64,
         gravity_norm_rms_mps2: rms(rests.iter().map(|rest| rest.norm_error_mps2)),
-        // Without a move, nothing is measured. The figure is then NaN instead of zero.
+        // Without moves, there is no direction error. The figure is then NaN, because zero would mean a perfect result.
         gravity_direction_rms_deg: if moves.is_empty() {
             f64::NAN
         } else {

@@ -109,7 +109,7 @@ pub struct Added<'a> {
 }
 
 /// A simulated run: the columns of a recording, and the true values. All columns have one row per sample. True values
-/// are those at the true instant of the sample, which equals the time stamp unless the clock has a fault.
+/// refer to the true instant of the sample, which equals the time stamp unless the clock has a fault.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Simulation {
     /// Time stamps, s: the sample number divided by the sampling rate. They start at 0 and are earlier than the end of

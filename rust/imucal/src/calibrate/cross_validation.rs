@@ -16,8 +16,8 @@ pub struct CrossValidation {
     pub gravity_direction_rms_deg: f64,
     /// Angle between propagated and measured gravity for each move, computed with a fit without this move, deg.
     pub direction_error_deg: Vec<f64>,
-    /// Error of the norm |f| of the specific force at each rest, with a joint fit without this rest, m/s^2. NaN for the
-    /// two-stage fit and for rests that are not used. Also NaN if the fit without the rest does not determine all
+    /// Error of the norm |f| of the specific force at each rest, with a joint fit without this rest, m/s^2. It is NaN
+    /// for the two-stage fit, for rests that are not used, and if the fit without the rest does not determine all
     /// parameters.
     pub norm_error_mps2: Vec<f64>,
 }

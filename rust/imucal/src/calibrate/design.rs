@@ -54,7 +54,7 @@ impl Design {
     /// nominal values of all parameters are not suitable, because sensor errors of a few per cent would rotate the
     /// unobservable directions by a few hundredths of a radian.
     ///
-    /// Also returns these parameter values.
+    /// The second result contains these parameter values.
     pub(super) fn near(
         prepared: &Prepared<'_>,
         terms: &Terms<'_>,

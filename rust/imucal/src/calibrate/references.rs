@@ -67,7 +67,7 @@ impl Outcome {
         covariance
     }
 
-    /// Relative error of each parameter if gravity has a relative error, and if the unit of time has a relative error.
+    /// Relative error of each parameter per relative error of gravity, and per relative error of the unit of time.
     fn exponents(&self) -> Vec<[f64; 2]> {
         let base = (0..21).map(|p| match p {
             3..9 => [-1.0, 0.0],

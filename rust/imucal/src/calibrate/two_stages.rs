@@ -105,7 +105,7 @@ impl UnitData<'_> {
     }
 
     /// If one of the two stages lacks motion, its message names only the motion that this stage needs. This function
-    /// replaces this message by that of the joint design, which names all motion that the calibration needs.
+    /// replaces that message by the message of the joint design, which names all motion that the calibration needs.
     fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
         let Error::NotEnoughMotion(_) = &error else { return error };
         match self.joint_information(options) {
@@ -137,9 +137,9 @@ impl UnitData<'_> {
         Ok((moves, unusable))
     }
 
-    /// Replaces the flag of each rest, which states whether the accelerometer fit uses it, by flags of its epochs. An
-    /// epoch is a part of a long rest with its own mean. All epochs of a long rest without known faults are used,
-    /// even if the fit excluded this rest as an outlier, because one mean does not describe a long rest.
+    /// Replaces the flags `used` of the accelerometer fit, one for each rest, by one flag for each epoch. An epoch is a
+    /// part of a long rest with its own mean. All epochs of a long rest without known faults are used, even if the fit
+    /// excluded this rest as an outlier, because one mean does not describe a long rest.
     pub(super) fn use_epochs(&self, accelerometer: &mut AccelerometerFit) {
         let used = &accelerometer.used;
         let of = |own: Range<usize>| {

@@ -153,7 +153,7 @@ pub(super) fn recommendation(p: &SignedPermutation) -> String {
     )
 }
 
-/// The causes with det A = +1: the accelerometer's axes are right-handed.
+/// The causes with det A = +1, where A is the signed permutation of the accelerometer: its axes are right-handed.
 fn right_accelerometer(p: &SignedPermutation) -> Cause {
     let option = Some(format!("gyro={}", p.option()));
     if *p == REVERSED {
@@ -178,7 +178,8 @@ fn right_accelerometer(p: &SignedPermutation) -> Cause {
     }
 }
 
-/// The causes with det A = -1: the accelerometer's axes are left-handed, or its sign is reversed.
+/// The causes with det A = -1, where A is the signed permutation of the accelerometer: its axes are left-handed, or its
+/// sign is reversed.
 fn mirrored_accelerometer(p: &SignedPermutation) -> Cause {
     if *p == REVERSED {
         return Cause {

@@ -13,7 +13,7 @@ const FEWEST: usize = 5;
 /// Reports rows whose values all equal the values of the previous row, while the time differs.
 ///
 /// At rest, rows of coarsely quantised data repeat without any fault. Two rules exclude such natural repeats. First, a
-/// repeat counts only between two rows that change. A row changes if at most one of its values repeats. Second,
+/// repeated row counts only if the rows before and after it change: at most one value of each of them repeats. Second,
 /// repeated rows must outnumber rows with five repeated values by more than 2 to 1. Natural repeats are less frequent
 /// than rows with five repeated values: if each channel repeats with probability q, five of six values repeat with
 /// probability 6 q^5 (1 - q), and all six with probability q^6. A rest without noise is a long sequence of equal rows

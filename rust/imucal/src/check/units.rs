@@ -26,7 +26,7 @@ const LARGEST_BIAS_RADPS: f64 = 1.0;
 /// unsteadiness is above the limit.
 const STEADY: f64 = 0.3;
 /// Limits of the lower and of the upper quartile of a triad's norm, as multiples of the median norm. If both quartiles
-/// are within the limits, the norm may be that of gravity. The norm of angular rates varies far more, because a
+/// are within the limits, the triad may be measuring gravity. The norm of angular rates varies far more, because a
 /// recording contains rests and moves.
 const STEADY_NORM: [f64; 2] = [0.85, 1.15];
 /// Units of accelerometer columns: the name, the size in m/s^2, and the recommendation if a file in this unit was read

@@ -12,7 +12,7 @@ const LARGEST_FORCE_MPS2: f64 = 1e5;
 /// Largest angular rate that a sensor can measure, rad/s. It is thirty times the widest range of MEMS gyroscopes
 /// (ADXRS649, 20000 deg/s).
 const LARGEST_RATE_RADPS: f64 = 1e4;
-/// Largest magnitude of a raw count. It is that of a signed integer of 32 bits, the widest output of converters.
+/// Largest magnitude of a raw count: the range of a signed integer of 32 bits, the widest output of converters.
 const LARGEST_COUNT: f64 = 2_147_483_648.0;
 /// The recommendation names a wrong unit of the channel as the cause if at least this share of its samples is
 /// impossible.

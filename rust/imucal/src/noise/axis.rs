@@ -193,7 +193,8 @@ impl Model {
         Self { best, kinds, rounding, filtered, misfit }
     }
 
-    /// Estimate of one parameter: `unit` times the square root of its maximum-likelihood power theta.
+    /// Estimate of the parameter of one kind of noise. The likelihood gives its square, a power per sample, and `unit`
+    /// converts the square root of this power to the unit of the parameter.
     fn estimate(&self, powers: &[Power], kind: usize, unit: f64) -> Estimate {
         let used = fitted(powers, self.filtered);
         let mut likelihood = Likelihood { powers: &used, rounding: self.rounding, kinds: self.kinds };

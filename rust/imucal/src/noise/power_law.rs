@@ -65,8 +65,8 @@ pub(super) fn mean_covariance(length: f64, lag: f64) -> PerKind {
     combine(&[(-1.0, at(1.0)), (2.0, at(0.0)), (-1.0, at(-1.0))], length * length)
 }
 
-/// Covariance of two differences at a distance of `lag` samples. Each difference is that of two consecutive means over
-/// `factor` samples.
+/// Covariance of two quantities at a distance of `lag` samples. Each quantity is the difference of two consecutive
+/// means over `factor` samples.
 fn difference_covariance(factor: f64, lag: f64) -> PerKind {
     let at = |d: f64| lag + d * factor;
     combine(&[(1.0, at(-2.0)), (-4.0, at(-1.0)), (6.0, at(0.0)), (-4.0, at(1.0)), (1.0, at(2.0))], factor * factor)
@@ -128,8 +128,8 @@ mod tests {
         }
     }
 
-    /// The variogram must equal that of half-order integrated white noise. The latter is computed from the power
-    /// spectrum: `(1 / pi) integral of (1 - cos k w) / (2 sin(w / 2)) dw` from 0 to pi.
+    /// The variogram of flicker noise must equal that of half-order integrated white noise, which is computed here from
+    /// the power spectrum: `(1 / pi) integral of (1 - cos k w) / (2 sin(w / 2)) dw` from 0 to pi.
     #[test]
     fn flicker_has_the_variogram_of_its_power() {
         let steps = 200_000;

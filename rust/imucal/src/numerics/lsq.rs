@@ -51,7 +51,7 @@ pub(crate) struct Solution {
     pub(crate) chi2: f64,
     /// Number of iterations.
     pub(crate) iterations: u64,
-    /// Reason for the end of the fit, before the gradient test.
+    /// Reason for the end of the iterations, as the solver reports it. The gradient test is not included.
     pub(crate) termination: Termination,
 }
 

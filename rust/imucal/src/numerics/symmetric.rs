@@ -100,8 +100,8 @@ impl SymmetricMatrix {
     /// or `None` if A is not positive definite.
     ///
     /// Several blocks may be swept one after the other. A is then the Schur complement that the earlier sweeps have
-    /// left in this block. The returned logarithms add up to that of the determinant of all swept rows and columns of
-    /// the original matrix.
+    /// left in this block. The sum of the returned logarithms is the logarithm of the determinant of all swept rows and
+    /// columns of the original matrix.
     #[inline(always)]
     pub(crate) fn sweep<S: Simd>(&mut self, simd: S, places: Range<usize>) -> Option<f64> {
         let width = self.width;

@@ -1,12 +1,15 @@
 //! One integration step in every SIMD lane: the quaternion of the step, the rotation before the step, and the
 //! contribution of the step's first sample to the sums.
 //!
-//! In the units of this file, the rotation vector of a step is `3 p` with `p = s + q`. `s` is a third of the integral
-//! of the rate, and `q` is a third of the coning term. For equal steps and linear interpolation, the samples a0 and a1
-//! at the ends of a step are scaled so that `s = a0 + a1` and `q = a0 x a1`. With `y = |p|^2`, the quaternion of a step
-//! is proportional to `(1, tau(y) p)`, where tau is a polynomial. This quaternion is not normalised. It multiplies the
-//! squared norm of a product by `1 / cos^2(t/2)`, where t is the rotation angle of the step, and `cos^2(t/2)` is
-//! another polynomial in y.
+//! The units of this file keep the formulas short. The rotation vector of a step is `3 p` with `p = s + q`. `s` is a
+//! third of the integral of the rate over the step, and `q` is a third of the coning correction. For equal steps and
+//! linear interpolation, the samples a0 and a1 at the ends of a step are scaled so that `s = a0 + a1` and `q = a0 x
+//! a1`.
+//!
+//! The quaternion of a step is proportional to `(1, tau(y) p)` with `y = |p|^2`. The polynomial tau(y) approximates
+//! `3 tan(t/2) / t`, where t is the rotation angle of the step. The quaternion `(1, tau(y) p)` is not normalised: its
+//! squared norm is `1 / cos^2(t/2)`. Another polynomial in y approximates `cos^2(t/2)` and corrects the norm of
+//! products.
 
 use nalgebra::Vector3;
 use pulp::Simd;
@@ -18,8 +21,8 @@ use super::sums::Sample;
 pub(super) struct AngleRange {
     /// Maximum rotation angle of a step, rad.
     pub(super) turn_rad: f64,
-    /// Two numbers of terms that this range needs: for the polynomial of the tangent, and for that of the squared
-    /// cosine.
+    /// Numbers of terms of the two polynomials that this range needs: the polynomial of the tangent, and the polynomial
+    /// of the squared cosine.
     terms: [usize; 2],
 }
 

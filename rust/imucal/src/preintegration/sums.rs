@@ -1,11 +1,11 @@
 //! Sums of the rotations R, and of R times each component of the rate. They are computed sample by sample or node by
 //! node.
 //!
-//! A node combines n = 16 short steps. w is the angular rate at a sample. The sum of `R w` over the samples of a node
-//! is approximated by `R W + R' D`. R is the rotation matrix in the middle of the node. R' is its derivative with
-//! respect to time. Times are in units of the node's duration. W is the sum of w over the samples of the node, with
-//! half weight for the first and the last sample (trapezoidal rule). D is a linear combination of differences between
-//! the rates of the node.
+//! A node combines n = 16 short steps. The rotation R and the angular rate w differ from sample to sample. The sum of
+//! `R w` over the samples of a node is approximated by `R W + R' D`. Here R is the rotation matrix in the middle of the
+//! node, and R' is its derivative with respect to time, in units of the node's duration. W is the sum of w over the
+//! samples of the node, with half weight for the first and the last sample (trapezoidal rule). D is a linear
+//! combination of differences between the rates of the node.
 //!
 //! The coefficients of D are derived for a sinusoidal rate whose phase changes by x over a node. For this rate, with w
 //! and its derivative w' in the middle of the node, W and D are
@@ -39,11 +39,11 @@ const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
 const OF_ENDS: f64 = 1.0 / 24.0;
 /// Weight, in D, of the difference between the end samples, chosen so that the coefficient of D has the value b / a.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
-/// Factor, in D, of the difference between the sums over the two halves of a node. It is for rates that are multiplied
-/// by a sixth of the time step.
+/// Factor, in D, of the difference between the sums over the two halves of a node. It applies to the rates of the
+/// kernel, which are multiplied by a sixth of the time step.
 pub(super) const BY_HALVES: f64 = (1.0 - SHARE_OF_ENDS) * 24.0 * SECOND * N;
-/// Factor, in D, of the difference between the samples at the two ends of a node. It is for rates that are multiplied
-/// by a sixth of the time step.
+/// Factor, in D, of the difference between the samples at the two ends of a node. It applies to the rates of the
+/// kernel, which are multiplied by a sixth of the time step.
 pub(super) const BY_ENDS: f64 = SHARE_OF_ENDS * 6.0 * SECOND * N * N;
 
 /// Contribution of a sample to the sums.

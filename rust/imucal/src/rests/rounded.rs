@@ -13,9 +13,9 @@ use crate::recording::{RawUnit, Recording, Samples};
 use crate::rests::rest::Rest;
 use crate::rounding::{Levels, Rounding};
 
-/// Rests whose mean readings differ by less than this number of quantisation steps are pooled. The gyroscope has
-/// nearly equal readings at all rests. If a separate true mean were estimated for each of them, a wide transition
-/// between two levels would seem too likely, and the estimated noise would be too large.
+/// Rests whose mean readings differ by less than this number of quantisation steps count as rests with one true mean.
+/// The readings of a gyroscope are nearly equal at all rests. With a separate unknown true mean for each rest, a wide
+/// transition between two levels would seem too likely, and the estimated noise would be too large.
 const SAME_READING: f64 = 0.15;
 /// A level that is more than 1.5 steps from the mean is omitted if it has at most this share of the samples. Its
 /// samples are due to a jolt or a transmission error, and a single such sample would dominate the estimated noise.

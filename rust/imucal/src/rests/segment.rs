@@ -213,8 +213,8 @@ impl Segments {
     }
 }
 
-/// The recording with the channels of the missing sensor replaced by those of the existing sensor. The statistic is a
-/// mean over the channels, so it equals that of the existing sensor.
+/// The recording with the channels of the missing sensor replaced by copies of the channels of the existing sensor. The
+/// statistic is a mean over the channels, so it equals the statistic of the existing sensor.
 fn doubled<'a>(recording: &Recording<'a>) -> Recording<'a> {
     let (force, rate) = (recording.specific_force, recording.angular_rate);
     Recording {
@@ -247,7 +247,7 @@ impl Segments {
         self.rests.iter().map(|rest| rest.first..rest.end).collect()
     }
 
-    /// Replaces the means and the noise of raw samples by those of corrected samples, in SI units.
+    /// Replaces means and noise of the raw samples by means and noise of the corrected samples, in SI units.
     pub(crate) fn correct(&mut self, corrected: &Recording<'_>, calibration: &Calibration<f64>) {
         let mean = |rows: Samples<'_>| rows.iter().map(Vector3::from).sum::<Vector3<f64>>() / rows.len() as f64;
         let turned = |triad: &Triad<f64>, std: Vector3<f64>| variance_by_axis(triad.inverse(), &std);

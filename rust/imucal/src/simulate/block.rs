@@ -99,7 +99,7 @@ impl Buffers {
     }
 
     /// Computes the temperature history at each sample of the block. The memory depends on all earlier samples, so the
-    /// order is that of the samples.
+    /// samples are processed in order.
     fn remember(&mut self, truth: &Truth) {
         let Some((memory, last_s)) = &mut self.memory else { return };
         self.history.clear();
@@ -207,8 +207,8 @@ fn history(rows: &[TemperatureHistory<f64>], sample: usize, share: f64) -> Optio
     Some(rows.get(sample)?.between(rows.get(sample + 1)?, share))
 }
 
-/// Rate and force that the user adds to those of the motion. They are interpolated linearly from the previous sample
-/// (`share` 0) to `sample` (`share` 1).
+/// Rate and force that the setup adds to the true rate and force of the motion. They are interpolated linearly from
+/// the previous sample (`share` 0) to `sample` (`share` 1).
 #[inline]
 fn added(added: Option<&Added>, sample: usize, share: f64) -> (Vector3<f64>, Vector3<f64>) {
     let at = |rows: Option<&[[f64; 3]]>| match rows {

@@ -11,7 +11,7 @@
 //! (4/3) turn / T, the peak acceleration is 8 turn / T^2, and the magnitude of the jerk is 96 turn / T^3. All motors
 //! have the same `T`, so they start and stop together.
 //!
-//! The jerk has steps, so the acceleration has corners. A second-order integrator, for example that of `imucal_core`,
+//! The jerk has steps, so the acceleration has corners. A second-order integrator, such as the one of `imucal_core`,
 //! keeps its order, because a corner affects a single step, with an error of third order.
 
 use std::iter::Sum;

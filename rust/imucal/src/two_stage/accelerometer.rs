@@ -140,7 +140,7 @@ fn fit_from(
 }
 
 /// Whether the ellipsoid is much larger than the noise of the means. If all rests have one pose, the means also
-/// determine an ellipsoid, but its size is that of the noise.
+/// determine an ellipsoid, but it is only as large as the noise.
 fn exceeds_noise(start: &Start, rests: &[&Rest], gravity_mps2: f64) -> bool {
     let mut noise: Vec<f64> = rests.iter().map(|rest| rest.specific_force.whole_variance().max().sqrt()).collect();
     let noise = stats::median(&mut noise);
@@ -191,8 +191,9 @@ fn finish(
     let second_order = second_order::mean_square(solution, &row_gain, first..problem.count(), residuals_at)?;
     let mut report = FitReport::of(solution);
     if !is_determined {
-        // The residuals of the priors also determine parameters. Only the parameters that the rests determine reduce
-        // the degrees of freedom; their number is the sum of the leverages of the rests.
+        // The residuals of the priors also determine parameters, but the degrees of freedom are those of the rests.
+        // They are the number of rests minus the number of parameters that the rests determine (the sum of the rests'
+        // leverages).
         let of_rests: f64 = lsq::leverages(&solution.jacobian)[..problem.means.len()].iter().sum();
         report.degrees_of_freedom = problem.means.len().saturating_sub(of_rests.round() as usize);
     }

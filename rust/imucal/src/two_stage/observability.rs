@@ -25,10 +25,11 @@ pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
 pub(crate) const LARGEST_SHIFT: f64 = 0.01;
 /// Standard deviation of the prior of a parameter about its nominal value, as a fraction of its size.
 pub(crate) const FARTHEST: f64 = 0.1;
-/// An undetermined parameter is not assigned to a group if it is unobservable by itself. This is the case if the
-/// unobservable directions contain at least this share of the squared length of a change of the parameter.
+/// An undetermined parameter that is unobservable by itself is not assigned to a group. It is unobservable by itself if
+/// the unobservable directions contain at least this share of the squared length of a change of this parameter only.
 const OWN_SHARE: f64 = 0.95;
-/// Minimum correlation of undetermined parameters of one group, within the unobservable directions.
+/// Two undetermined parameters belong to one group if the magnitude of their correlation, computed from the
+/// unobservable directions only, exceeds this limit.
 const TRADED: f64 = 0.1;
 /// A pose counts as "axis up" or "axis down" if the angle between the axis and the vertical is at most this limit, deg.
 const FACE_LIMIT_DEG: f64 = 40.0;

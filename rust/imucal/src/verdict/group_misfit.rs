@@ -34,8 +34,8 @@ pub enum ResidualGroup {
     RestRates,
     /// Specific force within the moves, minus gravity at the predicted attitude.
     MoveForces,
-    /// Gravity directions at the rests and attitudes within the moves, minus those computed from the encoder angles of
-    /// the stand.
+    /// Gravity directions at the rests and attitudes within the moves, minus the directions and attitudes that are
+    /// computed from the encoder angles of the stand.
     StandAttitudes,
 }
 

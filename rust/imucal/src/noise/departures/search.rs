@@ -27,7 +27,8 @@ pub(super) struct Search<'a> {
     pub(super) shapes: Vec<Shape>,
 }
 
-/// Components with their amplitudes, and the noise parameters of the record after these components are subtracted.
+/// The steps and drifts that were added so far, with their amplitudes, and the noise parameters of the record from
+/// which these steps and drifts were subtracted.
 struct Explained {
     shapes: Vec<Shape>,
     columns: Vec<Vec<f64>>,

@@ -242,8 +242,8 @@ impl Colour {
         self.samples = self.samples.max(other.samples);
     }
 
-    /// Factor c by which the correlation of the noise increases the variance of long means, computed from the factor
-    /// `factor` that was estimated from means over 0.25 s.
+    /// Factor c by which the correlation of the noise increases the variance of long means. `factor` is its estimate
+    /// from means over 0.25 s.
     ///
     /// Low-pass filtered noise is correlated across the boundary of consecutive means, so the differences of short
     /// means are too small. Therefore `factor = c (1 - 1.5 / (pi^2 tau B))` with `1 / B = 2 c dt`. tau is the averaging

@@ -171,12 +171,12 @@ pub(super) fn still(statistic: &[f64], threshold: f64) -> impl Iterator<Item = R
     })
 }
 
-/// The intervals of the function [`still`], stored in a form that is updated when the threshold increases and windows
-/// are added.
+/// The intervals that [`still`] returns, in a form that can be updated. When the threshold increases, the windows that
+/// fall below it are added.
 struct Stretches {
-    /// For each window, an index. The first window of an interval has the index of the last window, and the last
-    /// window has the index of the first. The windows between them have the index of any window of the interval. A
-    /// window outside all intervals has [`Self::OUTSIDE`].
+    /// For each window inside an interval, the index of another window of this interval. The first window has the index
+    /// of the last window, and the last window has the index of the first. For windows between them, the index is not
+    /// used. A window outside all intervals has [`Self::OUTSIDE`].
     other_end: Vec<usize>,
 }
 
