@@ -29,8 +29,8 @@ fn python_error(py: Python<'_>, error: &Error) -> PyResult<PyErr> {
         Error::Input(_) | Error::Data(_) => "InputError",
         Error::NotEnoughMotion(_) => "NotEnoughMotionError",
         Error::Fit(_) => "FitError",
-        // Only a signal cancels a calculation. The exception of the signal is then raised instead (see
-        // `interruptible`).
+        // Only a signal cancels a calculation, and `interruptible` then raises the exception of the signal handler
+        // instead of this class.
         Error::Cancelled => "ImucalError",
     };
     let class = py.import("imucal.errors")?.getattr(class)?;

@@ -66,7 +66,7 @@ impl Design {
         for _ in 0..STEPS {
             let step = design.step()?;
             // If a step changes a parameter by more than [`FAR_OFF`] of its size, the unit has wrong axes or other
-            // faults. The design at the nominal parameters is then more informative.
+            // faults, and the least-squares values are meaningless. The design at the nominal parameters is then kept.
             if !step.iter().all(|change| (change * LARGEST_SHIFT).abs() < FAR_OFF) {
                 break;
             }

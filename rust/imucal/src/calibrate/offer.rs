@@ -33,8 +33,8 @@ impl<'a> Checked<'a> {
     }
 }
 
-/// The checked recordings, which must determine all parameters that have no prior. In the model with biases and scales
-/// only, priors are also used for the gyroscope scales of axes without rotation.
+/// The checked recordings, which must determine all parameters that have no prior. With the model `orthogonal`, in
+/// which biases and scales have no prior, the gyroscope scales of axes without rotation get a prior here.
 fn determined<'a>(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Checked<'a>, Error> {
     let checked = Checked::of_determined(recordings, options);
     if options.priors.model != ParameterModel::Orthogonal || !matches!(checked, Err(Error::NotEnoughMotion(_))) {

@@ -110,7 +110,7 @@ enum Axes {
     ZDown,
     /// The accelerometer reads -g on the axis that points up.
     Reversed,
-    /// The rests do not distinguish the two causes, or neither agrees with them.
+    /// The rests do not distinguish the two causes, or neither cause agrees with the rests.
     Unclear,
 }
 

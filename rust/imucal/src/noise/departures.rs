@@ -163,7 +163,7 @@ impl Blocks {
         if blocks <= 1 {
             return -scale * self.sines[(2 * j * first) % (4 * width)] / (2.0 * half_sine);
         }
-        // The sum of the sines of steps at `first`, `first + 1`, ... equals a difference of cosines.
+        // Closed form: the sum of the sines for steps at `first`, `first + 1`, ... is a difference of two cosines.
         let cosine = |half_steps: usize| self.sines[(j * half_steps + width) % (4 * width)];
         let difference = cosine(2 * first - 1) - cosine(2 * (first + blocks) - 1);
         -scale * difference / (4.0 * half_sine * half_sine * blocks as f64)

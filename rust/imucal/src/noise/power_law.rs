@@ -83,10 +83,10 @@ pub(super) fn allan_variance(parameters: &PerKind, factor: usize) -> f64 {
 /// edf = 2 E^2 / Var = c_0^2 n^2 / sum over |h| < n of (n - |h|) c_h^2
 /// ```
 ///
-/// E and Var are the expectation and the variance of the estimated Allan variance. c_h is the covariance of two of its
-/// n differences between consecutive means, at a distance of h differences. For factors of 128 and above, only every
-/// (factor / 64)-th difference is used. The other differences are so strongly correlated with these that they add no
-/// information.
+/// E and Var are the expectation and the variance of the estimated Allan variance, which is computed from n differences
+/// between consecutive means. c_h is the covariance of two of these differences at a distance of h differences. For
+/// factors of 128 and above, only every (factor / 64)-th difference is used. The other differences are so strongly
+/// correlated with these that they add no information.
 pub(super) fn degrees_of_freedom(parameters: &PerKind, factor: usize, samples: usize) -> f64 {
     const PER_WINDOW: usize = 64;
     /// Distance beyond which differences count as independent, in averaging times. Their covariance decreases with the

@@ -40,8 +40,8 @@ impl FitReport {
     /// The report of one minimisation.
     pub(crate) fn of(solution: &Solution) -> Self {
         let degrees_of_freedom = solution.residuals.nrows().saturating_sub(solution.parameters.len());
-        // chi2 / dof has a standard deviation of sqrt(2 / dof). An increase for every value above one would make the
-        // standard deviations of the parameters too large on average.
+        // chi2 / dof has a standard deviation of sqrt(2 / dof). If the standard deviations of the parameters were
+        // increased for every value above one, they would be too large on average.
         let reduced = solution.chi2 / degrees_of_freedom.max(1) as f64;
         let predicted_decrease = predicted_decrease(&solution.residuals, &solution.jacobian);
         let passes = predicted_decrease <= LARGEST_DECREASE * reduced.max(1.0);

@@ -128,7 +128,8 @@ impl Segments {
         let samples = |r: Range<usize>| r.start * block_samples..r.end * block_samples;
         let degc = |range: Range<usize>| mean_temperature(&recording.temperature_degc?[samples(range)]);
         let epochs_of = |rest: &Stretch| -> Vec<Stretch> {
-            // A vibrating support or a hand moves the unit. The epochs of such a rest would not have the same pose.
+            // Only steady rests are divided. On a vibrating support or in a hand, the epochs would not have the same
+            // pose.
             if rest.is_steady() { cut(&rest.blocks, block_s, degc).iter().map(stretch).collect() } else { Vec::new() }
         };
         let epochs: Vec<Vec<Stretch>> = stretches.iter().map(epochs_of).collect();
@@ -358,7 +359,8 @@ mod tests {
             let found = Segments::find(&run.recording("run"), 1.0).unwrap();
             assert_eq!(found.rests.len(), run.rests.len(), "{rate_hz} Hz, noise x {noise}");
             for (rest, (start_s, end_s)) in found.rests.iter().zip(&run.rests) {
-                // The motors accelerate smoothly, so the start and end of rests are detected with a delay.
+                // The motors accelerate and decelerate smoothly, so the detected ends of a rest deviate from the true
+                // ends.
                 assert!(rest.start_s > start_s - 0.25 && rest.start_s < start_s + 0.4, "{} {start_s}", rest.start_s);
                 assert!(rest.end_s < end_s + 0.25 && rest.end_s > end_s - 0.4, "{} {end_s}", rest.end_s);
             }

@@ -222,8 +222,8 @@ pub(crate) fn hands(
         let mut hand = Hand::of(recording, &contributing, sensors)?;
         noise[index] = hand.noise;
         own.iter_mut().for_each(|own| own.rest.bias = *sensors.gyroscope.bias());
-        // The rotation about gravity is unknown. Its variance is assumed to equal that about each of the two
-        // perpendicular axes, from which the variance of the direction errors is subtracted.
+        // The rotation about gravity is unknown. It is assumed to have the same variance as the rotation about each of
+        // the two perpendicular axes, which is their observed variance minus the variance of the direction errors.
         let turned = |own: &mut OwnRest<'_>| {
             let errors = 2.0 * hand.variance_rad2(&own.rest.rest);
             let turn = hand.remove_tremor(recording, own.rest, sensors);

@@ -209,7 +209,7 @@ mod tests {
         for (number, motion) in motions().iter().enumerate() {
             let order = order(motion);
             println!("motion {number}: order {order:.3}");
-            // At 50 Hz, the samples of a 30 Hz vibration are too coarse for the asymptotic order.
+            // The order deviates slightly from 2, because samples at 50 Hz are too coarse for a vibration at 30 Hz.
             assert!((order - 2.0).abs() < 0.03, "motion {number}: order {order}");
         }
     }

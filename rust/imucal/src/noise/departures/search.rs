@@ -153,8 +153,8 @@ impl Search<'_> {
             let [a, b] = [start, start + 1].map(|first| self.blocks.column(Shape::Step { first, fraction: 0.0 }));
             let (aa, ab, bb) = (product(&a, &a), product(&a, &b), product(&b, &b));
             let (ra, rb) = (product(&a, residual), product(&b, residual));
-            // Both sizes are multiplied by the determinant of the normal equations. It cancels in their ratio, the
-            // fraction of a block.
+            // `at_start` and `at_end` are the sizes of the two steps, both multiplied by the determinant of the normal
+            // equations. The determinant cancels in their ratio, which gives the fraction of a block.
             let (at_start, at_end) = (ra * bb - rb * ab, rb * aa - ra * ab);
             let fraction = at_end / (at_start + at_end);
             if (0.0..=1.0).contains(&fraction) {

@@ -185,8 +185,9 @@ mod tests {
             for begin in [-2.2, -1.7, -0.9, 0.0, 0.3] {
                 let blocks = blocks(|time| strength * (time - begin).max(0.0).powi(2));
                 let end = found_end(STILL, &blocks) as f64 - STILL as f64;
-                // The rest may contain a sixth of the time until the angle reaches ten times its noise. The angle in
-                // this time is a twentieth of the noise of about 20 blocks.
+                // The rest may keep a sixth of the time in which the angle grows to ten times its noise. The angle in
+                // this sixth is a twentieth of the noise over about 20 blocks, which is 0.22 times the noise of one
+                // block.
                 let kept = (end - begin).max(0.0);
                 let turn = strength * kept.powi(3) / 3.0;
                 assert!(turn < 0.25 * NOISE, "{strength} {begin}: {end}");
