@@ -52,7 +52,7 @@ class Calibration(SensorModel):
     covariance                (P, P) of the parameters in `covariance_names`, or None
     noise                     noise figures; each name ends with the unit
     temperature_range_degc    lowest and highest temperature of the recordings, or None
-    fit                       course of the estimation
+    fit                       report on the estimation: rest detection, convergence, tests of the residuals
     calibration_set, control_set   figures on the calibration recordings and on the control recordings
     verdict          `good`, `incomplete` or `poor`, without checks against limits; None if it is not known
     reasons          why the verdict is not good

@@ -4,8 +4,8 @@
     raw = T1 T2 (true + e2(true) + T2^-1 e1(x)) + b1 + T1 b2
 
 T, b and e are the sensitivity, the bias and the effects of a calibration, and x are data that the first
-calibration has corrected. e1 is expressed as a function of the true values, which is possible for the effects
-in `_moved`.
+calibration has corrected. `_moved` expresses e1 as a function of the true values, or refuses an effect for
+which this is impossible.
 
 The second calibration has estimated the errors that the first calibration leaves in the data, including the
 errors that are due to its parameters. So the bias and sensitivity of the result have the uncertainty of the

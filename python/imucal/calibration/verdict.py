@@ -1,9 +1,9 @@
 """The verdict on a calibration: good, incomplete or poor, and the residuals on which it is based.
 
 good        noise explains the residuals
-incomplete  usable, but the model lacks an effect of the unit or its motion, because residuals of some kind
-            exceed twice their noise
-poor        not to be relied on
+incomplete  usable with a reservation, which the reasons state. Usually residuals of some kind exceed twice
+            their noise, because the model lacks an effect of the unit or of its motion
+poor        not reliable
 """
 
 from __future__ import annotations

@@ -49,8 +49,8 @@ class Effect:
 
     sensor      "accelerometer", "gyroscope" or "encoder"
     parameters  in the order of the columns of the field
-    plain       number of parameters of the plain form: the first ones; the full form has all parameters, and
-                forms between them have a multiple of this number
+    plain       number of parameters of the plain form, which has the first parameters only. The full form has
+                all parameters; further forms have a multiple of the plain number
     shape       the positive parameter on which the field depends nonlinearly, such as a time constant; None
                 if the field is linear in all parameters
     needs       inputs of the field other than rate and force: "angular_acceleration", "attitude",

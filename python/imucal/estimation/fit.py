@@ -225,7 +225,8 @@ class HeldOut:
 class Diagnosis:
     """Parameters that the recordings determine only poorly.
 
-    code        "traded_off", "flat" or "at_bound"
+    code        "traded_off" (strongly correlated parameters), "flat" (standard deviation above the usual
+                size of the parameter) or "at_bound" (time constant too long or too short for the recordings)
     parameters  their names
     value       the number that exceeded the threshold of the diagnosis
     message     description of the problem

@@ -41,7 +41,7 @@ class CalibrationResult:
     """A calibration, how it was estimated, and its verdict.
 
     calibration      the sensor model with its uncertainty
-    fit              the course of the estimation
+    fit              report on the estimation: rest detection, convergence, and tests of the residuals
     calibration_set  figures on the calibration recordings
     rests, moves     the rests and moves of the calibration recordings, in order of time
     findings         warnings about the recordings

@@ -27,7 +27,7 @@ EXPLAINED: Final = 0.95
 # required of an effect grows with the number of candidates. The columns with the smallest explained share are
 # selected.
 MOST_COLUMNS: Final = 6
-# Maximum number of samples from which the explained share is computed.
+# Maximum number of samples of a recording from which the explained share of a column is computed.
 SAMPLES: Final = 4000
 
 

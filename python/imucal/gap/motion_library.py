@@ -43,8 +43,8 @@ class Suggestion:
     program           program for the stand
     temperature       temperature profile for `imucal simulate --temperature`; None to keep that of the
                       recordings
-    answers           phrase of the catalogue on how two effects are distinguished, such as "several rates";
-                      this motion provides the data that the phrase describes
+    answers           phrase in the catalogue's advice on how to distinguish two effects, such as "several
+                      rates"; this motion follows that advice
     on_its_own        whether effects must be searched in the new recording alone
     encoders          whether the motor angles of the stand must be recorded
     """

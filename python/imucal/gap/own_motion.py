@@ -349,7 +349,10 @@ def _move_row(
 
 
 def _into_end(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
-    """Transform a vector from the body frame at the first sample to that at the last; v_start = q v_end."""
+    """Transform a vector from the body frame at the first sample to the body frame at the last sample.
+
+    The quaternion maps in the opposite direction, v_start = q v_end.
+    """
     w, imaginary = float(quaternion[0]), -np.asarray(quaternion[1:], dtype=float)
     twice = 2.0 * np.cross(imaginary, vector)
     rotated: FloatArray = vector + w * twice + np.cross(imaginary, twice)

@@ -17,9 +17,9 @@ class SessionStep:
     p_value                 the smaller p-value of the two changes
     temperature_change_k    mean temperature of the control recordings minus mean temperature of the
                             calibration recordings, K; None without temperatures
-    cause                   "temperature" if temperature coefficients of usual sizes explain the change,
-                            "switch_on" if they do not (time or a switch-on), "not_known" without
-                            temperatures
+    cause                   "temperature" if temperature coefficients of usual sizes explain the change;
+                            otherwise "switch_on", a change with time or at a switch-on; "not_known"
+                            without temperatures
     chi2_per_dof            chi2 per degree of freedom of the control recordings without effects
     chi2_per_dof_own        chi2 per degree of freedom of the control recordings with biases fitted to them
     """

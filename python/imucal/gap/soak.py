@@ -40,9 +40,10 @@ LEAST_RANGE_K: Final = 2.0
 # that slow variations cannot be predicted from adjacent epochs.
 FOLDS: Final = 10
 BLOCK: Final = 3
-# A term is added if it improves the prediction of held-out epochs by at least this number of standard errors
-# over the folds. In tests on sensors with a constant reading, a term was added for one of eight sensors with
-# the threshold 1, and for none of 40 with the threshold 2.
+# A simpler model is preferred if its prediction of held-out epochs is worse than the best prediction by at
+# most this number of standard errors over the folds. In tests on sensors with a constant reading, a model
+# with a term was chosen for one of eight sensors with the threshold 1, and for none of 40 with the threshold
+# 2.
 STANDARD_ERRORS: Final = 2.5
 # Maximum scatter of the gravity direction within a soak, rad. A larger scatter means that the unit was moved.
 MOST_TURN_RAD: Final = 0.35
@@ -54,8 +55,8 @@ TAUS: Final = 11
 ROUNDS: Final = 3
 AXES: Final = "xyz"
 REFERENCE_DEGC: Final = _core.REFERENCE_TEMPERATURE_DEGC
-# For each kind of term: its formulas by degree, and suffixes. The unit of a parameter is the unit of the
-# reading with a suffix appended.
+# Formulas of each kind of term, in ascending order of the degree of the polynomial. T is the temperature, T0
+# the reference temperature, T_tau the lagged temperature, and s the direction of the temperature change.
 FORMULAS: Final = {
     "polynomial": (
         "k (T - T0)",
@@ -70,12 +71,14 @@ FORMULAS: Final = {
     ),
     "hysteresis": ("k s", "s (k + q (T - T0))", "s (k + q (T - T0) + c (T - T0)^2)"),
 }
+# Suffixes of the names of parameters, such as x_square, by kind of term and degree.
 SUFFIXES: Final = {
     "polynomial": ("", "_square", "_cube"),
     "rate": ("",),
     "lag": ("", "_linear", "_square"),
     "hysteresis": ("", "_linear", "_square"),
 }
+# Suffixes of the units of parameters after the unit of the reading, by kind of term and degree.
 UNITS: Final = {
     "polynomial": ("/K", "/K^2", "/K^3"),
     "rate": ("/(K/s)",),
@@ -192,7 +195,7 @@ class Soak:
 
 @dataclass(frozen=True)
 class Form:
-    """A model: effects with their numbers of parameters. Lags with the time constants `taus_s` are last."""
+    """A model: effects with their numbers of parameters. The last effects are lags, one per time constant."""
 
     effects: tuple[tuple[str, int], ...] = ()
     taus_s: tuple[float, ...] = ()
@@ -363,7 +366,8 @@ class _Search:
         basis, sizes, _ = np.linalg.svd(_scaled(self._columns(form))[0], False)
         basis = basis[:, sizes > 1e-10 * sizes[0]]
         # The columns of the basis are orthonormal, so the normal matrix of the other folds is the unit matrix
-        # minus the part of the fold. The addend makes it invertible if one fold alone determines a direction.
+        # minus the normal matrix of the held-out fold. The term 1e-10 keeps the difference invertible if a
+        # direction is determined by one fold only.
         parts = [(basis[own], self.mean[own]) for own in self.of_fold]
         normals = np.stack([basis_of.T @ basis_of for basis_of, _ in parts])
         sums = basis.T @ self.mean - np.stack([basis_of.T @ mean for basis_of, mean in parts])

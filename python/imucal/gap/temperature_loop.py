@@ -27,11 +27,11 @@ SENSORS: Final = {"gyroscope": "gyro_bias_temperature", "accelerometer": "accel_
 
 @dataclass(frozen=True, eq=False)
 class TemperatureLoop:
-    """Means of one sensor at rest, in the order of time.
+    """Mean residuals of one sensor at rest, in the order of time. Heating and cooling may form a loop.
 
     sensor         "gyroscope" (residuals in rad/s) or "accelerometer" (in m/s^2)
     degc           (K,) temperature
-    direction      (K,) 1 heating, -1 cooling, between them while the temperature reverses
+    direction      (K,) 1 heating, -1 cooling, values in between while the temperature reverses
     before, after  (K, 3) mean residual without and with the effects; for the accelerometer relative to the
                    mean of the rest
     """
@@ -44,10 +44,10 @@ class TemperatureLoop:
 
 
 def temperature_loops(gap: Gap, recordings: Recording | Sequence[Recording]) -> tuple[TemperatureLoop, ...]:
-    """The loops of the sensors with an effect of the temperature; empty without such an effect.
+    """The residuals of each sensor that has a temperature effect; empty without such an effect.
 
-    The accelerometer has a loop only if a recording has a rest of several means, because the force of
-    another pose is unknown.
+    Residuals of the accelerometer are relative to the mean of their rest, because the true force is not
+    known. They are therefore used only from rests with at least `LEAST_EPOCHS` means.
     """
     named = [str(effect["name"]) for effect in gap.effects if effect["parameters"]]
     found = []
@@ -70,7 +70,7 @@ def temperature_loops(gap: Gap, recordings: Recording | Sequence[Recording]) -> 
 def _rows(
     gap: Gap, sensor: str, recording: Recording, calibrations: tuple[Calibration, Calibration]
 ) -> Iterator[tuple[float, float, FloatArray, FloatArray]]:
-    """Temperature, direction, and both residuals of each mean."""
+    """For each mean: temperature, direction, and the residuals without and with the effects."""
     degc = np.asarray(recording.temperature_degc, dtype=np.float64)
     direction = TemperatureHistory(recording.time_s, degc).direction
     place = 1 if sensor == "gyroscope" else 0

@@ -200,7 +200,7 @@ def _finding(gap: GapFields) -> str:
 
 
 def _by_the_effects(figure: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-    """The figure. If a given calibration was refitted, `before` is that of the refit without effects."""
+    """The figure, with `before` from the fit without effects, also if a calibration was given."""
     if figure is None or figure.get("refitted") is None:
         return figure
     before, after, floor = figure["refitted"], figure["after"], figure["floor"]

@@ -178,7 +178,7 @@ class Judgement:
         return tuple(dict.fromkeys(check.reason for check in self.failed))
 
     def applied(self, verdict: Verdict, reasons: Sequence[str]) -> tuple[Verdict, tuple[str, ...]]:
-        """The verdict of a unit after the checks, from its verdict before, and all reasons."""
+        """The verdict of a unit with the checks, and all reasons. The arguments are those without checks."""
         return verdict if self.passed else "poor", (*self.reasons, *reasons)
 
     @property

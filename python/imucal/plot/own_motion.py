@@ -170,7 +170,7 @@ def residual_against(shown: Sequence[Dependence], *, has_effects: bool = True) -
 
 
 def law_points(motion: OwnMotion, law: Law) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Points for the curve of a law by axis: the variable, and law plus remaining residual, SI units.
+    """Points to draw beside the curve of a law, by axis: values of the variable, and law plus residual, SI.
 
     Points are rests and moves whose residual is the error of one axis. There are none for a law of several
     variables or of a variable that is not known for rests or moves.

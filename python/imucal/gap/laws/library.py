@@ -57,7 +57,7 @@ class Form:
     pattern    the expression, with {c} for the constant
     constant   value of the constant; None if the expression has none
     variables  all variables of the expression
-    cost       complexity; of two equally good forms, that with the smaller cost is chosen
+    cost       complexity; of two equally good forms, the form with the smaller cost is chosen
     """
 
     sensor: str

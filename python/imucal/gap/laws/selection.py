@@ -21,7 +21,8 @@ from imucal.gap.laws.library import Form
 __all__ = ["Columns", "Selected", "select", "settled"]
 
 # Minimum log evidence of a law, nats, after subtraction of the logarithm of the number of candidates. 8 nats
-# are odds of 3000 to 1. Effects of the catalogue need the same evidence.
+# are odds of 3000 to 1. An effect of the catalogue with less evidence must improve the prediction of unseen
+# data.
 LEAST_NATS: Final = 8.0
 # Two forms count as equally good if their log evidence differs by at most this number, nats. 3 nats are odds
 # of 20 to 1. Equally good forms with different input variables are rivals. Of equally good forms with the
@@ -103,7 +104,10 @@ def select(given: Columns) -> list[Selected]:
 
 
 def settled(given: Columns, variants: Sequence[Sequence[int]]) -> list[int]:
-    """For each law, the index of the best value of its constant, given the constants of the other laws."""
+    """For each law, the index of the candidate with the best constant, given the constants of the other laws.
+
+    variants  for each law, the indices of the candidates that differ only in the constant
+    """
     picks = [own[len(own) // 2] for own in variants]
     for place, own in enumerate(variants):
         others = [given.candidates[pick][1] for k, pick in enumerate(picks) if k != place]
