@@ -1,9 +1,9 @@
 //! Search for missing effects. All candidate effects are scored, and the candidate with the largest evidence is added
-//! to the model. This step is repeated until no candidate explains the residuals significantly better than noise
-//! (docs/model.md (23), (24)).
+//! to the model. This step is repeated until no remaining candidate improves the fit significantly (docs/model.md (23),
+//! (24)).
 //!
-//! * `evidence`: evidence of a model. The width of each prior is a multiple of the effect's typical size, and the
-//!   scatter of each kind of residual is estimated.
+//! * `evidence`: evidence (marginal likelihood) of a model. The prior width of each effect is a multiple of its typical
+//!   size, and the noise scale of each kind of residual is estimated.
 //! * `forward_search`, `score`, `revise`: steps of the forward search.
 //! * `generic`, `pattern`: hypotheses about variations of a bias or scale that no effect of the catalogue describes.
 //!   These hypotheses compete with the selected effects.
@@ -16,7 +16,7 @@
 //! * `fits`, `acceptance`: an effect is accepted unless it makes the prediction of unseen data significantly worse.
 //!   Unseen data are control recordings or, without them, held-out rests and moves.
 //! * `mount`, `clock`: faults of the data that prevent conclusions about effects.
-//! * `verdict`, `remainder`: conclusion of a search, and the part of the gap that the accepted effects do not explain.
+//! * `verdict`, `remainder`: conclusion of a search, and the residuals that the accepted effects do not explain.
 //! * `session`: biases that changed between the calibration recordings and the control recordings.
 //! * `residuals_by_place`, `predicted_error`: residuals by kind, rest and move, and errors of corrected signals.
 //!
@@ -123,7 +123,7 @@ pub type Scattering = (&'static str, f64, f64);
 pub struct Score {
     /// Name of the effect.
     pub name: String,
-    /// Number of parameters of the form of the effect with the largest evidence.
+    /// Number of parameters in the form of the effect (for example linear or quadratic) with the largest evidence.
     pub parameters: usize,
     /// Log Bayes factor of the model with the effect relative to the model without the effect, nats.
     pub log_bayes_factor: f64,

@@ -121,16 +121,16 @@ const SEARCH: f64 = 1e-5;
 /// (23)).
 const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
 /// Start values of the time constant of a temperature lag, as fractions of the same duration. A lag repeats with each
-/// change of the temperature, so short lags are observable in long recordings. A lag as long as the recording has
-/// nearly the field of the temperature itself.
+/// change of the temperature, so short lags are observable in long recordings. A lag as long as the recording causes
+/// nearly the same errors as the temperature itself, and is not tried.
 const LAG_SHARES: [f64; 5] = [0.002, 0.006, 0.02, 0.06, 0.2];
 
 /// Effects that depend on the angular acceleration and cause a rotation error over a whole move. They are observable
 /// without the force inside the moves.
 const OBSERVABLE_AT_RESTS: [&str; 1] = ["gyro_angular_acceleration"];
 
-/// Whether an effect is not observable in hand-held recordings. This is the case if it changes only the force inside
-/// the moves, because the hand adds an unknown acceleration to this force.
+/// Whether an effect is not observable in hand-held recordings. This is the case if it is observable only from the
+/// force inside the moves, because the hand adds an unknown acceleration to this force.
 pub(crate) fn is_unobservable_hand_held(name: &str) -> bool {
     let effect = Effect::<f64>::find(name);
     effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !OBSERVABLE_AT_RESTS.contains(&name)
@@ -239,7 +239,7 @@ pub(crate) fn predict(
 ///
 /// With weights from noise only, the large residuals at the start could move an effect far from its true value. For
 /// example, a g-sensitivity that is equal on all axes acts at rest like a rotation about gravity, which the moves do
-/// not observe. If the fit makes this rotation fast, all other errors average out.
+/// not observe. A fit with a very large g-sensitivity of this kind rotates so fast that all other errors average out.
 fn begin(
     problem: &mut Joint<'_>,
     terms: &Terms<'_>,

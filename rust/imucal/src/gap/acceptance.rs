@@ -137,8 +137,8 @@ impl Fits<'_> {
         let path = path.as_slice();
         let must_improve = |name: &String| {
             let effect = Effect::<f64>::find(name);
-            // Residuals of unseen rests and of whole moves confirm only effects that change these residuals. Effects of
-            // the stand, and effects that act only inside moves, hardly change them.
+            // Effects of the stand, and effects that act only inside moves, hardly change the residuals of unseen rests
+            // and of whole moves. They are therefore not required to improve the prediction of these residuals.
             let is_of_rests =
                 effect.is_none_or(|own| own.sensor != Sensor::Encoder) && !is_unobservable_hand_held(name);
             is_of_rests && selected.iter().any(|score| score.name == *name && score.log_bayes_factor < CERTAIN_NATS)

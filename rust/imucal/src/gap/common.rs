@@ -14,7 +14,7 @@ use crate::numerics::symmetric::SymmetricMatrix;
 /// stored. Products of two candidate columns are added by [`Common::weighing`], for a few candidates at a time.
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
-    /// For each group of residuals: those products of the normalised Gram matrix that involve a column of the model.
+    /// For each group of residuals: the normalised Gram matrix, without the products of two candidate columns.
     parts: Vec<SymmetricMatrix>,
 }
 
@@ -23,7 +23,7 @@ pub(crate) struct Common<'a> {
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
     /// Sums of the Gram matrices, each divided by its noise scale. `whole` is the sum before the elimination, and
-    /// `sums` is the sum after it. `volume` is the log determinant of the model's part of `whole`.
+    /// `sums` is the sum after the elimination. `volume` is the log determinant of the model's part of `whole`.
     whole: SymmetricMatrix,
     sums: SymmetricMatrix,
     volume: f64,
@@ -95,7 +95,7 @@ impl WithSimd for SweepCommon<'_> {
 struct SweepAs<'a> {
     weighing: &'a Weighing<'a>,
     common: &'a SweptCommon,
-    /// The rows of the eliminated Gram matrix that belong to the parameters of the model. The columns are those of
+    /// The rows of the eliminated Gram matrix that belong to the parameters of the model, restricted to the columns of
     /// `weighing`.
     known: SymmetricMatrix,
     /// Index of each column of `weighing` among all candidate columns.

@@ -16,8 +16,9 @@ use crate::joint::{EPOCH_RATES, INSIDE, Insides, Joint, Kinds, Lanes, Linear, Pr
 use crate::parameters::BASE;
 use crate::rests::moves::axis_aside;
 
-/// A candidate effect. An effect with several forms is entered once for each form, the plain form first. An effect with
-/// a time constant is entered once for each trial value of the time constant.
+/// A form of a candidate effect. The list of candidates contains an effect with several forms once for each form, with
+/// the form of fewest parameters (the plain form) first. It contains an effect with a time constant once for each trial
+/// value.
 #[derive(Clone)]
 pub(crate) struct Candidate {
     pub(crate) name: String,
@@ -32,7 +33,7 @@ pub(crate) struct Candidate {
 /// Residuals of a model, with the Jacobian columns of the model and of the candidates.
 #[derive(Clone)]
 pub(crate) struct Design {
-    /// Gram matrices (products of Jacobian columns), one for each group of residuals. Products of columns of two
+    /// Gram matrices (products of Jacobian columns), one for each group of residuals. Products of two columns from
     /// different candidates are NaN until one of these candidates has been added to the model.
     pub(crate) gram: Gram,
     /// Columns of the model, in the order base parameters, effects, stand parameters.
@@ -169,16 +170,16 @@ fn columns_of(
     places.enumerate().map(column).collect()
 }
 
-/// For each end of a move and each rest: the body axis from which the directions of the two tilt residuals are
-/// constructed. Tilt residuals are perpendicular to gravity. The residual rows of two models can be compared only if
-/// these axes are equal.
+/// For each end of a move and each rest: the body axis from which two directions perpendicular to gravity are
+/// constructed. The two tilt residuals are the components along these directions. The residual rows of two models can
+/// be compared only if these axes are equal.
 pub(super) fn axes_of(linear: &Linear) -> Vec<usize> {
     let ends = linear.moves.iter().flat_map(|at_move| [&at_move.before.up, &at_move.after.up]);
     ends.chain(linear.directions().map(|(_, up)| up)).map(axis_aside).collect()
 }
 
 impl Design {
-    /// The candidates without those whose columns are a part of the columns of another form of the same effect.
+    /// The candidates, without each form whose columns are a part of the columns of a larger form of the same effect.
     pub(crate) fn full_forms(&self) -> impl Iterator<Item = &Candidate> {
         let is_part = |own: &Range<usize>, other: &Range<usize>| own.start == other.start && own.end < other.end;
         let is_full =
@@ -187,9 +188,9 @@ impl Design {
     }
 
     /// This design with some candidates moved into the model, and with the residuals of the new model. `None` if the
-    /// rows of the two models cannot be compared. The Jacobian is not recomputed. Its relative error is about the
-    /// relative size of the effects, typically at most 1 %. This error changes the steps of the iteration, but not the
-    /// solution.
+    /// rows of the two models cannot be compared. The Jacobian of the old model is reused. Its relative error is about
+    /// the relative size of the effects, typically at most 1 %. This error changes the steps of the iteration, but not
+    /// the solution.
     pub(crate) fn joined(
         &self,
         prepared: &Prepared<'_>,

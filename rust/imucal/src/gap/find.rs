@@ -45,7 +45,8 @@ pub struct Analysis {
     pub after: Option<Fit>,
     /// Scores of the accepted effects. Each score lists the rivals: effects that explain nearly the same residuals.
     pub effects: Vec<Score>,
-    /// For each accepted effect, the share of the excess chi2 of unseen data that the effect removes.
+    /// For each accepted effect: the share of the excess chi2 of unseen data (chi2 beyond noise) that the effect
+    /// removes.
     pub shares: Vec<EffectShare>,
     /// Fits in which a rival replaces an accepted effect.
     pub rivals: Vec<RivalFit>,
@@ -56,7 +57,7 @@ pub struct Analysis {
     /// Effects with a significant log Bayes factor that do not improve the prediction of unseen data and are therefore
     /// not accepted.
     pub not_confirmed: Vec<Score>,
-    /// Unseen data that contradict effects which had been accepted; `None` if no accepted effect was contradicted.
+    /// A contradiction between unseen data and effects that had been accepted; `None` if there is no contradiction.
     pub contradiction: Option<Contradiction>,
     /// Residuals that the accepted effects leave unexplained. If no effect was accepted, these are the residuals that
     /// the model without effects leaves unexplained.
@@ -116,7 +117,7 @@ pub fn find_gap(
     gap_options: &GapOptions<'_>,
 ) -> Result<Gap, Error> {
     let refused = |faults| Ok(Gap { verdict: Verdict::DataFault, faults, analysis: None });
-    // Progress of the first fit is reported here, because the checks and the start values that follow are part of this
+    // Progress of the first fit is reported here, because the checks and the start values below already belong to this
     // fit.
     gap_options.report(Progress::Fit { effects: &[] })?;
     let checked = match Checked::try_new(recordings, options) {

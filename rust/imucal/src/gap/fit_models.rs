@@ -20,7 +20,7 @@ const SHAPE_WIDTH: f64 = 3.0;
 /// moves.
 const MOST_RECENT: usize = 3;
 
-/// Error of a fit in which a lag of the temperature is longer than the recordings.
+/// Error message of a fit in which a lag of the temperature is longer than the recordings.
 const TOO_LONG: &str = "the time constant of the temperature lag is longer than the recordings";
 
 impl<'a> ForwardSearch<'a> {
@@ -67,7 +67,7 @@ impl<'a> ForwardSearch<'a> {
                 own[term.linear] = shape;
             }
         }
-        // The key of a fit contains no prior width for user-defined effects.
+        // The fit has no prior for user-defined effects. Only the evidence below takes their prior into account.
         let width = |term: &Term<'_>| {
             let member = members.iter().find(|m| m.name == term.name());
             term.effect().and(member).map(|member| member.width)
@@ -105,7 +105,7 @@ impl<'a> ForwardSearch<'a> {
         Ok(Stage { design: Arc::new(design), evidence, members, model, sensors, places })
     }
 
-    /// The linearisation at the solution of a fit. It is kept, because several steps of the search use it.
+    /// The linearisation at the solution of a fit. Recent ones are kept, because several steps of the search use them.
     fn fitted(
         &self,
         prepared: &Prepared<'_>,
@@ -146,7 +146,8 @@ impl<'a> ForwardSearch<'a> {
         let of_catalogue = |term: &Term<'_>| Some(EffectChoice { effect: term.effect()?, parameters: term.linear });
         let members = terms.all.iter().filter_map(of_catalogue);
         let scored = |choice: &EffectChoice| match choice.effect.has_need(Need::TemperatureHistory) {
-            // The plain form suffices to find the effect. The search selects the form after the effect has joined.
+            // The form with the fewest parameters suffices to find the effect. The search selects the form after it has
+            // added the effect to the model.
             true => EffectChoice::plain(choice.effect),
             false => *choice,
         };

@@ -66,7 +66,7 @@ pub(super) struct Fits<'a> {
     /// Start values for the next fit: the final fit of the last search. The solutions with the selected effects are
     /// close to it.
     pub(super) warm_start: Option<WarmStart>,
-    /// Number of parameters of each selected effect that is not in its plain form.
+    /// Number of parameters in the selected form of each selected effect.
     forms: Vec<(String, usize)>,
     made: Vec<Rc<Fit>>,
 }
@@ -76,7 +76,7 @@ impl<'a> Fits<'a> {
         Self { checked, control, options, warm_start: None, forms: Vec::new(), made: Vec::new() }
     }
 
-    /// Uses the forms of the effects that a search selected in the next fits.
+    /// Sets the forms of the effects for the next fits: each selected effect gets the form that the search selected.
     pub(super) fn use_forms(&mut self, path: &[Score]) {
         self.forms = path.iter().map(|score| (score.name.clone(), score.parameters)).collect();
         self.made.retain(|fit| fit.effects.is_empty());
@@ -174,8 +174,8 @@ impl<'a> Fits<'a> {
         let rate_chi2 = rate_chi2(&outcome.calibration, &evaluation, self.control, corrected.as_deref());
         let is_corrected = corrected.is_some();
         let sets = [self.checked.recordings(), self.control];
-        // A change of the biases between sessions is considered only if the fit without effects also has a change. A
-        // wrong effect causes errors in the control recordings that resemble a change of the biases.
+        // A change of the biases between sessions is considered only if the fit without effects also shows it. If only
+        // a fit with effects shows a change, a wrong effect may have caused it.
         let first = self.made.first().and_then(|fit| fit.control.as_ref());
         let step = match first.is_none_or(|control| control.step.is_some()) {
             true => SessionStep::find(outcome, &evaluation, is_corrected, sets),

@@ -21,7 +21,7 @@ pub(crate) struct Others<'a> {
 }
 
 impl<'a> Known<'a> {
-    /// Prepares a design with these columns and this residual. `gram` contains the Gram matrices of the columns.
+    /// Divides the columns and the residual of a design into groups. `gram` contains the Gram matrices of the columns.
     pub(crate) fn new(columns: &'a Mat<f64>, residual: &[f64], group_of_row: &[usize], gram: &'a Gram) -> Self {
         let of_group = |rows: Rows| {
             let (part, residual) = (rows.part(columns), rows.values(residual));

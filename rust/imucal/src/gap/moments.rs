@@ -16,15 +16,15 @@ use crate::joint::{Field, Joint, Linear, Model, MoveSegments, Prepared, Terms, m
 use crate::numerics::stats::dot;
 use crate::rests::moves::Move;
 
-/// Inside moves, hypotheses are evaluated at every fifth block if accelerometer samples inside moves are not used. This
-/// is sufficient, because biases vary slowly.
+/// Inside moves, hypotheses are evaluated at every fifth block of samples if accelerometer samples inside moves are not
+/// used. This is sufficient, because biases vary slowly.
 const EVERY: usize = 5;
-/// Above this angular rate about an axis, rad/s, the rotation has a sign. At lower rates, the sign of the last rotation
-/// is kept. The value exceeds the noise of a consumer gyroscope.
+/// Minimum angular rate about an axis, rad/s, that determines the sense of rotation about the axis. At lower rates, the
+/// sense of the last rotation is kept. The value exceeds the noise of a consumer gyroscope.
 const LEAST_RATE_RADPS: f64 = 0.05;
 
-/// A rest or a move, at which a sensor parameter deviates by one value. It is called an epoch here, and is not an
-/// epoch (part) of a long rest.
+/// A rest or a move, during which the deviation of a sensor parameter is constant. In other modules, an epoch is a part
+/// of a long rest instead.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Epoch {
     pub(crate) recording: usize,

@@ -161,7 +161,7 @@ fn up_by_stand(parameters: &[f64; STAND_PARAMETERS], angle_rad: &Vector3<f64>) -
     StandModel::of(parameters).attitude(angle_rad).inverse() * Vector3::z()
 }
 
-/// Least-squares rotation from the directions up computed for a stand without errors to the measured directions up.
+/// Least-squares rotation that maps the up directions computed for an error-free stand to the measured up directions.
 fn best_mount(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Matrix3<f64> {
     so3::exp(&mount_rotation(angles, up)).inverse().to_rotation_matrix().into_inner()
 }
@@ -202,8 +202,8 @@ impl<'a> Residuals<'a> {
         let difference = |at: &dyn Fn(f64, &Vector3<f64>) -> Vector3<f64>, angle: &Vector3<f64>| {
             mount * (at(STEP_RAD, angle) - at(-STEP_RAD, angle)) / (2.0 * STEP_RAD)
         };
-        // The derivatives with respect to the stand parameters come first. Those with respect to two harmonics of each
-        // encoder follow.
+        // The derivatives with respect to the stand parameters come first. The derivatives with respect to two
+        // harmonics of each encoder follow.
         let row = |k: usize| -> Vec<Vector3<f64>> {
             let angle = &angles[k];
             let by_parameter = |p: usize| {

@@ -132,8 +132,8 @@ impl Parameters {
     }
 }
 
-/// Expected errors and covariance of the parameters for an effect's prior with the estimated size of the effect. The
-/// estimated size is a factor of at most 1 on the typical sizes of all parameters of the effect.
+/// Expected errors and covariance of the parameters if the prior of an effect has the estimated size of the effect as
+/// its width. This width is one factor of at most 1 times the typical size of each parameter.
 fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64]) -> (Vec<f64>, Mat<f64>) {
     let (n, p) = (covariance.nrows(), own.len());
     let (mut square, mut shift, mut narrowed) = (1.0f64, vec![0.0; n], covariance.clone());

@@ -29,13 +29,14 @@ const LEAST_GAIN: f64 = 2.0;
 /// A generic hypothesis is reported in addition to the selected effects only if its log Bayes factor is above this
 /// number of nats.
 const NOT_ALL: f64 = 12.0;
-/// A generic hypothesis is reported in addition to the selected effects only if its log Bayes factor is larger than
-/// this fraction of that of the effects. Linearisation errors of large effects may cause smaller fractions.
+/// A generic hypothesis is reported in addition to the selected effects only if its log Bayes factor exceeds this
+/// fraction of the log Bayes factor of the effects. Linearisation errors of large effects may cause a smaller log Bayes
+/// factor.
 const REMAINDER: f64 = 0.02;
-/// Minimum chi2 that a reported generic hypothesis must explain, as a fraction of the chi2 that the selected effects
-/// explain. It is counted in addition to the effects, or in excess of them if the hypothesis replaces them.
-/// Linearisation errors of large effects may explain a smaller fraction. The limit [`REMAINDER`] is not sufficient,
-/// because the log Bayes factor grows only with the logarithm of an effect's size.
+/// Minimum decrease of chi2 by a reported generic hypothesis, as a fraction of the decrease by the selected effects. A
+/// hypothesis that replaces the effects must decrease chi2 by this fraction more than the effects do. Linearisation
+/// errors of large effects may cause smaller decreases. The limit [`REMAINDER`] is not sufficient, because the log
+/// Bayes factor grows only with the logarithm of an effect's size.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 
 /// The generic hypothesis with the largest evidence, and its fit.

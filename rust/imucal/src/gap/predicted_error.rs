@@ -246,8 +246,7 @@ fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat
     (sums * faer::Scale(1.0 / count as f64), count)
 }
 
-/// Mean squared errors of signals averaged over one second, for angular rate and specific force, that no correction
-/// removes.
+/// Mean squared errors that no correction removes, for angular rate and specific force averaged over one second.
 ///
 /// The Earth's rate counts as an error of the angular rate, because the correction does not remove it and its
 /// body-frame components change with attitude.
@@ -320,8 +319,8 @@ impl Signal<'_> {
         Ok(PredictedError { before, after, factor: before / after, factor_low, factor_high })
     }
 
-    /// Mean square of the signal change due to the parameter errors `errors` plus `difference` times the difference
-    /// between the signals corrected by the two calibrations.
+    /// Mean square of the signal change due to the parameter errors `errors`, plus `difference` (0 or 1) times the
+    /// difference between the signals corrected by the two calibrations.
     fn square(&self, errors: &[f64], difference: f64) -> f64 {
         let at = |i: usize| errors.get(i).copied().unwrap_or(difference);
         let all = 0..=errors.len();

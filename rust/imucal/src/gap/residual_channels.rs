@@ -252,8 +252,8 @@ impl Channel {
 }
 
 impl CorrectedFit<'_> {
-    /// Direction up in the body frame before and after a move. It is the direction of the fit. If the fit excluded the
-    /// move, it is the direction that the accelerometer measured at the rest.
+    /// Direction up in the body frame before and after a move, as estimated by the fit. If the fit excluded the move,
+    /// it is the direction that the accelerometer measured at the rest.
     fn gravity_at_ends(&self, span: &MoveReport) -> [Vector3<f64>; 2] {
         [(span.gravity_before, span.from_rest), (span.gravity_after, span.to_rest)].map(|(known, rest)| {
             if known.iter().all(|value| value.is_finite()) {

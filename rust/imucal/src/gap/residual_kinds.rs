@@ -66,7 +66,8 @@ pub enum Regressor {
     RateSquared,
     /// Sign of each component of the rotation vector of the last move before a rest.
     SignOfTheLastTurn,
-    /// Magnitude of the angular rate on each axis: a scale error whose sign is the sign of the rate.
+    /// Magnitude of the angular rate on each axis. Residuals depend on it if the scale differs between positive and
+    /// negative rates.
     SignOfTheRate,
     /// Temperature: mean over a rest, degC, or inside moves the difference from the mean of the recording, K.
     Temperature,

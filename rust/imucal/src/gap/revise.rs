@@ -20,10 +20,11 @@ const RIVAL_NATS: f64 = 3.0;
 /// Maximum p-value of the likelihood ratio between the models with and without an effect. An effect with a larger
 /// p-value is superfluous.
 const SUPERFLUOUS: f64 = 1e-3;
-/// Distance of a trial time constant from the estimate, as a natural logarithm, above which a lag is fitted again.
+/// A temperature lag is fitted again from a trial time constant if the logarithm of the ratio of this trial value to
+/// the estimate has a magnitude above this value.
 const FAR: f64 = 0.7;
-/// Log Bayes factor, nats, above which candidates are fitted to be compared. The linearisation errors of the scores of
-/// such large effects exceed the differences between candidates.
+/// Above this log Bayes factor, nats, candidates are compared by their fits instead of their scores. The linearisation
+/// errors of the scores of such large effects exceed the differences between candidates.
 const VERY_MUCH: f64 = 2000.0;
 /// Minimum log Bayes factor of a candidate for it to be fitted, as a share of the largest log Bayes factor.
 const CLOSE: f64 = 0.9;
@@ -98,10 +99,10 @@ impl ForwardSearch<'_> {
 
     /// Replaces an effect by an alias if the log evidence of the alias is larger by more than [`RIVAL_NATS`]. Aliases
     /// with a time constant are compared because candidates are scored only at a few trial time constants. The effects
-    /// of the temperature history (lag, rate and hysteresis) are compared because the temperature effect that joins
-    /// later changes their evidence. Aliases whose log evidence is at most [`RIVAL_NATS`] smaller than the largest one
-    /// become rivals. A lag is also fitted from another start value of its time constant, because the value at which it
-    /// was selected depends on the effects that were missing. Returns whether an effect was replaced.
+    /// of the temperature history (lag, rate and hysteresis) are compared because adding the temperature effect changes
+    /// their evidence. Aliases whose log evidence is at most [`RIVAL_NATS`] smaller than the largest one become rivals.
+    /// A lag is also fitted from another start value of its time constant, because the lag was selected when the model
+    /// did not yet contain all effects. Returns whether an effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,
@@ -165,9 +166,9 @@ impl ForwardSearch<'_> {
         Ok(swapped)
     }
 
-    /// The fit of the model in which the effect `other` replaces the effect `own`, which is member `k`. A lag starts
-    /// at the time constant `lag_s`. Of an effect of the temperature history, the form with the largest evidence is
-    /// used, up to the number of parameters of `own`.
+    /// The fit of the model in which the effect `other` replaces the effect `own`, which is member `k`. A lag starts at
+    /// the time constant `lag_s`. If `own` is an effect of the temperature history, the form of `other` with the
+    /// largest evidence is used, up to the number of parameters of `own`.
     fn replacement(
         &self,
         prepared: &Prepared<'_>,
@@ -217,9 +218,9 @@ impl ForwardSearch<'_> {
     }
 
     /// Selects the form of each effect in the model that has several forms, such as the degree of a temperature effect.
-    /// A form with more parameters is selected if its log evidence is larger by more than [`RIVAL_NATS`]. Candidates
-    /// are scored beside a model in which other effects may be missing, so the form may change when another effect has
-    /// joined. Returns whether a form was changed.
+    /// A form with more parameters is selected if its log evidence is larger by more than [`RIVAL_NATS`]. When a
+    /// candidate is scored, other effects may still be missing from the model, so its form may change after they have
+    /// been added. Returns whether a form was changed.
     pub(super) fn choose_forms(
         &self,
         prepared: &Prepared<'_>,

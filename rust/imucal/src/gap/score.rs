@@ -91,7 +91,7 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
             continue;
         };
         let size = (noncentralities[&look.dof] / look.trace).sqrt() * candidate.typical[0];
-        // The detection limit is that of the plain form.
+        // The detection limit refers to the form of the effect with the fewest parameters.
         let is_plain = Effect::<f64>::find(&candidate.name).is_none_or(|own| own.plain >= candidate.typical.len());
         match visible.iter_mut().find(|(name, _, _): &&mut (String, f64, String)| *name == candidate.name) {
             Some(entry) if is_plain => entry.1 = entry.1.min(size),

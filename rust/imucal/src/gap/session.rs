@@ -6,7 +6,7 @@
 //!
 //! f_k is the mean specific force at rest k, u_k its direction, and g is local gravity. f_k and the mean rates are
 //! corrected by the calibration. d_a and d_g are the changes of the accelerometer and gyroscope biases between the two
-//! sessions. An effect that the model lacks causes almost equal errors in both sessions. It is therefore hardly
+//! sessions. An effect that is missing from the model causes almost equal errors in both sessions, so it is rarely
 //! mistaken for a change of the biases.
 
 use imucal_core::calibration::Calibration;
@@ -24,8 +24,8 @@ use crate::rests::noise_density::variance_by_axis;
 const LEAST_RESTS: usize = 6;
 /// Maximum p-value of a significant change of one sensor's biases.
 const SIGNIFICANCE: f64 = 1e-6;
-/// A change of the bias is reported if it is larger than this multiple of the scatter of the bias from rest to rest
-/// within a session. Biases vary by a similar amount within a recording, so a smaller change hardly affects the errors.
+/// A change of the bias is reported only if it exceeds this multiple of the scatter of the bias between the rests of
+/// one session. Biases scatter that much within a recording anyway, so a smaller change hardly affects the errors.
 const LEAST_SIZE: f64 = 3.0;
 /// Minimum value of the smallest eigenvalue of the mean of `u u^T` over the rests, where u is the direction up. Below
 /// this value, not all components of a change are observable. The eigenvalue is 1/3 for directions distributed
@@ -69,7 +69,7 @@ impl Change {
 
 impl SessionStep {
     /// Changes of the biases of both sensors; `None` if neither is significant. `is_corrected` is true if the rest
-    /// means in `evaluation` are already corrected. They are corrected if the calibration has effects.
+    /// means in `evaluation` are already corrected, which is the case if the calibration has effects.
     pub(super) fn find(
         outcome: &Outcome,
         evaluation: &Evaluation,
@@ -111,7 +111,7 @@ impl SessionStep {
         [self.accelerometer_mps2, self.gyroscope_radps].map(|change| change.unwrap_or_default().into())
     }
 
-    /// The calibration, with its biases replaced by those of the control recordings.
+    /// The calibration, with its biases replaced by the biases of the control recordings.
     pub(super) fn calibration(&self, calibration: &Calibration<f64>) -> Option<Calibration<f64>> {
         let [force, rate] = self.changes();
         let moved = |triad: &Triad<f64>, change: Vector3<f64>| {
@@ -159,9 +159,9 @@ fn change_of_norms(rests: &[&RestReport], force: impl Fn(&RestReport) -> Vector3
 }
 
 /// Change of the gyroscope's bias: the mean of the corrected rates at the rests. The error of the mean consists of the
-/// scatter between rests and of the rounding error, which all rests of a session have in common (model.md (37));
-/// `rounding` is its variance. The variance of the mean is doubled, because the mean over the calibration recordings is
-/// assumed to have the same variance.
+/// scatter between rests and of the rounding error, which all rests of a session have in common (model.md (37)).
+/// `rounding` returns the variance of the rounding error. The variance of the mean is doubled, because the mean over
+/// the calibration recordings is assumed to have the same variance.
 fn change_of_means(
     rests: &[&RestReport],
     rate: impl Fn(&RestReport) -> Vector3<f64>,

@@ -57,7 +57,7 @@ pub(super) struct Member {
 }
 
 impl Member {
-    /// The plain form of an effect before its first fit, with a prior of the typical size.
+    /// The form of an effect with the fewest parameters, before its first fit, with a prior of the typical size.
     pub(super) fn plain(effect: &Effect<f64>) -> Self {
         let (name, parameters) = (effect.name.to_owned(), effect.plain);
         Self { name, parameters, width: 1.0, shape: None, values: Vec::new() }

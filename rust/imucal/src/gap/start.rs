@@ -19,9 +19,9 @@ const STRETCH_S: f64 = 4.0 * BLOCK_S;
 /// Hand motion is detected if the scatter of the averaged specific force is larger than this multiple of noise, and if
 /// effects do not explain this scatter.
 const HAND: f64 = 10.0;
-/// If the unit is moved by hand, effects of pure rotation leave at least this share of the variance of the averaged
-/// specific force unexplained. Without hand motion, the unexplained share is smaller. It is largest with a long lever
-/// arm and a noisy gyroscope.
+/// If the unit is moved by hand, effects of the angular acceleration (for example the lever arm of the accelerometer)
+/// leave at least this share of the variance of the averaged specific force unexplained. Without hand motion, the
+/// unexplained share is smaller. It is largest with a long lever arm and a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
 
 impl ForwardSearch<'_> {
@@ -115,8 +115,8 @@ impl ForwardSearch<'_> {
             let (gram, _) = seen.insides_apart(prepared);
             let mut is_hand_moved = false;
             for (group, plain) in &scattered {
-                // Effects of pure rotation cannot explain hand motion. If they explain almost the whole scatter, the
-                // unit was not moved by hand.
+                // Effects of the angular acceleration cannot explain hand motion. If they explain almost the whole
+                // scatter, the unit was not moved by hand.
                 is_hand_moved |= inside(&gram, *group, &all_columns)? > HAND * HAND
                     && inside(&gram, *group, &of_rotation)? > UNEXPLAINED * plain;
             }

@@ -1,8 +1,8 @@
 //! Effects of the temperature history in the forward search.
 //!
-//! A bias with a memory (lag, rate or hysteresis) usually depends on the temperature itself as well. Its two effects
-//! are therefore treated as partners. One of them alone may have the wrong time constant, resemble a wrong alias, or
-//! fail the cross-validation.
+//! A bias with a memory (lag, rate or hysteresis) usually depends on the present temperature as well. The effect of the
+//! temperature and the effect of the temperature history on this bias are therefore treated as partners. A fit with
+//! only one of the partners may have a wrong time constant, favour a wrong effect, or fail the cross-validation.
 
 use imucal_core::effects::{Effect, Need};
 
@@ -14,11 +14,13 @@ use super::stage::{Beside, Member, Stage};
 use crate::calibrate::EffectChoice;
 use crate::joint::Prepared;
 
-/// Log prior odds of an effect without memory relative to an effect of the temperature history, nats, and of the
-/// temperature effect of a bias with a memory relative to other effects. 3 nats are odds of 20 to 1.
+/// Log prior odds, nats, of an effect without memory relative to an effect of the temperature history. If the model
+/// contains the history effect of a bias, the temperature effect of this bias has the same odds relative to other
+/// effects. 3 nats are odds of 20 to 1.
 const PRIOR_NATS: f64 = 3.0;
-/// Maximum p-value of the temperature effect of a bias with a memory. It is larger than that of other effects, because
-/// without the temperature effect the time constant of a lag would be biased.
+/// Maximum p-value of the temperature effect of a bias if the history effect of this bias is in the model. It is larger
+/// than the maximum for other effects, because without the temperature effect the time constant of a lag would be
+/// biased.
 const PARTNER_CHANCE: f64 = 0.01;
 
 pub(super) fn is_of_history(effect: &Effect<f64>) -> bool {
@@ -34,8 +36,8 @@ fn are_partners(a: &Effect<f64>, b: &Effect<f64>) -> bool {
     a.sensor == b.sensor && (is_pair(a, b) || is_pair(b, a))
 }
 
-/// Log prior odds of an effect, nats. A long lag has nearly the field of the temperature itself, so an effect of the
-/// temperature history must have a larger evidence than an effect without memory.
+/// Log prior odds of an effect, nats. A temperature lag with a long time constant causes nearly the same errors as the
+/// temperature itself, so an effect of the temperature history needs a larger evidence than an effect without memory.
 pub(super) fn log_prior_odds(name: &str) -> f64 {
     if Effect::find(name).is_some_and(is_of_history) { -PRIOR_NATS } else { 0.0 }
 }
@@ -45,7 +47,7 @@ pub(super) fn log_prior_odds_of_member(members: &[Member], k: usize) -> f64 {
     if is_temperature_of_history(members, k) { PRIOR_NATS } else { log_prior_odds(&members[k].name) }
 }
 
-/// Maximum p-value of member `k` of a model. `usual` is this value for effects without a partner.
+/// Maximum p-value of member `k` of a model. `usual` is the maximum p-value of effects without a partner.
 pub(super) fn largest_chance(members: &[Member], k: usize, usual: f64) -> f64 {
     if is_temperature_of_history(members, k) { PARTNER_CHANCE } else { usual }
 }
@@ -85,7 +87,8 @@ impl ForwardSearch<'_> {
         Some((own, score))
     }
 
-    /// The model with a candidate that improves the prediction of held-out data only together with its partner.
+    /// The model with the candidate `pick`, if the prediction of held-out data improves when its partner is added as
+    /// well.
     pub(super) fn with_partner(
         &self,
         prepared: &Prepared<'_>,
@@ -109,8 +112,8 @@ impl ForwardSearch<'_> {
         (is_predictive && next.evidence.log > stage.evidence.log).then_some(next)
     }
 
-    /// The trial time constant with the largest evidence of a lag beside the members other than `k`, s. The lag is
-    /// that of the sensor of member `k`.
+    /// The trial time constant, s, with the largest evidence for a temperature lag on the sensor of member `k`. The lag
+    /// is added to the model without member `k`.
     pub(super) fn best_lag_s(
         &self,
         prepared: &Prepared<'_>,

@@ -52,8 +52,8 @@ const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 const MOST_PASSES: usize = 12;
 
 impl ForwardSearch<'_> {
-    /// The kernel of a variation in time that was at first taken for a random walk. `members` are the effects in the
-    /// model.
+    /// Selects the kernel of a variation in time that so far is described as a random walk. `members` are the effects
+    /// in the model.
     pub(super) fn course(
         &mut self,
         prepared: &Prepared<'_>,
@@ -69,8 +69,8 @@ impl ForwardSearch<'_> {
         Ok(found?.and_then(|observed| observed.kernel()).unwrap_or(Kernel::RandomWalk))
     }
 
-    /// Information of rests and rest-to-rest moves about the deviation in each epoch. `None` if there are too few
-    /// epochs, or if the fit of the model fails.
+    /// Information about the deviation in each epoch, from the rests and the rest-to-rest moves. `None` if there are
+    /// too few epochs, or if the fit of the model fails.
     fn observed(
         &self,
         prepared: &Prepared<'_>,
@@ -118,8 +118,8 @@ struct Observed {
 }
 
 impl Observed {
-    /// The kernel of the time course whose evidence exceeds that of the random walk by [`LEAST`]; `None` if no course
-    /// does.
+    /// Kernel of the time course with the largest evidence, if its log evidence exceeds that of the random walk by more
+    /// than [`LEAST`] nats; `None` otherwise.
     fn kernel(&self) -> Option<Kernel> {
         let end_s = self.epochs.iter().map(|epoch| epoch.time_s).fold(0.0, f64::max);
         let walk = self.best_of(self.steps()?, |a, b| a.time_s.min(b.time_s) / end_s)?;
@@ -234,8 +234,8 @@ fn log_determinant(factor: faer::MatRef<'_, f64>) -> f64 {
     2.0 * (0..factor.nrows()).map(|i| factor[(i, i)].ln()).sum::<f64>()
 }
 
-/// Start values of the states. The deviations are projected on their principal direction, and each of three levels
-/// divides them into the states 0 and 1.
+/// Start values of the states. The deviations are projected on their principal direction. Each of three thresholds
+/// divides the projections into the states 0 and 1.
 fn starts_of(x: &[f64]) -> Vec<Vec<f64>> {
     let n = x.len() / 3;
     let at = |k: usize| Vector3::new(x[k], x[n + k], x[2 * n + k]);
@@ -309,7 +309,8 @@ impl Scattered {
     }
 }
 
-/// Log evidence of the level difference on the three axes. The prior of the level has the standard deviation `size`.
+/// Log evidence of the difference between the two levels, three axes together. Its prior has the standard deviation
+/// `size`.
 fn log_of_levels(information: &Matrix3<f64>, slope: &Vector3<f64>, size: f64) -> f64 {
     let Some(factor) = (information + Matrix3::identity() / (size * size)).cholesky() else {
         return f64::NEG_INFINITY;

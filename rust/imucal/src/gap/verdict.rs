@@ -116,7 +116,8 @@ pub(super) struct Judgement {
     pub(super) rivals: Vec<Rivals>,
     /// Effects with a significant log Bayes factor that do not improve the prediction of unseen data.
     pub(super) not_confirmed: Vec<Score>,
-    /// Unseen data that contradict accepted effects, which were therefore removed; `None` if no effects were removed.
+    /// Contradiction between unseen data and accepted effects, which were therefore removed; `None` if no effects were
+    /// removed.
     pub(super) contradiction: Option<Contradiction>,
     /// Residuals that the accepted effects leave unexplained.
     pub(super) remainder: Remainder,
@@ -229,13 +230,13 @@ impl Basis<'_> {
         self.path.iter().map(rivals_of).collect()
     }
 
-    /// Unseen data that contradict the effects. They contradict the effects if the residuals of the fit with effects
-    /// exceed noise and the effects reduce chi2 by too small a share.
+    /// A contradiction between unseen data and the effects. It exists if the residuals of the fit with effects exceed
+    /// noise and the effects reduce chi2 by too small a share.
     fn contradiction(&self) -> Option<Contradiction> {
         let Self { search, path, before, after, .. } = self;
         let removed = after.removed(before);
         // Effects of the stand, and effects that act only inside moves, hardly change the residuals of rests and of
-        // whole moves.
+        // whole moves. These residuals therefore cannot contradict such effects.
         let is_of_stand = |name: &String| Effect::<f64>::find(name).is_some_and(|own| own.sensor == Sensor::Encoder);
         let is_of_rests = !path.iter().any(|name| is_unobservable_hand_held(name) || is_of_stand(name));
         let is_confirmed = if after.is_poor() {

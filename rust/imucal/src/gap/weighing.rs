@@ -55,8 +55,8 @@ pub(crate) struct Weighing<'a> {
     pub(super) parts: Vec<SymmetricMatrix>,
 }
 
-/// Normal matrix after elimination of the model's parameters. Before the elimination, it is the sum of the Gram
-/// matrices, each divided by its noise scale.
+/// Normal matrix (sum of the Gram matrices, each divided by its noise scale) after elimination of the model's
+/// parameters.
 #[derive(Clone)]
 pub(crate) struct Swept {
     pub(super) scales: Vec<f64>,

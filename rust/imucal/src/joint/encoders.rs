@@ -181,9 +181,9 @@ impl Angles {
     }
 }
 
-/// Two residuals of a rest, rad: the components, perpendicular to the measured gravity direction, of the gravity
-/// direction computed from the stand minus the measured one. Each row contains the derivatives of a residual,
-/// followed by the residual.
+/// Two residuals of a rest, rad: the gravity direction computed from the stand minus the measured gravity direction,
+/// along two axes perpendicular to the measured direction. Each row contains the derivatives of a residual, followed by
+/// the residual.
 pub(crate) fn rest_rows(
     angles: &Angles,
     terms: &Terms<'_>,

@@ -64,8 +64,8 @@ impl Field {
         axis * count..(axis + 1) * count
     }
 
-    /// Adds the product of `matrix` and the field to `to`. `numbers` contains the value of each column. A column with
-    /// this value on body axis `axis` adds `matrix[(i, axis)] * value` to component i of its vector in `to`.
+    /// Adds the product of `matrix` and the field to `to`. `numbers` contains one value for each column. A column with
+    /// the value v on body axis `axis` adds `matrix[(i, axis)] * v` to component i of its vector in `to`.
     fn add(&self, matrix: &Matrix3<f64>, numbers: &[f64], to: &mut [f64]) {
         let width = to.len() / 3;
         for (component, to) in to.chunks_exact_mut(width.max(1)).enumerate() {

@@ -1,7 +1,8 @@
 //! Temperature histories of the recordings of a fit.
 //!
-//! The memory takes every temperature of a recording, as in the correction of the recording. The history is kept at
-//! nodes, which are some of the samples, and is interpolated linearly between them.
+//! A temperature history contains the lag, the rate of change and the direction of the temperature. It is computed from
+//! every temperature of a recording, as in the correction of the recording. It is stored only at nodes, which are some
+//! of the samples, and is interpolated linearly between them.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -10,8 +11,8 @@ use imucal_core::temperature_memory::{TemperatureHistory, TemperatureMemory};
 use crate::correct::temperature_history_of;
 use crate::recording::Recording;
 
-/// Maximum time between two nodes, s. The rate varies with a time constant of 0.5 s, so its interpolation error is then
-/// at most 2e-4 of its change.
+/// Maximum time between two nodes, s. The rate of the temperature is filtered with a time constant of 0.5 s, so its
+/// interpolation error is at most 2e-4 of its change.
 const NODE_S: f64 = 0.02;
 /// Maximum number of nodes of a recording, which limits the memory of the process. In recordings longer than half an
 /// hour, the nodes are further apart.
@@ -27,12 +28,12 @@ pub(crate) struct Sample {
     pub(crate) count: usize,
 }
 
-/// The temperature history of each recording of a fit, in which both lags have the same time constant.
+/// The temperature history of each recording of a fit. The lags of both sensors have the same time constant.
 #[derive(Clone, Debug)]
 pub(super) struct TemperatureHistories(Arc<Vec<Option<Nodes>>>);
 
-/// Histories that all models share: those without lags, and those whose time constant is fixed. They are computed when
-/// first needed and then kept. Each has the time constant of its lags, s.
+/// Histories that all models have in common: without lags, or with a time constant that is not estimated. They are
+/// computed when first needed and then stored. Each entry contains the time constant of the lags, s, and the histories.
 #[derive(Debug, Default)]
 pub(crate) struct SharedHistories(Mutex<Vec<(Option<f64>, TemperatureHistories)>>);
 
@@ -56,7 +57,7 @@ impl SharedHistories {
 }
 
 impl TemperatureHistories {
-    /// The histories with a time constant of the lags, s; `None` without lags.
+    /// The histories for a time constant of the lags, s; `None` without lags.
     pub(super) fn new(recordings: &[Recording<'_>], tau_s: Option<f64>) -> Self {
         Self::map(recordings, TemperatureMemory::with_time_constants(tau_s, None), |history| TemperatureHistory {
             accelerometer_lag_k: history.gyroscope_lag_k,
@@ -94,7 +95,7 @@ impl TemperatureHistories {
     /// Mean history over samples of a recording. `None` if the temperature of the recording is unknown.
     pub(super) fn at(&self, Sample { recording, index, count }: Sample) -> Option<TemperatureHistory<f64>> {
         let nodes = self.0.get(recording)?.as_ref()?;
-        // The middles of equal sections, each at most a stride long.
+        // The mean is taken over the middles of equal sections of the samples. A section is at most one stride long.
         let points = count.div_ceil(nodes.stride).max(1);
         let place = |point: usize| index as f64 + (point as f64 + 0.5) * count as f64 / points as f64 - 0.5;
         let mut mean = nodes.at(place(0));

@@ -154,14 +154,14 @@ impl Linear {
 
 /// Index of a kind of residuals, see [`Linear::groups_of_rows`]: the specific force inside the moves.
 pub(crate) const INSIDE: usize = 5;
-/// Index of a kind of residuals: gravity directions at the rests minus those computed from the stand's encoder
-/// angles.
+/// Index of a kind of residuals: measured gravity directions at the rests minus the directions computed from the
+/// stand's encoder angles.
 pub(crate) const STAND_RESTS: usize = 6;
-/// Index of a kind of residuals: attitudes inside the moves relative to those computed from the stand's encoder
+/// Index of a kind of residuals: attitudes inside the moves relative to the attitudes computed from the stand's encoder
 /// angles.
 pub(crate) const STAND_MOVES: usize = 7;
-/// Index of a kind of residuals: norms at the second and later epochs (parts) of long rests. They are separate from
-/// the norms at different poses, because they scatter only due to the drift of the biases within a rest.
+/// Index of a kind of residuals: norms at the second and later epochs (parts) of long rests. They are separate from the
+/// norms of different rests, because they scatter only due to the drift of the biases within a rest.
 pub(crate) const EPOCH_NORMS: usize = 8;
 /// Index of a kind of residuals: changes of the gravity direction between the epochs (parts) of a long rest.
 pub(crate) const EPOCH_STEPS: usize = 9;

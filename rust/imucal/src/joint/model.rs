@@ -96,8 +96,8 @@ pub(super) fn parts(recording: &Recording<'_>, range: Range<usize>) -> Vec<Part>
 pub(super) fn mean_surroundings(recording: &Recording<'_>, range: Range<usize>) -> Surroundings<f64> {
     let mean = |values: &[f64]| {
         let values = &values[range.clone()];
-        // Subtracting the first value avoids cancellation for large time stamps. Four independent sums let the
-        // processor add in parallel.
+        // Subtracting the first value avoids cancellation for large time stamps. Four independent sums are formed,
+        // because the processor can add them in parallel.
         let (first, (fours, rest)) = (values[0], values.as_chunks::<4>());
         let mut sums = [0.0; 4];
         fours.iter().for_each(|four| sums.iter_mut().zip(four).for_each(|(sum, value)| *sum += value - first));

@@ -62,14 +62,15 @@ pub(crate) enum Item {
     Move(usize),
 }
 
-/// A rest or move, and those columns of A (model.md (25)) that are tested together.
+/// A rest or move, and those columns of A that are tested together. Each column of A is an error pattern of the
+/// residuals (model.md (25)).
 struct Group {
     item: Item,
     columns: Vec<usize>,
     kind: Kind,
     /// Whether the item is the second or a later epoch of a long rest, or the move that leads to such an epoch. An
     /// epoch is a part of a long rest with its own mean. Such items have a separate scale, because the epochs of a rest
-    /// have the errors of its pose in common.
+    /// have the same model error, which depends on the attitude.
     is_of_later_epoch: bool,
 }
 
@@ -151,7 +152,7 @@ pub(crate) fn outliers(
             Item::Rest(_) => (&mut rests, MIN_REMAINING_RESTS),
             Item::Move(_) => (&mut moves, MIN_REMAINING_MOVES),
         };
-        // Epochs (parts of a long rest) are counted separately from rests, because an epoch is not a new pose.
+        // Epochs (parts of a long rest) are counted separately from rests, because a later epoch has no new attitude.
         let alike: Vec<bool> = (0..used.len()).filter(|&k| is_alike(k)).map(|k| used[k]).collect();
         let fewest = if worst.0.is_of_later_epoch { 0 } else { fewest };
         if log_p(worst) > SIGNIFICANCE.ln() || !may_exclude(&alike, fewest) {
@@ -180,8 +181,8 @@ fn only_moves_judge(linear: &Linear) -> Vec<Item> {
             Source::Move(_) => None,
         })
         .collect();
-    // The derivatives with respect to a bias are scaled to the reading at 1 g, those with respect to the sensitivity
-    // to the mean scale.
+    // The derivatives with respect to a bias are scaled to the reading at 1 g, and the derivatives with respect to the
+    // sensitivity to the mean scale.
     let size = |p: usize| if p < 3 { STANDARD_GRAVITY_MPS2 * scale } else { scale };
     let design = Mat::from_fn(norms.len() + ACCEL.len(), ACCEL.len(), |i, p| match norms.get(i) {
         Some((_, by)) => by[p] * size(p) * LARGEST_SHIFT / REST_ERROR_MPS2,
@@ -264,7 +265,7 @@ fn scale((kind, later): (Kind, bool), judged: &[(&Group, f64, usize)]) -> f64 {
 }
 
 /// Linearised and whitened fit from which residuals can be excluded. A residual is excluded by a further parameter,
-/// whose derivatives are a column of A.
+/// whose derivatives are a column of A (model.md (25)).
 pub(super) struct LeaveOut {
     /// Columns of `L^-1 A` (model.md (25)), where L is the Cholesky factor of the residual covariance C. Each is stored
     /// as the index of its first nonzero row and the values from that row on.
@@ -278,7 +279,7 @@ pub(super) struct LeaveOut {
 }
 
 impl LeaveOut {
-    /// `residuals` and `jacobian` belong to the linearisation and have been whitened by the problem.
+    /// `residuals` and `jacobian` are those of the linearisation `linear`, whitened by `problem`.
     pub(super) fn new(problem: &Joint<'_>, linear: &Linear, (residuals, jacobian): (&Mat<f64>, &Mat<f64>)) -> Self {
         let mut columns = problem.whitened_units(linear);
         columns.extend(by_means(linear, &columns));

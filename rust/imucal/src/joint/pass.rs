@@ -13,11 +13,11 @@
 //!
 //! m is the measured rate, T the sensitivity, and b the bias of the gyroscope. Phi is the field of an effect and theta
 //! its parameters. v is the rate corrected for T and b only, and w is the rate corrected for the effects, too. w_0 and
-//! w_1 are its values at the start and at the end of a step of length h, w_(-1) and w_2 those at the samples before and
-//! after the step. e_i is the unit vector along axis i, v_j is component j of v, and p is any parameter. R is computed
-//! at every sample. The derivative d is evaluated at the midpoints of segments, which consist of several samples. If
-//! only the rotation over the whole move is needed, preintegration gives the integrals for the base parameters,
-//! model.md (6).
+//! w_1 are the values of w at the start and at the end of a step of length h. w_(-1) and w_2 are the values of w at the
+//! samples before and after the step. e_i is the unit vector along axis i, v_j is component j of v, and p is any
+//! parameter. R is computed at every sample. The derivative d is evaluated at the midpoints of segments, which consist
+//! of several samples. If only the rotation over the whole move is needed, preintegration gives the integrals for the
+//! base parameters, model.md (6).
 //!
 //! For smooth motion, the integration error decreases with the fourth power of the sampling interval. Linear
 //! interpolation between samples would give only the second power: it neglects the curvature of the rate, and these
@@ -144,7 +144,7 @@ impl Route<'_> {
         while start < last {
             let end = (start + of_block).min(last);
             let force = self.mean_force(start..end, &all, &rotations);
-            // The last integration steps of the move are omitted if they do not form a complete block.
+            // The last integration steps of the move belong to no block if they do not fill a complete block.
             if end - start == of_block {
                 blocks.push(self.block(start..end, force));
                 turns.next_block();

@@ -206,8 +206,8 @@ impl<'a> Joint<'a> {
         self.rows
     }
 
-    /// Whitens the columns for errors that are correlated between rests: varying biases, rounding errors, pose
-    /// errors. If there are no such errors, the columns do not change.
+    /// Whitens the columns for errors that are correlated between rests: varying biases, rounding errors, and errors
+    /// that depend on the attitude (pose errors). If there are no such errors, the columns do not change.
     pub(super) fn let_wander(&self, columns: &mut Mat<f64>) {
         if let Some(wandering) = &self.wandering {
             wandering.apply(columns);
@@ -341,7 +341,8 @@ impl<'a> Joint<'a> {
 
 impl Joint<'_> {
     /// Computes the residuals relative to the stand and the residuals of the force inside the moves. `push` receives
-    /// each row with its standard deviation. It is 1 for rows inside moves, because they are already whitened.
+    /// each row with its standard deviation. The standard deviation is 1 for rows inside moves, which are already
+    /// whitened.
     fn stand_rows(&self, encoders: &Encoders, linear: &Linear, mut push: impl FnMut(About, &[f64], f64)) {
         let (prepared, terms, model) = (self.prepared, self.terms, &linear.model);
         let stand = StandModel::of(&model.stand);

@@ -101,10 +101,10 @@ impl<'a> Rests<'a> {
     }
 
     /// Bias of the model minus the bias with which the samples of a hand-held rest were propagated; `None` for a rest
-    /// without tremor. The latter bias was estimated without effects: it is the mean rate of the rest, shrunk towards
-    /// the mean rate of all rests. If effects cause the difference between the two mean rates, the estimated bias
-    /// lacks a part of this difference for two reasons. The shrinkage removed one part. Another part was mistaken for
-    /// a rotation of the hand, because the samples had been propagated with the mean bias.
+    /// without tremor. The propagation used a bias estimated without effects: the mean rate of the rest, shrunk towards
+    /// the mean rate of all rests. If effects cause the difference between the two mean rates, the estimated bias lacks
+    /// a part of this difference for two reasons. The shrinkage removed one part. Another part was mistaken for a
+    /// rotation of the hand, because the samples had been propagated with the mean bias.
     pub(super) fn bias_error(&self, k: usize) -> Option<BiasError> {
         let UnitRest { recording, rest, propagated, .. } = &self.prepared.rests[k];
         let PropagatedMean { mean_s, bias, shrunk } = propagated.as_ref()?;

@@ -114,7 +114,7 @@ impl Term<'_> {
             set_field(effect, state, histories, sample, shape, &mut columns);
             columns.iter().zip(linear).map(|(column, value)| column * *value).sum::<Vector3<f64>>()
         };
-        // The field is linear in the history, so the derivative of the field is the field of the derivative.
+        // The field is linear in the history. Its derivative is therefore the field at the derivative of the history.
         if self.by_time_constant.is_some() {
             return sum(shape, self.by_time_constant.as_ref());
         }
@@ -148,7 +148,7 @@ impl Term<'_> {
         self.linear + usize::from(self.has_shape())
     }
 
-    /// Names `<effect>_<parameter>` of all parameters. Those of a user-defined effect are numbered from 0.
+    /// Names `<effect>_<parameter>` of all parameters. The parameters of a user-defined effect are numbered from 0.
     pub(crate) fn parameter_names(&self) -> Vec<String> {
         let full = |name: &str| format!("{}_{name}", self.name());
         match self.kind {

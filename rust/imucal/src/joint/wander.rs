@@ -23,7 +23,7 @@ pub(super) const MOST_ROWS: usize = 6000;
 /// Model of the bias variation between rests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Wander {
-    /// The biases are constant. Excess scatter of the mean rates is then independent from rest to rest.
+    /// The biases are constant. Excess scatter of the mean rates is then modelled as independent from rest to rest.
     Constant,
     /// The bias instability of the gyroscope is estimated from the mean rates. It is used if it has a larger likelihood
     /// than scatter that is independent from rest to rest.

@@ -32,11 +32,11 @@ const LEAST: f64 = 8.0;
 /// of the hypotheses describe the variation only approximately, and an effect below this share may only fit the
 /// approximation error.
 const SHARE: f64 = 0.02;
-/// Maximum difference of log evidence, nats, from the best candidate for another candidate to be a rival. 3 nats are
-/// odds of 20 to 1.
+/// Another candidate is a rival of the best candidate if its log evidence is smaller by less than this number of nats.
+/// 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
-/// Effects that are not selected if the gyroscope bias varies with heading. Such a variation may be caused by an
-/// external field, for example a magnetic field, and the vertical component of the field resembles these effects.
+/// Effects that are not selected if the gyroscope bias varies with heading. The cause of such a variation may be an
+/// external field, for example a magnetic field. The vertical component of the field then resembles these effects.
 const OF_FIELDS: [&str; 3] = ["gyro_g_sensitivity", "gyro_g2_sensitivity", "earth_rate"];
 /// Effects that are functions of time. A random walk of the bias may be mistaken for them.
 const OF_TIME: [&str; 4] = ["gyro_bias_drift", "gyro_bias_warmup", "accel_bias_drift", "accel_bias_warmup"];
@@ -51,14 +51,14 @@ const REMOVED: f64 = 1e6;
 pub(super) struct Varying {
     block: Block,
     kernel: Kernel,
-    /// Standard deviation of the prior of each coefficient, as a multiple of the typical error of the block.
+    /// Standard deviation of the prior of each coefficient, in multiples of the typical deviation of the parameter.
     width: f64,
 }
 
-/// The significant hypotheses of all patterns, without duplicates. Some hypotheses are significant in addition to the
-/// selected effects, others instead of these effects. If there are additional ones, the others are omitted, because
-/// they may describe the same errors as a selected effect. For example, a smooth function of the rate can describe a
-/// cubic scale error.
+/// The significant hypotheses in `patterns`, without duplicates. A hypothesis may be significant in addition to the
+/// selected effects, or only instead of these effects. If any hypothesis is significant in addition to the effects, all
+/// hypotheses instead of effects are omitted, because they may describe the same errors as a selected effect. For
+/// example, a smooth function of the rate can describe a cubic scale error.
 fn varying(patterns: &[Pattern]) -> Vec<Varying> {
     let mut all: Vec<Varying> = Vec::new();
     let mut add = |block: Block, kernel: Kernel, width: f64| {
@@ -93,12 +93,12 @@ struct Extended {
 }
 
 impl ForwardSearch<'_> {
-    /// The effects that are significant with the generic hypotheses of the patterns in the model; `None` if no
+    /// The effects that are significant if the generic hypotheses of `patterns` are in the model; `None` if no
     /// hypothesis is significant.
     ///
     /// A random walk is tried instead of these hypotheses in two cases. First, if the hypotheses explain the residuals
-    /// better than all selected effects, because the hypotheses may contain one of the effects. Second, if effects that
-    /// are functions of time were selected, because a random walk resembles such effects.
+    /// better than all selected effects, because the hypotheses may then describe one of the effects. Second, if
+    /// effects that are functions of time were selected, because a random walk resembles such effects.
     pub(super) fn known_effects(
         &mut self,
         prepared: &Prepared<'_>,
@@ -137,7 +137,7 @@ impl ForwardSearch<'_> {
         Ok(best)
     }
 
-    /// The effects that are significant with the generic hypotheses in the model, and their scores relative to this
+    /// The effects that are significant if the generic hypotheses are in the model, and their scores relative to this
     /// model. `widths` are trial factors by which the prior widths of the hypotheses are multiplied. Effects of the
     /// stand are not candidates, because the hypotheses have no columns for the stand's residuals.
     fn beside_patterns(
@@ -237,7 +237,7 @@ impl ForwardSearch<'_> {
     }
 
     /// Replaces an effect by one of its aliases if the alias has a larger evidence with the hypotheses in the model.
-    /// Without the hypotheses, the residuals of the unknown variation may have decided in favour of the wrong effect.
+    /// Without the hypotheses, the unknown variation is part of the residuals and may favour the wrong effect.
     fn swap_aliases(
         &self,
         (members, path): (&mut [Member], &mut [Score]),
@@ -279,7 +279,7 @@ impl ForwardSearch<'_> {
         }
     }
 
-    /// The model of a stage with the columns of the hypotheses; `None` if no hypothesis is observable.
+    /// Adds the columns of the hypotheses to the model of a stage; `None` if no hypothesis is observable.
     fn extended(
         &self,
         prepared: &Prepared<'_>,

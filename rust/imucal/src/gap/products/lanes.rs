@@ -68,7 +68,8 @@ pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) 
 /// values of one SIMD register. The products are summed over the rows.
 struct Job {
     columns: Vec<usize>,
-    /// Position of each column within a row. If a job has fewer columns, the last position is repeated.
+    /// Position of each column within a row. If there are fewer than [`OF_MODEL`] columns, the last position is
+    /// repeated.
     places: [usize; OF_MODEL],
     /// `first` is the position within a row of the register's first value. `with` is the range of the columns whose
     /// products are used.

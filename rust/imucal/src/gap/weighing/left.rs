@@ -32,7 +32,7 @@ impl Left {
         self.sums.size() - 1
     }
 
-    /// The prior width, in typical sizes, with the largest increase of the log evidence, and this increase in nats.
+    /// The prior width (in typical sizes) with the largest increase of the log evidence, and this increase in nats.
     /// `None` if the normal matrix is singular for all widths.
     pub(crate) fn best_width(&self, widths: &[f64]) -> Option<(f64, f64)> {
         Instructions::Best.run(BestWidth(self, widths))

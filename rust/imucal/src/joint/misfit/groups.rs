@@ -33,9 +33,9 @@ pub(super) fn group_misfits(
         let free: f64 = own().map(|row| 1.0 - leverages[row]).sum();
         (own().map(|row| residuals[(row, 0)].powi(2)).sum::<f64>(), free)
     };
-    // A long rest is divided into epochs, each with its own mean. Residuals of poses and residuals of the second and
-    // later epochs are tested separately, and the worse result is reported. In a common test, the many epochs of a long
-    // rest would mask the scatter between poses, and many poses would mask the drift within a rest.
+    // A long rest is divided into epochs, each with its own mean. Residuals of rests (first epochs) and residuals of
+    // the second and later epochs are tested separately, and the worse result is reported. In a common test, the many
+    // epochs of a long rest would mask the scatter between rests, and many rests would mask the drift within a rest.
     let worse = |poses: (f64, f64), epochs: (f64, f64)| {
         let are_worse = epochs.1 >= MIN_FREEDOM && epochs.0 / epochs.1 > poses.0 / poses.1;
         if are_worse { (epochs, true) } else { (poses, false) }
@@ -70,8 +70,8 @@ pub(super) fn group_misfits(
         .collect()
 }
 
-/// Residuals of norms or of moves, not yet whitened. If `are_of_epochs` is true, those of the second and later epochs
-/// (parts) of long rests, otherwise all others.
+/// Residuals of norms or of moves, not yet whitened. If `are_of_epochs` is true, they are the residuals of the second
+/// and later epochs (parts) of long rests, otherwise all other residuals.
 fn of_lines(linear: &Linear, are_norms: bool, are_of_epochs: bool) -> impl Iterator<Item = f64> {
     let is_own = move |line: &&Line| {
         matches!(line.source, Source::Norm(_)) == are_norms && line.is_of_later_epoch == are_of_epochs

@@ -94,7 +94,7 @@ fn a_rest_with_a_wrong_direction_is_named() {
     }
 }
 
-/// Two consecutive moves are bad and the rest between them is good, or a rest and the move after it are bad.
+/// Three cases: two consecutive moves are bad, a rest and the move after it are bad, or two consecutive rests are bad.
 #[test]
 fn bad_neighbours_are_told_apart_or_leave_nothing_behind() {
     for seed in 1..=6 {
@@ -108,8 +108,8 @@ fn bad_neighbours_are_told_apart_or_leave_nothing_behind() {
             let (rests, moves) = left_out(&outcome);
             let near = |k: usize| (19..=22).contains(&k);
             assert!(rests.iter().all(|(k, _)| near(*k)) && moves.iter().all(|(from, to, _)| near(*from) && near(*to)));
-            // No bad residual remains that would increase the standard deviations. They grow only slightly, because the
-            // data of two rests are missing.
+            // No bad residual remains that would increase the standard deviations. The standard deviations grow only
+            // slightly, because the data of two rests are missing.
             assert_eq!(outcome.joint_scales.unwrap().moves, 1.0, "seed {seed}: {rests:?} {moves:?}");
             for (p, row) in outcome.covariance.iter().enumerate() {
                 assert!(row[p] < 3.0 * clean.covariance[p][p], "seed {seed} {p}");

@@ -117,7 +117,7 @@ impl Route<'_> {
             around.angular_acceleration = all.slopes.get(k).copied();
             if let (Some(attitude), true) = (&mut attitude, index > self.span.first) {
                 let h = self.recording.time_s[index] - self.recording.time_s[index - 1];
-                // The rate of this sample is not corrected yet. Its correction is approximated by that of the
+                // The rate of this sample is not corrected yet. Its correction is approximated by the correction of the
                 // previous sample.
                 *attitude *= so3::exp(&increment(&all.rate[k - 1], &(seen_rate - added_rate), h));
             }

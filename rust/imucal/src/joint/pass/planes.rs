@@ -11,7 +11,7 @@ use crate::joint::pass::Range;
 use crate::numerics::aligned::{Aligned, WIDEST};
 use crate::numerics::instructions::Instructions;
 
-/// Jacobian columns (3-vectors) of several parameters in a sequence of states.
+/// Jacobian columns (3-vectors) of several parameters in a sequence of states (blocks or segments of a move).
 pub(crate) struct Planes {
     /// Indices, in the parameter vector, of the parameters whose columns are stored.
     parameters: Vec<usize>,

@@ -136,7 +136,7 @@ impl Route<'_> {
         let time_s = &self.recording.time_s[reach];
         let (rotation, mut sums) = preintegrate(time_s, Samples::from(&rates), first, last, &Triad::identity());
         // The derivative with respect to the sensitivity is proportional to the rate before the correction for the
-        // effects. The change by the effects is therefore added to the corrected rate.
+        // effects. The change of the rate by the effects is therefore added to the corrected rate.
         for (k, weight) in weights.iter().enumerate() {
             let [on_rate, _] = self.mean_added(model, all, stretches.groups.samples(k));
             sums.add_beyond(weight, &on_rate);

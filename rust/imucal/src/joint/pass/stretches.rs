@@ -29,7 +29,7 @@ use crate::rests::moves::Move;
 pub(super) struct Stretches {
     /// Division of the corrected samples into segments. Samples are counted from the first corrected sample.
     pub(super) groups: Groups,
-    /// True state at the midpoint of each segment.
+    /// Corrected rate and force, temperature, time and attitude at the midpoint of each segment.
     pub(super) states: Vec<State<f64>>,
     /// Rotation from the body frame at each midpoint to the start of the move: `v_start = rotation v_here`.
     pub(super) rotations: Vec<Matrix3<f64>>,

@@ -27,8 +27,8 @@ pub(crate) struct JointFit {
     pub(crate) model: Model,
     /// Covariance of all parameters in the symmetric frame. It includes `second_order`.
     pub(crate) covariance: Mat<f64>,
-    /// Mean square of the second-order errors that are due to the priors of held parameters; `None` without held
-    /// parameters.
+    /// Mean square of the second-order errors due to the priors of the held parameters (parameters with a prior,
+    /// `crate::held`); `None` without held parameters.
     pub(crate) second_order: Option<Mat<f64>>,
     pub(crate) report: FitReport,
     pub(crate) scales: ResidualScales,
@@ -120,7 +120,7 @@ impl JointFit {
         let scales = &problem.weights.widening.scales;
         let mut report = FitReport { inflation: scales.largest(), iterations, ..FitReport::of(&solution) };
         // The gradient test shows whether the last minimisation has converged, but not whether the weights have
-        // converged. If they have not, `ending` contains this reason.
+        // converged. If the weights have not converged, `ending` contains the reason.
         if let Some(ending) = ending.filter(|_| report.termination == Termination::Converged) {
             report.termination = ending;
         }
@@ -151,10 +151,10 @@ impl JointFit {
 }
 
 impl Joint<'_> {
-    /// Mean square of the second-order errors that are due to the priors of held parameters. `None` without held
-    /// parameters. Also `None` if the only priors are those of an accelerometer that was calibrated earlier, because
-    /// their standard deviations are too small for second-order errors.
-    /// `covariance` is the covariance without them.
+    /// Mean square of the second-order errors due to the priors of the held parameters (parameters with a prior,
+    /// `crate::held`). `None` without held parameters. Also `None` if the only priors are those of an accelerometer
+    /// that was calibrated earlier, because their standard deviations are too small for second-order errors.
+    /// `covariance` is the covariance without second-order errors.
     fn second_order(
         &self,
         linear: &Linear,

@@ -1,5 +1,6 @@
-//! Whitens errors that are correlated between rests. These are biases that vary between rests, rounding errors, and the
-//! pose error that all epochs of a long rest have in common. An epoch is a part of a long rest with its own mean.
+//! Whitens errors that are correlated between rests. These are biases that vary between rests, rounding errors, and
+//! pose errors. A pose error depends on the attitude, so all epochs of a long rest have it in common. An epoch is a
+//! part of a long rest with its own mean.
 
 use faer::Mat;
 use imucal_core::effects::Sensor;
@@ -22,13 +23,13 @@ use crate::rounding::Rounding;
 /// for filter bandwidths from 5 to 40 Hz.
 const QUIET: f64 = 0.8;
 /// Standard deviation of the error that the mean rates of the second and later epochs of a long rest have in common,
-/// because they have one pose, rad/s. It is 0.1 deg/s, the effect of 1 g on a consumer gyroscope (g-sensitivity).
-/// With this error, the later epochs determine only changes of the bias.
+/// because their attitude is the same, rad/s. It is 0.1 deg/s, the effect of 1 g on a consumer gyroscope
+/// (g-sensitivity). With this error, the later epochs determine only changes of the bias.
 const POSE_ERROR_RADPS: f64 = 1.7e-3;
 
 /// Second whitening of the residuals of norms, moves and mean rates. It accounts for three kinds of errors that are
-/// correlated between rests: biases that vary (model.md (28)), rounding errors of the means (model.md (37)), and pose
-/// errors of long rests (model.md (41)).
+/// correlated between rests: biases that vary (model.md (28)), rounding errors of the means (model.md (37)), and errors
+/// that depend on the attitude and are equal in all epochs of a long rest (pose errors, model.md (41)).
 pub(crate) struct Wandering {
     /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the errors: the bias at each rest, and the
     /// rounding errors of its mean rate and mean force. D contains the derivatives of the whitened residuals with

@@ -186,8 +186,8 @@ fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], ke
     })
 }
 
-/// Residuals of the mean rates on one axis, and their variances from noise, in raw units. If `later` is true, those
-/// of the second and later epochs (parts) of long rests, otherwise all others.
+/// Residuals of the mean rates on one axis, and their variances from noise, in raw units. If `later` is true, they are
+/// the residuals of the second and later epochs (parts) of long rests, otherwise all other residuals.
 fn rates_of(prepared: &Prepared<'_>, linear: &Linear, axis: usize, later: bool) -> (Vec<f64>, Vec<f64>) {
     let rounding = |k: usize| prepared.rests[k].rest.angular_rate.rounding[axis].error_variance;
     let of_rest = |(k, lines): &(usize, [Line; 3])| {
