@@ -120,9 +120,9 @@ const SEARCH: f64 = 1e-5;
 /// Start values of the time constant of a warm-up, as fractions of the duration of the longest recording (model.md
 /// (23)).
 const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
-/// Start values of the time constant of a temperature lag, as fractions of the same duration. A lag repeats with each
-/// change of the temperature, so short lags are observable in long recordings. A lag as long as the recording causes
-/// nearly the same errors as the temperature itself, and is not tried.
+/// Start values of the time constant of a temperature lag, as fractions of the duration of the longest recording. A lag
+/// repeats with each change of the temperature, so short lags are observable in long recordings. A lag as long as the
+/// recording causes nearly the same errors as the temperature itself, and is not tried.
 const LAG_SHARES: [f64; 5] = [0.002, 0.006, 0.02, 0.06, 0.2];
 
 /// Effects that depend on the angular acceleration and cause a rotation error over a whole move. They are observable
@@ -137,7 +137,7 @@ pub(crate) fn is_unobservable_hand_held(name: &str) -> bool {
 }
 
 /// Estimates all parameters. The fit starts from `warm_start` if this model has the effects of `terms`. Otherwise it
-/// starts from the two triads with zero effects.
+/// starts from the given sensor models `triads` with zero effects.
 pub(crate) fn fit(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,

@@ -31,8 +31,8 @@ const LEAST_EXCESS: f64 = 1.5;
 /// An effect is removed if the p-value of its parameters in the final fit is larger than this value. A p-value of 1 %
 /// corresponds to 2.6 standard deviations of one parameter.
 const LEAST_SIGNIFICANT: f64 = 0.01;
-/// An increase of chi2 of unseen data is significant above this number of standard deviations. The standard deviation
-/// is that of the increase under the null hypothesis.
+/// An increase of chi2 of unseen data is significant if it exceeds this number of standard deviations, computed under
+/// the null hypothesis.
 const SIGNIFICANT: f64 = 3.0;
 
 /// A figure of merit on unseen data: control recordings, or held-out rests and moves.
@@ -80,8 +80,8 @@ pub enum Refusal {
         /// Error message of the fit.
         error: String,
     },
-    /// Unseen data are predicted worse with the effect than without it. Also used for an effect with little evidence
-    /// that does not improve the prediction.
+    /// Unseen data are predicted worse with the effect than without it, or the effect has little evidence and does not
+    /// improve the prediction.
     PredictsWorse {
         /// Name of the effect.
         name: String,

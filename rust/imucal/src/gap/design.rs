@@ -22,7 +22,7 @@ use crate::rests::moves::axis_aside;
 #[derive(Clone)]
 pub(crate) struct Candidate {
     pub(crate) name: String,
-    /// Indices of its columns in the Gram matrices. Candidates for the forms of one effect share columns.
+    /// Indices of the candidate's columns in the Gram matrices. Candidates for the forms of one effect share columns.
     pub(crate) columns: Range<usize>,
     /// Typical size of each parameter, SI units.
     pub(crate) typical: Vec<f64>,

@@ -39,8 +39,8 @@ impl<'a> ForwardSearch<'a> {
         (members.iter().filter_map(find).collect(), fields)
     }
 
-    /// Fits a model with the effects `members`, with the triads `near` as start values. Then linearises the model
-    /// together with the columns selected by `beside`.
+    /// Fits a model with the effects `members`. The sensor models (sensitivity and bias) `near` are the start values.
+    /// Then linearises the model together with the columns selected by `beside`.
     pub(super) fn stage(
         &self,
         prepared: &Prepared<'_>,

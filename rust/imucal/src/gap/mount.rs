@@ -28,9 +28,8 @@ const FEWEST_RESTS: usize = 4;
 /// A step of the mount's attitude is reported as a slip if chi2 without the step is larger than this multiple of chi2
 /// with the step. The ratio is 4 for a steady drift that is fitted by a step, so the threshold must exceed 4.
 const SLIP_FACTOR: f64 = 10.0;
-/// Maximum scatter of a rigid mount, deg (1 sigma). The scatter is that of the measured gravity direction about the
-/// direction computed from the stand's angles. The value is the largest scatter of a rigid mount on a low-cost stand. A
-/// larger scatter is reported as play.
+/// Maximum scatter of the measured gravity direction about the direction computed from the stand's angles, deg (1
+/// sigma). The value is the largest scatter of a rigid mount on a low-cost stand. A larger scatter is reported as play.
 const PLAY_DEG: f64 = 0.25;
 /// Step of the numerical derivatives (central differences) with respect to stand parameters and motor angles, rad.
 const STEP_RAD: f64 = 1e-4;

@@ -32,8 +32,8 @@ pub(super) struct Block {
     /// Mean over the block of the rotation from the body frame at each sample to the body frame at the start of the
     /// move.
     rotation: Matrix3<f64>,
-    /// Time from the start of the recording to the first sample of the block, s. Time stamps are not used, because
-    /// seconds since 1970 change too little in relation to their size to be a regressor.
+    /// Time from the start of the recording to the first sample of the block, s. Absolute time stamps (for example
+    /// seconds since 1970) would change too little in relation to their size to be a regressor.
     start_s: f64,
     /// Time from the start of the move to the last sample of the block, s.
     pub(super) since_start_s: f64,

@@ -73,8 +73,8 @@ pub struct UserCorrection<'a> {
     pub before: &'a [Recording<'a>],
     /// [`BriefMeans`] corrected by the calibration with the effects, SI units, body frame.
     pub after: &'a [Recording<'a>],
-    /// Fields of the user-defined effects of the calibration with effects. The fields are evaluated at the samples of
-    /// `after`. Their order is that of the effects in the calibration.
+    /// Fields of the user-defined effects of the calibration with effects, in the order of the effects. The fields are
+    /// evaluated at the samples of `after`.
     pub fields: &'a [UserField<'a>],
 }
 

@@ -9,8 +9,8 @@ use crate::recording::Recording;
 pub struct CorrectedFit<'a> {
     /// The calibration, in the symmetric body frame.
     pub outcome: &'a Outcome,
-    /// The recordings after correction, in SI units and in the body frame. Their order is that of the recordings in the
-    /// calibration.
+    /// The recordings after correction, in SI units and in the body frame, in the order of the calibration's
+    /// recordings.
     pub corrected: &'a [Recording<'a>],
     /// Local gravity that was used to make the calibration, m/s^2.
     pub gravity_mps2: f64,

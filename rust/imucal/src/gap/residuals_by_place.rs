@@ -17,8 +17,8 @@ use crate::correct::is_left_in_data;
 use crate::numerics::lsq::singular;
 use crate::numerics::stats::{p_value, rms};
 
-/// Significance level for channels, rests, moves and dependences. It is divided by the number of tests of the same kind
-/// (Bonferroni).
+/// Significance level. For channels, rests and moves, it is divided by the number of tests of the same kind
+/// (Bonferroni). For dependences, it is not divided.
 const SIGNIFICANCE: f64 = 1e-3;
 /// Maximum number of regressors (explanatory quantities) that are reported for a channel of residuals.
 const MOST_REGRESSORS: usize = 3;

@@ -60,8 +60,9 @@ fn is_temperature_of_history(members: &[Member], k: usize) -> bool {
 }
 
 impl ForwardSearch<'_> {
-    /// The temperature effect of a bias whose effect of the temperature history is in the model, with its score.
-    /// `None` if it is in the model, or not significant, or if another candidate has a much larger evidence.
+    /// The temperature effect of a bias whose effect of the temperature history is in the model, with its score. `None`
+    /// if the temperature effect is already in the model or not significant, or if another candidate has a much larger
+    /// evidence.
     pub(super) fn temperature_of_history(&self, stage: &Stage) -> Option<(Judged, Score)> {
         let find = |name: &str| Effect::<f64>::find(name);
         let histories: Vec<_> =

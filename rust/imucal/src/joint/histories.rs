@@ -131,7 +131,7 @@ mod tests {
 
     #[test]
     fn the_history_of_a_fit_is_that_of_the_correction() {
-        // 500 Hz, so that a node has ten samples.
+        // The rate is 500 Hz, so that two nodes are ten samples apart.
         let time_s: Vec<f64> = (0..30_000).map(|k| 100.0 + 0.002 * f64::from(k)).collect();
         let degc: Vec<f64> = time_s.iter().map(|t| 25.0 + 20.0 * (t / 10.0).sin()).collect();
         let zeros = vec![[0.0; 3]; time_s.len()];

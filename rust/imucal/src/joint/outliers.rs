@@ -167,10 +167,10 @@ pub(crate) fn outliers(
     }
 }
 
-/// Rests whose norm the other rests do not predict, for example the only rest on one face of a box. Only the moves
-/// predict the norm of such a rest. Its scale is therefore the larger of the scales of norms and of moves. The
-/// leverages are computed from the design matrix of model.md (12): the derivatives of the norms divided by the model
-/// error of a rest, and the rows of the prior.
+/// Rests whose norm the other rests do not predict, for example the only rest of a box-shaped unit on one of its faces.
+/// Only the moves predict the norm of such a rest. Its scale is therefore the larger of the scales of norms and of
+/// moves. The leverages are computed from the design matrix of model.md (12): the derivatives of the norms divided by
+/// the model error of a rest, and the rows of the prior.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear

@@ -58,7 +58,7 @@ pub(crate) const BLOCK_S: f64 = 0.04;
 
 /// Result of the integration over one move.
 pub(crate) struct Pass {
-    /// Rotation from the body frame at the end of the move to that at its start: `v_start = rotation * v_end`.
+    /// Rotation of the body frame from the end of the move to its start: `v_start = rotation * v_end`.
     pub(crate) rotation: Matrix3<f64>,
     /// Derivative of the attitude at the end with respect to every parameter, rad per unit of the parameter, as a
     /// rotation vector in the body frame at the start. It is zero for the parameters of the accelerometer.

@@ -129,8 +129,8 @@ pub(crate) struct ShapePrior {
 
 impl ShapePrior {
     /// Standard deviation of the logarithm of the time constant. It is ln 10, so values up to a factor of 10 above or
-    /// below the centre are plausible. A time constant far longer than the recording acts as a drift. A time constant
-    /// far shorter than the first rest affects no rest.
+    /// below the centre are plausible. An effect with a time constant far longer than the recording acts as a drift. An
+    /// effect with a time constant far shorter than the first rest changes no rest.
     const WIDTH: f64 = std::f64::consts::LN_10;
 
     /// Whitened residual of the prior at a value of the time constant, and its derivative. If the value is not

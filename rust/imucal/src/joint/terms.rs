@@ -33,7 +33,7 @@ pub(crate) struct Term<'a> {
     pub(crate) linear: usize,
     /// Index of the first parameter of this term among the parameters of all terms.
     pub(crate) first: usize,
-    /// Whether the fit may use a prior where the recordings do not determine all parameters of the effect.
+    /// Whether the fit may use a prior if the recordings do not determine all parameters of the effect.
     pub(crate) partly: bool,
     /// Temperature histories at the time constant of this term; `None` before [`Terms::with_histories`], and if the
     /// term does not depend on them.

@@ -57,8 +57,8 @@ pub struct UnitWander {
 }
 
 impl UnitWander {
-    /// Gyroscope with these bias instabilities in rad/s. The random walk, and both figures of the accelerometer, are
-    /// zero.
+    /// Gyroscope with these bias instabilities in rad/s. Its random walk is zero, and the biases of the accelerometer
+    /// are constant.
     pub(crate) fn of_gyroscope(bias_instability: [f64; 3]) -> Self {
         let none = BiasWander { bias_instability: [0.0; 3], random_walk: [0.0; 3] };
         Self { accelerometer: none, gyroscope: BiasWander { bias_instability, ..none } }

@@ -72,12 +72,12 @@ impl Route<'_> {
         self.span.first.saturating_sub(1)..(self.span.last + 2).min(self.recording.len())
     }
 
-    /// Step after sample `i` of the recording, with indices relative to the start of `reach`.
+    /// Integration step after sample `i` of the recording. Its sample indices are relative to the start of `reach`.
     pub(super) fn step(&self, i: usize) -> Step {
         Step { before: i - self.reach().start, ..Step::after(self.recording.time_s, i) }
     }
 
-    /// Corrected samples in `reach`. Effects with zero parameters are skipped.
+    /// Corrects the samples in the range `reach`. Effects with zero parameters are skipped.
     pub(super) fn freed(&self, model: &Model, active: &Terms<'_>, wants_slopes: bool) -> Corrected {
         let reach = self.reach();
         let corrected = |triad: &Triad<f64>, rows: Samples<'_>| -> Vec<Vector3<f64>> {

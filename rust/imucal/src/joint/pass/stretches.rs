@@ -55,8 +55,8 @@ impl Stretches {
 
 impl Route<'_> {
     /// Divides the samples into segments of `size` samples. One segment begins after the first sample of the move.
-    /// `freed` are the corrected samples. If it is `None`, the raw samples are averaged, which is sufficient if all
-    /// effects are zero. If `wants_slopes` is true and `freed` contains no angular acceleration, the angular
+    /// `freed` are the corrected samples. If `freed` is `None`, the raw samples are averaged, which is sufficient if
+    /// all effects are zero. If `wants_slopes` is true and `freed` contains no angular acceleration, the angular
     /// acceleration is computed here.
     pub(super) fn stretches(
         &self,

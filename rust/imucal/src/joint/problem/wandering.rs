@@ -31,9 +31,9 @@ const POSE_ERROR_RADPS: f64 = 1.7e-3;
 /// correlated between rests: biases that vary (model.md (28)), rounding errors of the means (model.md (37)), and errors
 /// that depend on the attitude and are equal in all epochs of a long rest (pose errors, model.md (41)).
 pub(crate) struct Wandering {
-    /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the errors: the bias at each rest, and the
-    /// rounding errors of its mean rate and mean force. D contains the derivatives of the whitened residuals with
-    /// respect to these errors.
+    /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the errors: the bias at each rest, the rounding
+    /// errors of its mean rate and mean force, and the pose error of each long rest. D contains the derivatives of the
+    /// whitened residuals with respect to these errors.
     factor: Mat<f64>,
 }
 
