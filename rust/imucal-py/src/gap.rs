@@ -111,9 +111,9 @@ pub(crate) struct GapAnalysis {
     /// The fit with the accepted effects; None if no effect was accepted.
     after: Option<Py<GapFit>>,
     effects: Vec<Py<EffectScore>>,
-    /// Name of an accepted effect, and the share of the excess chi2 that it removes from the norms at rest, from the
-    /// gravity directions after moves and from the mean rates at rest. A share is None if the residuals hardly exceed
-    /// noise.
+    /// Name of an accepted effect, and the shares of the excess chi2 that it removes. The three shares are for the
+    /// norms at rest, the gravity directions after moves, and the mean rates at rest. A share is None if the residuals
+    /// hardly exceed noise.
     shares: Vec<(String, [Option<f64>; 3])>,
     /// Name of an accepted effect, name of a rival, and estimated parameters of the rival in a fit in which it replaces
     /// the effect; None if this fit fails.

@@ -66,7 +66,7 @@ impl Design {
         for _ in 0..STEPS {
             let step = design.step()?;
             // If a step changes a parameter by more than [`FAR_OFF`] of its size, the unit has wrong axes or other
-            // faults, and the least-squares values are meaningless. The design at the nominal parameters is then kept.
+            // faults. The step is then not applied, and the previous design is the result.
             if !step.iter().all(|change| (change * LARGEST_SHIFT).abs() < FAR_OFF) {
                 break;
             }

@@ -252,13 +252,13 @@ impl UnitData<'_> {
     }
 }
 
-/// Whether a different bias, and not a rotation, is the reason why the mean rate of a long rest differs from the mean
-/// rates of the other rests. A rotation would have to be about the vertical, because a rotation about a horizontal axis
-/// would have changed the gravity direction. A rate difference in any other direction is therefore a bias. For readings
-/// in counts, the vertical may be unknown because of offsets.
+/// Whether the mean rate of a long rest differs from the mean rates of the other rests because of a different bias, and
+/// not because of a rotation. A rotation would have to be about the vertical, because a rotation about a horizontal
+/// axis would have changed the gravity direction. A rate difference in any other direction is therefore a bias. For
+/// readings in counts, the vertical may be unknown because of offsets.
 fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -> bool {
-    /// A rate difference counts as a bias if the cosine of its angle to the vertical is below this limit, so that the
-    /// angle is above 18 deg. The axes of the sensors may differ by some degrees.
+    /// A rate difference counts as a bias if its angle to the vertical is above 18 deg. The cosine of the angle is then
+    /// below this limit. The axes of the sensors may differ by some degrees.
     const VERTICAL: f64 = 0.95;
     let difference = rest.angular_rate.mean - bias;
     let along = difference.dot(&rest.specific_force.mean.normalize()).abs();

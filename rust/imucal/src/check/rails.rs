@@ -11,8 +11,8 @@ use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
 /// A rail is the value at which an axis is clipped. Its distance from the zero reading is at least this share of the
-/// largest such distance in its triad, because the axes of a triad have the same range. Their rails differ only by
-/// the scales of the axes.
+/// largest such distance in its triad. The axes of a triad have the same range, so their rails differ only by the
+/// scales of the axes.
 const SHARE_OF_REACH: f64 = 0.8;
 
 /// An accelerometer rail is at least this multiple of the median norm of the specific force, which is 1 g. No

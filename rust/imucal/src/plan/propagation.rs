@@ -62,9 +62,9 @@ impl RestInformation {
         }
     }
 
-    /// Adds the information of a rest of this duration, s. `rests` is the number of all rests. The rounding error of
-    /// the rate is equal at all rests, because the gyroscope has the same reading at all of them, so it is not
-    /// averaged over the rests. The rounding variance of each rest is therefore multiplied by `rests`.
+    /// Adds the information of a rest of this duration, s. `rests` is the number of all rests. The gyroscope has the
+    /// same reading at all rests, so the rounding error of the rate is equal at all rests and does not average out. The
+    /// rounding variance of each rest is therefore multiplied by `rests`.
     pub(super) fn add_to(&self, filter: &mut InformationFilter, duration_s: f64, rests: usize) {
         let Some(half) = &self.half_interval else {
             let [force, rate] = self.rounding;

@@ -223,7 +223,8 @@ pub(crate) fn hands(
         noise[index] = hand.noise;
         own.iter_mut().for_each(|own| own.rest.bias = *sensors.gyroscope.bias());
         // The rotation about gravity is unknown. It is assumed to have the same variance as the rotation about each of
-        // the two perpendicular axes, which is their observed variance minus the variance of the direction errors.
+        // the two perpendicular axes. The variance of the direction errors is subtracted from the variance of that
+        // rotation.
         let turned = |own: &mut OwnRest<'_>| {
             let errors = 2.0 * hand.variance_rad2(&own.rest.rest);
             let turn = hand.remove_tremor(recording, own.rest, sensors);

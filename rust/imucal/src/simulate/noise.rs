@@ -226,9 +226,9 @@ mod tests {
         (means.windows(2).map(|w| (w[1] - w[0]).norm_squared()).sum::<f64>() / (6.0 * pairs), pairs)
     }
 
-    /// Tests that the Allan variance agrees with a function of tau within four standard deviations. With K pairs of
-    /// consecutive means, the relative standard deviation of the Allan variance is sqrt(3 / K) for white noise, for
-    /// which adjacent differences of means have a correlation of -1/2. For flicker noise and a random walk, the
+    /// Tests that the Allan variance agrees with a function of tau within four standard deviations. The relative
+    /// standard deviation of the Allan variance from K pairs of consecutive means is sqrt(3 / K) for white noise.
+    /// Adjacent differences of means then have a correlation of -1/2. For flicker noise and a random walk, the
     /// correlation is about 1/4 in magnitude, so the standard deviation is smaller.
     fn check_allan(sensor: &Sensor, from: usize, expected: impl Fn(f64) -> f64) {
         let (rate_hz, n) = (50.0, 1_000_000);

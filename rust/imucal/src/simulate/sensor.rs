@@ -139,9 +139,9 @@ mod tests {
         (power, values.windows(2).map(|w| w[0].dot(&w[1])).sum::<f64>() / (3 * n) as f64)
     }
 
-    /// Power of white noise of density N after the filter, in closed form. At the internal rate r, the bilinear filter
-    /// has the power gain |H|^2 = 1 / (1 + u^4) at the frequency f, with u = tan(pi f / r) / k and
-    /// k = tan(pi bandwidth / r). The power is therefore (2 k N^2 r / pi) times
+    /// Power of white noise of density N after the filter, in closed form. The internal rate is r. The bilinear filter
+    /// has the power gain |H|^2 = 1 / (1 + u^4) at the frequency f. Here u = tan(pi f / r) / k and k = tan(pi bandwidth
+    /// / r). The power is therefore (2 k N^2 r / pi) times
     ///
     /// ```text
     /// integral from 0 to infinity of du / ((1 + u^4) (1 + k^2 u^2))

@@ -19,8 +19,8 @@ use crate::numerics::stats::p_value_of;
 /// the variance.
 const EXCESS_RATIO: f64 = 2.0;
 /// Maximum p-value of a significant excess. Seven kinds of residuals are tested in a calibration with control
-/// recordings, so noise alone gives a p-value below this limit in fewer than one of 10 000 calibrations, for any
-/// number of residuals.
+/// recordings. Noise alone gives a p-value below this limit in fewer than one of 10 000 calibrations. This holds for
+/// any number of residuals.
 const SIGNIFICANCE: f64 = 1e-5;
 
 /// Kind of residuals. All residuals of a kind are compared with their noise together.
