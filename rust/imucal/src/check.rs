@@ -1,5 +1,5 @@
-//! Checks of recordings before any fit. Each fault has a stable reason code, a location, a value and a recommended
-//! action.
+//! Checks of recordings before and during a calibration. Each fault has a stable reason code, a location, a value and a
+//! recommended action.
 //!
 //! The checks run in stages. Each stage runs as soon as its inputs are available. [`check_columns`] uses a single
 //! recording, [`check_shared`] uses all recordings, and [`check_rests`] uses the detected rests. [`check_kinematics`]

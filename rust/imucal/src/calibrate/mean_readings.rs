@@ -67,8 +67,8 @@ pub struct RestBias {
 /// parameters cannot be determined without moves.
 ///
 /// # Errors
-/// As [`calibrate_accelerometer`](super::calibrate_accelerometer); [`Error::NotEnoughMotion`] also if the rows
-/// determine the parameters exactly and their noise is not known.
+/// The errors of [`calibrate_accelerometer`](super::calibrate_accelerometer). [`Error::NotEnoughMotion`] is also
+/// returned if the rows determine the parameters exactly and their noise is not known.
 pub fn calibrate_means(
     table: &MeanReadings<'_>,
     options: &Options<'_>,

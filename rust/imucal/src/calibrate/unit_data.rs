@@ -258,7 +258,7 @@ impl UnitData<'_> {
 /// readings in counts, the vertical may be unknown because of offsets.
 fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -> bool {
     /// A rate difference counts as a bias if its angle to the vertical is above 18 deg. The cosine of the angle is then
-    /// below this limit. The axes of the sensors may differ by some degrees.
+    /// below this limit. The margin is needed because the axes of the two sensors may differ by some degrees.
     const VERTICAL: f64 = 0.95;
     let difference = rest.angular_rate.mean - bias;
     let along = difference.dot(&rest.specific_force.mean.normalize()).abs();
