@@ -63,8 +63,9 @@ pub struct RestReport {
     pub end_s: f64,
     /// Number of epochs of the rest. Each epoch has its own mean. The number is 1 if one mean describes the rest.
     pub epochs: usize,
-    /// Unsteadiness: the variance of the samples within half a second, divided by the noise floor. It is near 1 on a
-    /// table, and larger for a hand-held unit.
+    /// Unsteadiness (model.md (11)): the larger of two ratios, both near 1 on a table and larger in a hand. The first
+    /// is the variance of the samples within half a second divided by the noise floor. The second measures the drift of
+    /// the mean force.
     pub unsteadiness: f64,
     /// Mean accelerometer reading in raw units. If effects were removed beforehand, it is in m/s^2.
     pub mean_specific_force: Vector3<f64>,
