@@ -10,6 +10,8 @@ import numpy as np
 
 
 def main(program: str, accel: str, gyro: str) -> None:
+    # The folder of the program is not part of this repository, so no bytecode is stored there.
+    sys.dont_write_bytecode = True
     spec = importlib.util.spec_from_file_location("scipy_calibration", program)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

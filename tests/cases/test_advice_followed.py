@@ -127,14 +127,16 @@ def test_six_means_without_a_way_in(case_file, capsys, tmp_path):
     assert main(["calibrate", str(path), *output]) == 1
     said = " ".join(capsys.readouterr().err.split())
     assert "if each row is the mean of a rest, give --means" in said and "both files" not in said
-    # Without the noise of the means, the biases are estimated, and the noise is asked for.
+    # Six rows do not show the noise of the means, and the command asks for it.
     assert main(["calibrate", str(path), "--means", *output]) == 1
-    command = re.search(r": imucal (calibrate --model bias .*)$", " ".join(capsys.readouterr().err.split()))
-    assert main(command[1].split()) == 0
-    said = " ".join("".join(capsys.readouterr()).split())
-    assert (
-        "verdict: incomplete" in said and "give the standard deviation of the means (noise_mps2=...," in said
-    )
+    said = " ".join(capsys.readouterr().err.split())
+    assert "estimates biases and scales if the noise of the means is given (noise_mps2=..., --noise)" in said
+    command = re.search(r": imucal (calibrate --model orthogonal .*) MPS2$", said)
+    assert main([*command[1].split(), "0.02"]) == 0
+    capsys.readouterr()
+    assert main(["calibrate", str(path), "--means", "--model", "orthogonal", *output]) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "give their standard deviation (noise_mps2=..., --noise)" in said and "--model" not in said
     assert main(["calibrate", str(path), "--means", "--noise", "0.02", *output]) == 1
     said = " ".join(capsys.readouterr().err.split())
     assert "6 rests do not determine the accelerometer's misalignment xy, misalignment xz" in said

@@ -31,7 +31,12 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         chosen = [seed for seed in seeds(folder) if not given.names or seed.name in given.names]
-        tallies = rounds(chosen, folder, given.first_seed, given.cases, end_s)
+        tallies = {}
+        for number, tallies in rounds(chosen, folder, given.first_seed, given.cases, end_s):
+            found = sum(len(tally.faults) for tally in tallies.values())
+            cases = (number - given.first_seed) * len(chosen)
+            print(f"\r{cases} files, {found} faults", end="", file=sys.stderr, flush=True)
+        print(file=sys.stderr)
         print(f"{'file':28} {READ:>8} {REFUSED:>8} {CONTAINED:>10} {FAULT:>6} {'slowest':>9} {'memory':>8}")
         for seed in chosen:
             tally = tallies[seed.name]

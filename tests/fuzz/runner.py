@@ -81,14 +81,17 @@ def preload():
 
 
 def rounds(seeds, folder, first, count=None, end_s=None):
-    """Damage and read each seed in turn, with random numbers from `first` on; the tallies by name."""
+    """Damage and read each seed in turn, with random numbers from `first` on.
+
+    Yields the number of the next round and the tallies by name after each round.
+    """
     tallies = defaultdict(Tally)
     number = first
     while (count is None or number < first + count) and (end_s is None or time.monotonic() < end_s):
         for seed in seeds:
             tallies[seed.name].add(number, case(seed, folder, number))
         number += 1
-    return tallies
+        yield number, tallies
 
 
 def case(seed, folder, number):

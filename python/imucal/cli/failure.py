@@ -28,6 +28,8 @@ TRACEBACK: Final = "IMUCAL_TRACEBACK"
 # WITH_MODEL lists the commands that have the option --model.
 OFFERED: Final = r"\bmodel='(\w+)'"
 WITH_MODEL: Final = ("calibrate", "gap")
+# This text in the message of an error asks for the noise of mean readings.
+NOISE_NEEDED: Final = "noise_mps2=..."
 
 
 def message_of(error: BaseException) -> str:
@@ -49,7 +51,8 @@ def command_offered(error: BaseException, arguments: Sequence[str]) -> str:
     others = list(arguments[1:])
     for at in reversed([i for i, argument in enumerate(others) if argument.startswith("--model")]):
         del others[at : at + (1 if "=" in others[at] else 2)]
-    return f": imucal {shlex.join([arguments[0], '--model', offered[1], *others])}"
+    noise = " --noise MPS2" if NOISE_NEEDED in str(error) else ""
+    return f": imucal {shlex.join([arguments[0], '--model', offered[1], *others])}{noise}"
 
 
 def is_fault(error: BaseException) -> bool:

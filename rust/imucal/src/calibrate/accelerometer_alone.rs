@@ -181,7 +181,7 @@ impl AccelerometerOutcome {
     /// The held parameters and the errors due to the uncertainty of their priors; `None` if the verdict is poor.
     pub(super) fn as_reduced(&self) -> Option<Reduced> {
         let is_usable = !matches!(self.verdict(), Verdict::Poor(_));
-        is_usable.then(|| Reduced { held: self.held.clone(), cost: self.prior_cost })
+        is_usable.then(|| Reduced { held: self.held.clone(), cost: self.prior_cost, condition: None })
     }
 
     /// The covariance of the parameters, by rows, with the uncertainty of local gravity (model.md (38)).

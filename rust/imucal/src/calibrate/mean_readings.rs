@@ -6,7 +6,7 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
 use super::accelerometer_alone::{AccelerometerOutcome, of_accelerometer, refuse_options};
-use super::offer::with_offer;
+use super::offer::{Reduced, with_offer};
 use super::unit_data::refuse_errors;
 use super::{Options, check_options};
 use crate::check::{check_accelerometer_gains, check_rests};
@@ -25,6 +25,8 @@ use crate::two_stage::ellipsoid::Start;
 /// of the ellipsoid of the readings. It is so large that no row is excluded as an outlier. With a larger value, noise
 /// could explain the whole ellipsoid, and the fit would be refused.
 const FIRST_GUESS: f64 = 0.015;
+/// Standard deviation of the means in a trial of a model for which the user must give it, m/s^2.
+const ASSUMED_NOISE_MPS2: f64 = 0.01;
 
 /// Mean readings at rest, one row for each rest.
 #[derive(Clone, Copy, Debug)]
@@ -76,12 +78,29 @@ pub fn calibrate_means(
     refuse_options(options)?;
     require_finite(table)?;
     match of_table(table, options) {
-        Err(Error::NotEnoughMotion(words)) => {
-            let fit = |options: &Options<'_>| of_table(table, options).ok()?.as_reduced();
-            Err(Error::NotEnoughMotion(with_offer(options, &words, fit).unwrap_or(words)))
-        }
+        Err(Error::NotEnoughMotion(words)) => Err(Error::NotEnoughMotion(with_way_out(table, options, words))),
         outcome => Ok((outcome?, table.angular_rate.map(bias_of))),
     }
+}
+
+/// The text of a refusal, with the offer of a model with fewer parameters. If the noise of the means is not known,
+/// models are offered that need it. Nothing is offered if only the noise is missing, because `words` ask for it.
+fn with_way_out(table: &MeanReadings<'_>, options: &Options<'_>, words: String) -> String {
+    let of_noise_given = |options: &Options<'_>| {
+        let noise = MeanNoise::Common(ASSUMED_NOISE_MPS2);
+        matches!(table.noise, MeanNoise::Unknown).then(|| of_table(&MeanReadings { noise, ..*table }, options).ok())?
+    };
+    if of_noise_given(options).is_some() {
+        return words;
+    }
+    let fit = |options: &Options<'_>| match of_table(table, options) {
+        Ok(outcome) => outcome.as_reduced(),
+        Err(_) => {
+            let reduced = of_noise_given(options)?.as_reduced()?;
+            Some(Reduced { condition: Some("if the noise of the means is given (noise_mps2=..., --noise)"), ..reduced })
+        }
+    };
+    with_offer(options, &words, fit).unwrap_or(words)
 }
 
 /// The part of [`calibrate_means`] for the accelerometer. Error messages do not offer a model with fewer parameters.

@@ -24,7 +24,7 @@ impl<'a> Checked<'a> {
                 let fit = |options: &Options<'_>| {
                     let outcome = determined(recordings, options).ok()?.calibrate(&options.model(), None).ok()?;
                     let is_usable = !matches!(outcome.verdict(), Verdict::Poor(_));
-                    is_usable.then_some(Reduced { held: outcome.held, cost: outcome.prior_cost })
+                    is_usable.then_some(Reduced { held: outcome.held, cost: outcome.prior_cost, condition: None })
                 };
                 Err(Error::NotEnoughMotion(with_offer(options, &words, fit).unwrap_or(words)))
             }
@@ -55,11 +55,14 @@ fn determined<'a>(recordings: &[Recording<'a>], options: &Options<'_>) -> Result
     Checked::of_determined(recordings, &Options { priors, ..options.clone() }).or(checked)
 }
 
-/// A usable result of a model with fewer parameters: the held parameters, and the errors due to the uncertainty of
-/// their priors.
+/// A usable result of a model with fewer parameters.
 pub(super) struct Reduced {
+    /// The held parameters.
     pub(super) held: Vec<HeldEstimate>,
+    /// The errors due to the uncertainty of the priors.
     pub(super) cost: Option<PriorCost>,
+    /// What the user must give in addition, as a clause that begins with "if"; `None` if nothing is missing.
+    pub(super) condition: Option<&'static str>,
 }
 
 /// The text of a refusal, followed by an offer of a model with fewer free parameters than the requested model. Among
@@ -86,6 +89,9 @@ fn offered(model: ParameterModel, result: &Reduced) -> String {
         ParameterModel::Bias => "biases",
     };
     let mut words = format!("Without more motion, model='{}' estimates {free}", model.name());
+    if let Some(condition) = result.condition {
+        words += &format!(" {condition}");
+    }
     let undetermined: Vec<&HeldEstimate> = result.held.iter().filter(|held| !held.is_determined()).collect();
     if !undetermined.is_empty() {
         words += &format!("; {} stay at their prior", listed(&undetermined, &result.held));
