@@ -1,4 +1,4 @@
-//! Joint maximum-likelihood estimate of both triads and of the selected effects (model.md (17) to (20)).
+//! Joint maximum-likelihood estimate of both sensor models and of the selected effects (model.md (17) to (20)).
 //!
 //! ```text
 //! rest norms   |f_k| - g
@@ -8,10 +8,10 @@
 //! ```
 //!
 //! k is the index of a rest, or of the move after this rest. f_k is the mean force at rest k, u_k its direction, and g
-//! local gravity. m_k are the rates measured at rest k, b is the bias of the gyroscope, and T its sensitivity. Phi is
-//! the field of an effect and theta its parameters. R_k is the rotation over move k, and R(t) is the rotation from time
-//! t to the start of the move; both are integrated from the gyroscope rates. The two rows of E_k span the plane
-//! perpendicular to u_(k+1).
+//! local gravity. m_k are the rates measured at rest k, b is the bias of the gyroscope, and T its sensitivity. An
+//! effect with the field Phi and the parameters theta adds Phi theta to the rate. R_k is the rotation over move k, and
+//! R(t) is the rotation from time t to the start of the move; both are integrated from the gyroscope rates. The two
+//! rows of E_k span the plane perpendicular to u_(k+1).
 //!
 //! The quantities f, u and R are corrected for the effects. The mean-force error of a rest correlates the residuals of
 //! its two adjacent moves; `whiten` accounts for this covariance. The attitude error inside a move is a random walk;

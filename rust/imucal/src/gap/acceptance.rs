@@ -15,9 +15,9 @@ use crate::verdict::{GroupMisfit, ResidualGroup};
 /// If chi2 per degree of freedom of unseen data increases by at most this fraction, the prediction does not count as
 /// worse.
 const SAME: f64 = 0.005;
-/// A prediction of unseen data counts as worse if its chi2 per degree of freedom increases by more than this
-/// fraction, or if a smaller increase is significant (see [`SIGNIFICANT`]). The fraction is larger if there are so
-/// few unseen rests and moves that noise can cause an increase of this size.
+/// A prediction of unseen data counts as worse if its chi2 per degree of freedom increases by more than this fraction,
+/// or if a smaller increase is significant (see [`SIGNIFICANT`]). The fraction is larger if the unseen data contain so
+/// few rests and moves that noise can cause an increase of this size.
 const MAY_BE_CHANCE: f64 = 0.1;
 /// An effect with a log Bayes factor below this number of nats is accepted only if it improves the prediction of unseen
 /// data. 8 nats are odds of 3000 to 1.
@@ -25,8 +25,8 @@ const CERTAIN_NATS: f64 = 8.0;
 /// A prediction of unseen data counts as improved if its chi2 decreases by more than this number of standard deviations
 /// of the decrease. The threshold applies only to effects with a log Bayes factor below [`CERTAIN_NATS`].
 const LEAST_IMPROVEMENT: f64 = 0.5;
-/// Minimum ratio of chi2 of unseen residuals to its expected value. Below this ratio, the excess of chi2 over noise is
-/// too small to divide by, and [`EffectShare::closed`] is not computed.
+/// Minimum ratio of chi2 of unseen data to its expected value. Below this ratio, the excess of chi2 over noise is too
+/// small to divide by, and [`EffectShare::closed`] is not computed.
 const LEAST_EXCESS: f64 = 1.5;
 /// An effect is removed if the p-value of its parameters in the final fit is larger than this value. A p-value of 1 %
 /// corresponds to 2.6 standard deviations of one parameter.
@@ -99,7 +99,7 @@ pub enum Refusal {
     },
 }
 
-/// Share of the excess chi2 of unseen residuals that one accepted effect removes, by kind of residuals.
+/// Share of the excess chi2 of unseen data that one accepted effect removes, by kind of residuals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EffectShare {
     /// Name of the effect.
@@ -137,8 +137,8 @@ impl Fits<'_> {
         let path = path.as_slice();
         let must_improve = |name: &String| {
             let effect = Effect::<f64>::find(name);
-            // Effects of the stand, and effects that act only inside moves, hardly change the residuals of unseen rests
-            // and of whole moves. They are therefore not required to improve the prediction of these residuals.
+            // Effects of the stand, and effects that act only inside moves, hardly change the residuals of rests and of
+            // whole moves. They are therefore not required to improve the prediction of these residuals.
             let is_of_rests =
                 effect.is_none_or(|own| own.sensor != Sensor::Encoder) && !is_unobservable_hand_held(name);
             is_of_rests && selected.iter().any(|score| score.name == *name && score.log_bayes_factor < CERTAIN_NATS)
@@ -319,9 +319,9 @@ impl Fit {
         chi2.is_finite().then(|| p_value(chi2, count))
     }
 
-    /// Decrease of chi2 of unseen residuals from the fit `before` to this fit. The share and the significance are each
-    /// the largest among all kinds of residuals. The standard deviation of the decrease is estimated from the changes
-    /// of chi2 of the single rests and moves.
+    /// Decrease of chi2 of unseen data from the fit `before` to this fit. The share and the significance are each the
+    /// largest among all kinds of residuals. The standard deviation of the decrease is estimated from the changes of
+    /// chi2 of the single rests and moves.
     pub(super) fn removed(&self, before: &Self) -> Removed {
         let mut removed = Removed { share: 0.0, significance: 0.0 };
         for (own, other) in self.unseen_items().iter().zip(&before.unseen_items()) {
@@ -371,7 +371,8 @@ impl Fit {
         groups.iter().filter(|own| JUDGED.contains(&own.group) && own.exceeds_noise()).collect()
     }
 
-    /// chi2 of each unseen rest, of each unseen move, and of the mean angular rate at each unseen rest.
+    /// chi2 of each rest, of each move, and of the mean angular rate at each rest, for the unseen data (control
+    /// recordings, or held-out rests and moves).
     fn unseen_items(&self) -> [Vec<Option<f64>>; 3] {
         let of = |errors: &mut dyn Iterator<Item = f64>, sigmas: &mut dyn Iterator<Item = f64>| {
             let chi2 = |(error, sigma): (f64, f64)| {

@@ -16,9 +16,9 @@ use crate::joint::{EPOCH_RATES, INSIDE, Insides, Joint, Kinds, Lanes, Linear, Pr
 use crate::parameters::BASE;
 use crate::rests::moves::axis_aside;
 
-/// A form of a candidate effect. The list of candidates contains an effect with several forms once for each form, with
-/// the form of fewest parameters (the plain form) first. It contains an effect with a time constant once for each trial
-/// value.
+/// A form (for example linear or quadratic) of a candidate effect. The list of candidates contains an effect with
+/// several forms once for each form, with the form of fewest parameters (the plain form) first. It contains an effect
+/// with a time constant once for each trial value.
 #[derive(Clone)]
 pub(crate) struct Candidate {
     pub(crate) name: String,

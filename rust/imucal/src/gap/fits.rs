@@ -66,7 +66,7 @@ pub(super) struct Fits<'a> {
     /// Start values for the next fit: the final fit of the last search. The solutions with the selected effects are
     /// close to it.
     pub(super) warm_start: Option<WarmStart>,
-    /// Number of parameters in the selected form of each selected effect.
+    /// Number of parameters in the selected form (for example linear or quadratic) of each selected effect.
     forms: Vec<(String, usize)>,
     made: Vec<Rc<Fit>>,
 }

@@ -27,8 +27,8 @@ use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
 /// Maximum number of effects in a model.
 pub(super) const MOST_EFFECTS: usize = 6;
-/// Maximum number of rounds that alternate between selecting effects with the generic hypotheses in the model and
-/// selecting generic hypotheses with the effects in the model.
+/// Maximum number of rounds. In each round, effects are selected with the generic hypotheses (unknown variations of a
+/// bias or scale) in the model, and then generic hypotheses are selected with these effects in the model.
 const MOST_ROUNDS: usize = 2;
 /// Smallest standard deviation of the prior of an effect's parameter, in multiples of the parameter's typical size.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
@@ -302,7 +302,7 @@ impl<'a> ForwardSearch<'a> {
         })
     }
 
-    /// Forward selection and generic hypotheses without the angles of the stand.
+    /// Selects effects, and evaluates generic hypotheses, without the angles of the stand.
     fn without_stand(
         &mut self,
         prepared: &Prepared<'_>,
@@ -369,7 +369,8 @@ impl<'a> ForwardSearch<'a> {
                         path.push(score);
                         stage = next;
                     }
-                    // Aliases are compared before a second effect can compensate the residuals of a wrong first effect.
+                    // Aliases (effects with nearly the same residuals) are compared before a second effect can
+                    // compensate the residuals of a wrong first effect.
                     let is_swapped = self.swap(prepared, open, &mut stage, &mut path)?;
                     if self.choose_forms(prepared, open, &mut stage, &mut path)? || is_swapped {
                         stage = beside(&stage, &stage.members)?;

@@ -15,10 +15,10 @@ use crate::error::Error;
 use crate::joint::{Kinds, Prepared, Terms};
 
 impl ForwardSearch<'_> {
-    /// Evaluates generic hypotheses in a model without effects and in a model with the selected effects. The evaluation
-    /// uses rests and rest-to-rest moves. If the search uses samples inside moves, the evaluation is repeated with
-    /// these samples. The second result is present if the estimated effects differ significantly with and without the
-    /// stand's angles.
+    /// Evaluates generic hypotheses (unknown variations of a bias or scale) in a model without effects and in a model
+    /// with the selected effects. The evaluation uses rests and rest-to-rest moves. If the search uses samples inside
+    /// moves, the evaluation is repeated with these samples. The second result is present if the estimated effects
+    /// differ significantly with and without the stand's angles.
     pub(super) fn patterns(
         &mut self,
         prepared: &Prepared<'_>,

@@ -1,5 +1,5 @@
-//! Gram matrices (products of Jacobian columns) of a model with a generic hypothesis, which adds columns to the model.
-//! There is one matrix for each group of residual rows.
+//! Gram matrices (products of Jacobian columns) of a model to which the columns of a generic hypothesis (a variation of
+//! a bias or scale) are added. There is one matrix for each group of residual rows.
 
 use faer::Mat;
 

@@ -1,4 +1,5 @@
-//! Times at which generic hypotheses are evaluated, and the whitened Jacobian columns of a hypothesis.
+//! Times at which generic hypotheses (variations of a bias or scale) are evaluated, and their whitened Jacobian
+//! columns.
 
 use std::cmp::Ordering::Equal;
 use std::sync::Arc;

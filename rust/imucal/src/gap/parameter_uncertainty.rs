@@ -153,7 +153,7 @@ fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64
     (shift, narrowed)
 }
 
-/// Derivatives of the corrected signals with respect to the 21 parameters of both triads.
+/// Derivatives of the corrected signals with respect to the 21 base parameters (sensitivities and biases).
 fn sensor_slopes(outcome: &Outcome, recording: &Recording<'_>, windows: &Windows) -> Vec<Vec<Signals>> {
     let seen = |raw: Samples<'_>, triad: &imucal_core::sensor::Triad<f64>| {
         windows.means(|sample| triad.correct(Vector3::from(raw.at(sample))))

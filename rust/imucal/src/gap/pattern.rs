@@ -1,5 +1,6 @@
-//! Tests of generic hypotheses (docs/model.md (24)). In a model without effects, a hypothesis is an alternative to the
-//! selected effects. In a model with these effects, it explains additional variations.
+//! Tests of generic hypotheses (docs/model.md (24)). A generic hypothesis is a variation of a bias or scale, for
+//! example with temperature, that no effect of the catalogue describes. In a model without effects, a hypothesis is an
+//! alternative to the selected effects. In a model with these effects, it explains additional variations.
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 use nalgebra::Vector3;
@@ -17,8 +18,8 @@ use crate::numerics::workers::{in_order, processors};
 /// Trial values of the standard deviation of a hypothesis's prior, in multiples of the typical deviation of its sensor
 /// parameter.
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
-/// A generic hypothesis replaces the selected effects only if its log evidence is larger by more than this number of
-/// nats. 3 nats are odds of 20 to 1.
+/// A generic hypothesis (unknown variation of a bias or scale) replaces the selected effects only if its log evidence
+/// is larger by more than this number of nats. 3 nats are odds of 20 to 1.
 const LEAD: f64 = 3.0;
 /// A generic hypothesis replaces the selected effects only if its log Bayes factor is above this number of nats. 8 nats
 /// are odds of 3000 to 1.
@@ -39,7 +40,7 @@ const REMAINDER: f64 = 0.02;
 /// Bayes factor grows only with the logarithm of an effect's size.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 
-/// The generic hypothesis with the largest evidence, and its fit.
+/// The generic hypothesis (unknown variation of a bias or scale) with the largest evidence, and its fit.
 pub(super) struct BestGeneric {
     pub(super) block: Block,
     pub(super) kernel: Kernel,
@@ -89,8 +90,8 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// For each model: the generic hypothesis with the largest evidence. Only hypotheses about the selected sensor
-/// parameters are tested.
+/// For each model: the generic hypothesis (unknown variation of a bias or scale) with the largest evidence. Only
+/// hypotheses about the selected sensor parameters are tested.
 pub(super) fn best_generics<const N: usize>(
     setting: &Setting<'_>,
     stages: [&Stage; N],
@@ -126,7 +127,8 @@ pub(super) fn best_generics<const N: usize>(
     })
 }
 
-/// The best generic hypotheses and the selected effects, evaluated on the same residuals.
+/// The best generic hypotheses (unknown variations of a bias or scale) and the selected effects, evaluated on the same
+/// residuals.
 pub(super) struct Pattern {
     /// The best generic hypothesis in a model without effects.
     pub(super) alone: Option<BestGeneric>,

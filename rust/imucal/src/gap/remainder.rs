@@ -24,7 +24,7 @@ pub struct Remainder {
     pub p_value: f64,
     /// Whether the unexplained residuals limit the use of the calibration; `false` if noise explains the residuals. For
     /// the pattern `above_noise`, it is also `false` if the accepted effects remove at least half of chi2 from one kind
-    /// of unseen residuals.
+    /// of residuals of unseen data.
     pub matters: bool,
 }
 

@@ -57,7 +57,7 @@ pub(super) struct Judgement {
     pub(super) visible: Vec<(String, f64, String)>,
 }
 
-/// Computes the scores and detection limits of all candidates relative to the model of a stage.
+/// Computes the scores and detection limits of all candidates relative to the model of one stage of the search.
 pub(super) fn judge(stage: &Stage) -> Judgement {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
@@ -111,8 +111,8 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
 
 /// Observability and score of a candidate relative to a model.
 struct Look {
-    /// Number of observable directions in the space of the candidate's parameters. All noise scales s_g^2 are set to
-    /// one.
+    /// Number of observable directions in the space of the candidate's parameters. The noise variances are not scaled
+    /// (all noise scales s_g^2 are one).
     dof: usize,
     /// Sum over the parameters of the change of chi2 if the parameter changes by its typical size.
     trace: f64,
@@ -120,9 +120,9 @@ struct Look {
 }
 
 /// Scores the candidate with the columns `own`. `plain` and `widened` are the normal matrix after elimination of the
-/// model's parameters. In `plain`, the noise scales s_g^2 are one. In `widened`, they are the noise scales of the
-/// model. `plain` is `None` if the model's scales are all one, because both matrices are then equal. Returns `None` if
-/// the candidate is not observable.
+/// model's parameters. In `plain`, the noise variances are not scaled. In `widened`, they are multiplied by the noise
+/// scales s_g^2 of the model. `plain` is `None` if the model's scales are all one, because both matrices are then
+/// equal. Returns `None` if the candidate is not observable.
 fn look_at(
     candidate: &Candidate,
     all: &Common<'_>,

@@ -1,4 +1,5 @@
-//! Eigenfunctions of the kernels of generic hypotheses at rests and inside moves (docs/model.md (24)).
+//! Eigenfunctions of covariance kernels, at rests and inside moves. A kernel describes how a bias or scale varies in a
+//! generic hypothesis (docs/model.md (24)).
 
 use faer::Mat;
 use nalgebra::Vector3;

@@ -32,8 +32,8 @@ const LEAST_REMOVED: f64 = 0.1;
 /// of the calibration if the effects remove at least this share. A change of the biases between sessions explains the
 /// residuals if it removes more than this share.
 const MOST_REMOVED: f64 = 0.5;
-/// Decrease of chi2 of unseen residuals, in standard deviations, that confirms the effects even if they remove a
-/// smaller share than [`LEAST_REMOVED`]. This criterion is not used if the fit is poor.
+/// Decrease of chi2 of unseen data, in standard deviations, that confirms the effects even if they remove a smaller
+/// share than [`LEAST_REMOVED`]. This criterion is not used if the fit is poor.
 const SIGNIFICANT: f64 = 4.0;
 /// Codes of findings that prevent conclusions about effects.
 const FAULTS: [&str; 8] = [

@@ -123,8 +123,9 @@ impl Joint<'_> {
         all
     }
 
-    /// Derivatives with respect to an error of the angular rate. The derivatives of norm and move residuals are written
-    /// to `lines` and are not yet whitened. The derivatives of all other residuals are whitened and written to `all`.
+    /// Derivatives with respect to an error of the angular rate. The derivatives of force norms and of directions after
+    /// moves are written to `lines` and are not yet whitened. The derivatives of all other residuals are whitened and
+    /// written to `all`.
     fn by_rate(&self, linear: &Linear, ways: &[MoveSegments], field: &Field, lines: &mut Mat<f64>, all: &mut Mat<f64>) {
         let (width, gravity_mps2) = (field.width, self.prepared.gravity_mps2);
         let mut row = lines.nrows();
@@ -163,9 +164,9 @@ impl Joint<'_> {
         }
     }
 
-    /// Derivatives with respect to an error of the specific force. The derivatives of norm and move residuals are
-    /// written to `lines` and are not yet whitened. The derivatives of all other residuals are whitened and written to
-    /// `all`.
+    /// Derivatives with respect to an error of the specific force. The derivatives of force norms and of directions
+    /// after moves are written to `lines` and are not yet whitened. The derivatives of all other residuals are whitened
+    /// and written to `all`.
     fn by_force(
         &self,
         linear: &Linear,

@@ -69,8 +69,8 @@ pub(crate) struct Linear {
     kinds: Kinds,
 }
 
-/// Row ranges of the whitened residuals that come after the residuals of norms, moves and mean rates: forces inside
-/// the moves, gravity directions and attitudes relative to the stand.
+/// Row ranges of the whitened residuals that come after force norms, directions after moves and mean rates: forces
+/// inside the moves, gravity directions relative to the stand, and attitudes relative to the stand.
 pub(crate) struct Groups {
     pub(crate) inside: Range<usize>,
     pub(crate) stand_rests: Range<usize>,

@@ -156,17 +156,18 @@ struct Parts {
     /// Length of each column of the whitened Jacobian before scaling.
     size: Vec<f64>,
     kept: Vec<usize>,
-    /// Whitened residuals of norms, moves and mean rates, whose errors are correlated before whitening. The first
-    /// columns are those of the Jacobian, scaled to length one. The last column contains the residuals.
+    /// Whitened residuals of force norms at rests, directions after moves, and mean rates at rests. Their errors are
+    /// correlated before whitening. The first columns are the columns of the Jacobian, scaled to length one. The last
+    /// column contains the residuals.
     shared: Mat<f64>,
     /// For each rest or move: Gram matrix `[J r]^T [J r]` of its independent residuals, which are the residuals
     /// inside moves and the residuals relative to the stand. J and r are their whitened Jacobian and residuals.
     others: Vec<(Source, Mat<f64>)>,
     /// Gram matrix `[J r]^T [J r]` of the residuals of the priors.
     given: Mat<f64>,
-    /// Changes of the whitened residuals due to a unit error of each norm, move and mean-rate residual, and of each
-    /// component of the mean forces. Each change is stored as the index of its first nonzero row and the values from
-    /// that row on.
+    /// Changes of the whitened residuals due to a unit error of each force norm, direction after a move and mean rate,
+    /// and of each component of the mean forces. Each change is stored as the index of its first nonzero row and the
+    /// values from that row on.
     units: Vec<(usize, Vec<f64>)>,
 }
 
@@ -205,10 +206,10 @@ impl Parts {
         places.flat_map(|place| [rates, means].map(|first| first + 3 * place)).flat_map(|at| at..at + 3).collect()
     }
 
-    /// Change of the parameters in a fit with held-out residuals. Residuals of norms, moves and mean rates are held
-    /// out by additional free parameters: the errors `columns` (indices into `units`). The independent residuals of a
-    /// rest or move are held out by omission if `is_out` is true for it. `None` if this fit does not determine all
-    /// parameters.
+    /// Change of the parameters in a fit with held-out residuals. Residuals with correlated errors (force norms,
+    /// directions after moves, mean rates) are held out by additional free parameters: the errors `columns` (indices
+    /// into `units`). The independent residuals of a rest or move are held out by omission if `is_out` is true for it.
+    /// `None` if this fit does not determine all parameters.
     fn without(&self, columns: &[usize], is_out: impl Fn(Source) -> bool) -> Option<Vec<f64>> {
         let (rows, n) = (self.shared.nrows(), self.kept.len());
         let mut basis: Vec<Stretch> = Vec::with_capacity(columns.len());

@@ -200,8 +200,8 @@ fn log_p_value(misfit: f64, freedom: usize) -> f64 {
     if p > 1e-200 { p.ln() } else { (half - 1.0) * x.ln() - x - ln_gamma(half) }
 }
 
-/// Groups of columns that are tested together. The columns are: one for each norm, move and mean-rate residual, then
-/// three for the mean force of each rest.
+/// Groups of columns of A that are tested together. There is one column for each residual (force norms, directions
+/// after moves, mean rates), then three columns for the mean force of each rest.
 fn groups(linear: &Linear) -> Vec<Group> {
     let lines = &linear.lines;
     let mut groups: Vec<Group> =
@@ -233,8 +233,8 @@ fn groups(linear: &Linear) -> Vec<Group> {
 }
 
 /// Changes of the whitened residuals due to a unit error of the mean force of each rest and axis. `units` are the
-/// changes due to a unit error of each norm and move residual. Each change is stored as the index of its first nonzero
-/// row and the values from that row on.
+/// changes due to a unit error of each force norm and each direction after a move. Each change is stored as the index
+/// of its first nonzero row and the values from that row on.
 pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
     let of_axis = |rest: usize, axis: usize| {
         let lines = linear.lines.iter().zip(units);

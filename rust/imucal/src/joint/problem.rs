@@ -167,9 +167,9 @@ impl<'a> Joint<'a> {
         (entries.iter().map(|e| e * e).sum::<f64>() / 3.0).sqrt()
     }
 
-    /// Whitened derivatives with respect to a separate bias at each rest, with three columns per rest. The first
-    /// matrix is for the gyroscope, the second for the accelerometer. The gyroscope bias in a move is the mean of the
-    /// biases at the two adjacent rests. Only the rows of norm, move and mean-rate residuals are nonzero.
+    /// Whitened derivatives with respect to a separate bias at each rest, with three columns per rest. The first matrix
+    /// is for the gyroscope, the second for the accelerometer. The gyroscope bias in a move is the mean of the biases
+    /// at the two adjacent rests. Only the rows of force norms, directions after moves and mean rates are nonzero.
     pub(crate) fn by_biases_of_rests(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let (head, count) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let (mut gyroscope, mut accelerometer) = (Mat::zeros(head, count), Mat::zeros(head, count));
@@ -215,8 +215,8 @@ impl<'a> Joint<'a> {
     }
 
     /// Columns of L^-1, where L is the Cholesky factor of the residual covariance. Column k is the change of the
-    /// whitened residuals due to a unit error of the k-th norm, move or mean-rate residual. It is stored as the index
-    /// of its first nonzero row and the values from that row on.
+    /// whitened residuals due to a unit error of the k-th residual (force norms, directions after moves, mean rates).
+    /// It is stored as the index of its first nonzero row and the values from that row on.
     pub(crate) fn whitened_units(&self, linear: &Linear) -> Vec<(usize, Vec<f64>)> {
         let head = linear.lines.len();
         let lines = (0..head).map(|row| (row, self.weights.whitening.unit(row)));
@@ -231,9 +231,9 @@ impl<'a> Joint<'a> {
         lines.chain(rates).map(white).collect()
     }
 
-    /// Whitened residuals and Jacobian. The order of the rows is: residuals of norms and moves, mean rates, force
-    /// inside the moves, attitude relative to the stand, priors of base parameters, priors of effects, priors of time
-    /// constants.
+    /// Whitened residuals and Jacobian. The order of the rows is: force norms at rests and gravity directions after
+    /// moves, mean rates at rests, force inside the moves, attitude relative to the stand, priors of base parameters,
+    /// priors of effects, priors of time constants.
     pub(crate) fn whitened(&self, parameters: &[f64]) -> Result<(Mat<f64>, Mat<f64>), Error> {
         Ok(self.whiten(&*self.linear(parameters)?))
     }
@@ -259,8 +259,8 @@ impl<'a> Joint<'a> {
         (rows, Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2))
     }
 
-    /// Whitened rows of the norm, move and mean-rate residuals. With encoders, the rows inside the moves and the rows
-    /// relative to the stand follow.
+    /// Whitened rows of force norms at rests, gravity directions after moves, and mean rates at rests. With encoders,
+    /// the rows inside the moves and the rows relative to the stand follow.
     fn whiten_rows(&self, linear: &Linear) -> Lanes {
         let n = self.terms.total();
         let (head, groups) = (linear.lines.len(), linear.groups());

@@ -14,7 +14,7 @@ use crate::simulate::{Program, RandomMoves, Unit};
 /// Mount rotation, base tilt, and angles between the axes of the stand, rad.
 pub(super) const STAND_RAD: [f64; 7] = [0.02, -0.03, 0.05, 0.01, -0.02, 0.005, -0.003];
 
-/// Samples of the paper's unit without noise, on a stand with geometric errors and with a varying temperature.
+/// Samples of a simulated unit without noise, on a stand with geometric errors and with a varying temperature.
 pub(super) struct Run {
     pub(super) time_s: Vec<f64>,
     pub(super) force: Vec<[f64; 3]>,
@@ -72,7 +72,7 @@ impl Run {
     }
 }
 
-/// The gyroscope program of the paper with one effect, at 1 kHz.
+/// Samples of random moves and rests on the stand (the gyroscope program of the paper) with one effect, at 1 kHz.
 fn run(values: &EffectValues<f64>) -> Run {
     let mut effects = EffectSet::none();
     effects.push(*values).unwrap();

@@ -5,8 +5,8 @@
 //! covariance of b(t), b(s), up to a constant:   -B^2/pi ln |t - s|  -  K^2/2 |t - s|
 //! ```
 //!
-//! b is the bias of one axis, t and s are times, B is the bias instability, and K is the random walk of the axis. The
-//! scatter of the mean rates determines only a large B. Smaller values of B, and K, are known only from the unit's
+//! b is the bias of one axis, t and s are times, B is the bias instability, and K is the random walk of the axis. A
+//! large B can be estimated from the scatter of the mean rates. A smaller B, and any K, can only be given in the unit's
 //! profile. The estimated bias parameter is the mean over the recording. The bias in a move is the mean of the biases
 //! at the adjacent rests.
 
@@ -16,8 +16,8 @@ use faer::Mat;
 
 use crate::error::Error;
 
-/// Maximum number of norm, move and mean-rate residuals for which the full covariance is factorised. The time of the
-/// factorisation grows with the third power of this number.
+/// Maximum number of residuals (force norms, directions after moves, mean rates) for which the full covariance is
+/// factorised. The time of the factorisation grows with the third power of this number.
 pub(super) const MOST_ROWS: usize = 6000;
 
 /// Model of the bias variation between rests.

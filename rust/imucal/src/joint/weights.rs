@@ -2,8 +2,8 @@
 //!
 //! White noise is estimated from the rests of the recording. If residuals scatter significantly more than noise
 //! explains, the excess is estimated from the residuals. The excess of mean rates is modelled as a covariance between
-//! rests. The excess of other residuals is modelled as one factor per kind: norms, moves, force inside moves, residuals
-//! relative to the stand.
+//! rests. The excess of other residuals is modelled as one factor per kind: force norms at rests, gravity directions
+//! after moves, force inside moves, residuals relative to the stand.
 
 mod whiten;
 mod widening;

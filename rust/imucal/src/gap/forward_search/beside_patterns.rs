@@ -1,5 +1,6 @@
-//! Selects effects while generic hypotheses are part of the model. It finds effects of the catalogue in the presence of
-//! an unknown or random variation.
+//! Selects effects while generic hypotheses are part of the model. A generic hypothesis is a variation of a bias or
+//! scale that no effect of the catalogue describes. Effects are therefore found in the presence of an unknown or random
+//! variation.
 //!
 //! If a forward search ignores the variation, it may select effects that only resemble the variation, and may miss
 //! effects that the residuals of the variation hide. The columns of the generic hypotheses and their prior add the
@@ -25,8 +26,8 @@ use crate::gap::stage::{Beside, Member, Stage};
 use crate::joint::{Prepared, Terms};
 use crate::numerics::stats::p_value;
 
-/// Minimum log Bayes factor, nats, for an effect to be selected with generic hypotheses in the model. 8 nats are odds
-/// of 3000 to 1.
+/// Minimum log Bayes factor, nats, for an effect to be selected with generic hypotheses (unknown variations of a bias
+/// or scale) in the model. 8 nats are odds of 3000 to 1.
 const LEAST: f64 = 8.0;
 /// Minimum likelihood ratio statistic of an effect, as a share of the statistic of the generic hypotheses. The columns
 /// of the hypotheses describe the variation only approximately, and an effect below this share may only fit the
@@ -46,7 +47,7 @@ const WALK_WIDTHS: [f64; 3] = [0.1, 0.5, 2.5];
 /// the parameter at zero.
 const REMOVED: f64 = 1e6;
 
-/// A generic hypothesis whose columns are part of a model.
+/// A generic hypothesis (unknown variation of a bias or scale) whose columns are part of a model.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct Varying {
     block: Block,
@@ -85,7 +86,7 @@ pub(super) struct KnownEffects {
     log: f64,
 }
 
-/// A model with the columns of generic hypotheses, and the statistic of these hypotheses.
+/// A model with the columns of generic hypotheses (unknown variations of a bias or scale), and their statistic.
 struct Extended {
     stage: Stage,
     /// Likelihood ratio statistic of the hypotheses.
@@ -236,8 +237,9 @@ impl ForwardSearch<'_> {
         Ok(KnownEffects { members, path, log })
     }
 
-    /// Replaces an effect by one of its aliases if the alias has a larger evidence with the hypotheses in the model.
-    /// Without the hypotheses, the unknown variation is part of the residuals and may favour the wrong effect.
+    /// Replaces an effect by one of its aliases (effects with nearly the same residuals) if the alias has a larger
+    /// evidence with the hypotheses in the model. Without the hypotheses, the unknown variation is part of the
+    /// residuals and may favour the wrong effect.
     fn swap_aliases(
         &self,
         (members, path): (&mut [Member], &mut [Score]),

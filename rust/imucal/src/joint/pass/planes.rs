@@ -15,13 +15,13 @@ use crate::numerics::instructions::Instructions;
 pub(crate) struct Planes {
     /// Indices, in the parameter vector, of the parameters whose columns are stored.
     parameters: Vec<usize>,
-    /// Number of values per plane, padded to full registers.
+    /// Number of values per plane (one vector component of all parameters in a state), padded to full registers.
     width: usize,
     numbers: Aligned,
 }
 
 impl Planes {
-    /// Storage without states, with capacity for `states` states.
+    /// Storage without states (blocks or segments of a move), with capacity for `states` states.
     pub(crate) fn new(parameters: Vec<usize>, states: usize) -> Self {
         let width = parameters.len().next_multiple_of(WIDEST);
         Self { parameters, width, numbers: Aligned::with_capacity(states * 3 * width) }
@@ -44,7 +44,7 @@ impl Planes {
         self.width
     }
 
-    /// Appends a state with zeros, and returns its planes so that they can be filled.
+    /// Appends a state (block or segment) with zeros, and returns its planes so that they can be filled.
     #[inline(always)]
     pub(crate) fn next(&mut self) -> &mut [f64] {
         let start = self.numbers.len();
@@ -59,7 +59,7 @@ impl Planes {
         &mut self.numbers[start..]
     }
 
-    /// Appends a state with the column of a single parameter.
+    /// Appends a state (block or segment) with the column of a single parameter.
     pub(crate) fn push_one(&mut self, column: &Vector3<f64>) {
         let width = self.width;
         let state = self.next();
@@ -71,7 +71,8 @@ impl Planes {
         vec![0.0; 3 * self.width]
     }
 
-    /// Writes the columns in `planes`, with negative sign, to `to` at the index of each parameter.
+    /// Writes the columns in `planes` (one 3-vector per parameter), with negative sign, to `to` at the index of each
+    /// parameter.
     pub(crate) fn write_negative(&self, planes: &[f64], to: &mut [Vector3<f64>]) {
         self.parameters.iter().enumerate().for_each(|(k, p)| to[*p] = -self.column(planes, k));
     }
@@ -94,7 +95,7 @@ impl Planes {
         &self.numbers[state * 3 * self.width..][..3 * self.width]
     }
 
-    /// Mutable access to the planes x, y and z of one state.
+    /// Mutable access to the planes (x, y and z components of all parameters) of one state.
     pub(super) fn of_mut(&mut self, state: usize) -> &mut [f64] {
         &mut self.numbers[state * 3 * self.width..][..3 * self.width]
     }

@@ -115,7 +115,7 @@ impl Joint<'_> {
         (square < NEAR * NEAR).then(moved).transpose()
     }
 
-    /// Squared norm of the first-order change of the whitened norm, move and mean-rate residuals.
+    /// Squared norm of the first-order change of the whitened force norms, directions after moves, and mean rates.
     fn square_of_lines(&self, linear: &Linear, change: &[f64]) -> f64 {
         let mut lines = Mat::from_fn(linear.lines.len(), 1, |row, _| linear.lines[row].change(change));
         self.weights.whitening.apply(&mut lines);

@@ -27,9 +27,10 @@ const QUIET: f64 = 0.8;
 /// (g-sensitivity). With this error, the later epochs determine only changes of the bias.
 const POSE_ERROR_RADPS: f64 = 1.7e-3;
 
-/// Second whitening of the residuals of norms, moves and mean rates. It accounts for three kinds of errors that are
-/// correlated between rests: biases that vary (model.md (28)), rounding errors of the means (model.md (37)), and errors
-/// that depend on the attitude and are equal in all epochs of a long rest (pose errors, model.md (41)).
+/// Second whitening of three kinds of residuals: force norms at rests, gravity directions after moves, and mean rates
+/// at rests. It accounts for three kinds of errors that are correlated between rests: biases that vary (model.md (28)),
+/// rounding errors of the means (model.md (37)), and errors that depend on the attitude and are equal in all epochs of
+/// a long rest (pose errors, model.md (41)).
 pub(crate) struct Wandering {
     /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the errors: the bias at each rest, the rounding
     /// errors of its mean rate and mean force, and the pose error of each long rest. D contains the derivatives of the
@@ -85,14 +86,15 @@ impl Wandering {
         Ok(Some(Self { factor: factor.L().to_owned() }))
     }
 
-    /// Whitens those rows of a matrix that belong to residuals of norms, moves and mean rates.
+    /// Whitens those rows of a matrix that belong to force norms at rests, directions after moves and mean rates at
+    /// rests.
     pub(crate) fn apply(&self, matrix: &mut Mat<f64>) {
         let head = matrix.as_ref().subrows(0, self.factor.nrows()).to_owned();
         let white = self.solved(&head);
         matrix.as_mut().subrows_mut(0, self.factor.nrows()).copy_from(&white);
     }
 
-    /// Whitens those rows, of a matrix stored row by row, that belong to residuals of norms, moves and mean rates.
+    /// Whitens the same rows as [`Self::apply`], in a matrix that is stored row by row.
     pub(crate) fn apply_to_rows(&self, rows: &mut Lanes) {
         let (count, width) = (self.factor.nrows(), rows.width());
         let head = Mat::from_fn(count, width, |row, place| rows.row(row)[place]);
