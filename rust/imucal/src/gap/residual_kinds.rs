@@ -61,8 +61,8 @@ pub enum Regressor {
     Gravity,
     /// Squares and products of the components of gravity.
     GravitySquared,
-    /// Squares of the components of the angular rate. For residuals of the specific force inside moves, the products of
-    /// two components are included.
+    /// Squares of the components of the angular rate. For residuals of the specific force inside moves, the regressor
+    /// also contains the products of two components.
     RateSquared,
     /// Sign of each component of the rotation vector of the last move before a rest.
     SignOfTheLastTurn,

@@ -23,9 +23,9 @@ use crate::recording::Recording;
 /// Minimum log Bayes factor, nats, for an effect to be reported as significant but not confirmed. Such an effect does
 /// not improve the prediction of unseen data. 8 nats are odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
-/// Minimum share of chi2 that the effects must remove from at least one kind of residuals of unseen data, which the
-/// fit did not use. The limit applies if the fit with the effects is poor, or if residuals of unseen data exceed
-/// noise. If the effects remove a smaller share, unseen data contradict them.
+/// Minimum share of chi2 that the effects must remove from at least one kind of residuals of unseen data (data that no
+/// fit used). The limit applies if the fit with the effects is poor, or if residuals of unseen data exceed noise. If
+/// the effects remove a smaller share, unseen data contradict them.
 const LEAST_REMOVED: f64 = 0.1;
 /// Share of chi2 of unseen data that decides three questions. If residuals at rest scatter more than noise explains,
 /// the effects must remove at least this share from one kind of residuals. Unexplained residuals do not limit the use

@@ -198,8 +198,9 @@ impl WithSimd for NextStretch<'_, '_> {
 /// Number of segments that are kept in memory: a segment and its two neighbours.
 const KEPT: usize = 3;
 
-/// For each parameter, the product of a matrix and the derivative with respect to the parameter (a vector). The
-/// products of the latest segments are kept, together with the sum of the products over all segments.
+/// For each parameter: the product of a matrix (the rotation of a segment, for rates times its duration) and the
+/// derivative of the sensor reading with respect to the parameter. The products of the latest segments are kept,
+/// together with the sum of the products over all segments.
 pub(super) struct Turned {
     last: Planes,
     sum: Aligned,
