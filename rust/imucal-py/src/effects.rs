@@ -220,8 +220,8 @@ pub(crate) fn effect_field<'py>(
 /// Rate, K/s, direction and lag, K, of a temperature column at each sample.
 type History<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
-/// The temperature history at each sample: the rate, the direction, and the lag behind a low-pass with the time
-/// constant `tau_s`.
+/// The temperature history at each sample: the rate, the direction, and the lag. The lag is the output of a low-pass
+/// with the time constant `tau_s` minus the temperature.
 #[pyfunction]
 pub(crate) fn temperature_history<'py>(
     py: Python<'py>,

@@ -1,9 +1,9 @@
-//! Variables of the temperature history: the lag behind a first-order low-pass, the rate of the temperature, and the
+//! Variables of the temperature history: the lag of a first-order low-pass, the rate of the temperature, and the
 //! direction in which the temperature last changed (`docs/model.md` (43)).
 //!
 //! ```text
 //! lag         T_tau - T,          tau dT_tau/dt = T - T_tau
-//! rate        (T_1 - T_2) / tau_r,   T_1, T_2 the temperature behind one and two low-passes of tau_r = 0.5 s
+//! rate        (T_1 - T_2) / tau_r,   T_1, T_2: T after one and after two low-passes of tau_r = 0.5 s
 //! direction   s <- clamp(s + change of (2 T_1 - T_2) / 1 K, -1, 1)
 //! ```
 //!

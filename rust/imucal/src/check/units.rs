@@ -44,7 +44,7 @@ const GYRO_UNITS: [(&str, f64, &str); 3] =
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 /// Median norm |f| of the specific force, in the unit of the columns, above which the numbers can only be raw counts.
 const COUNTS: f64 = 1500.0;
-/// Median norm |f| of the specific force, m/s^2, below which gravity was removed from the readings.
+/// Median norm |f| of the specific force, m/s^2. A smaller median shows that gravity was removed from the readings.
 const WITHOUT_GRAVITY_MPS2: f64 = 0.5;
 
 /// Findings of wrong units whose errors are so large that no rests are needed to detect them.
