@@ -28,8 +28,8 @@ SHORT_TURN_DEG: Final = 60.0
 # The six faces of a box, as up directions. Consecutive faces differ by a rotation of 90 deg, and the axis
 # changes from each rotation to the next.
 FACES: Final = ((0, 0, 1), (1, 0, 0), (0, 1, 0), (0, 0, -1), (-1, 0, 0), (0, -1, 0))
-# The description of a pose names an axis if the component of the up direction (a unit vector) along it has at
-# least this magnitude.
+# The description of a pose, such as `+x and -z up`, names an axis if the component of the up direction along
+# this axis has at least this magnitude.
 NAMED_SHARE: Final = 0.3
 
 

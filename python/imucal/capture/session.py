@@ -73,7 +73,7 @@ class Order:
     """Requirements on a guided recording.
 
     hold_s        time for which a pose is held, s
-    poses         number of poses; None: 18, or 9 with targets
+    poses         number of poses; None: that of `directions`; without directions 18, or 9 with targets
     targets       largest permitted standard deviation by group, in the form of `imucal.plan`
     directions    up directions in the body frame, in order; None: the faces, edges and corners of a box
     gravity_mps2  local gravity, m/s^2

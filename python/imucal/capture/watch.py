@@ -164,7 +164,7 @@ class Watch:
         if len(sight.rests) <= max(self._rests_seen, 1):
             return []
         before, after = sight.rests[-2:]
-        # The mean rotation rate of the vertical is a lower bound of the largest rotation rate of the unit.
+        # The mean rotation rate of the vertical is a lower bound of the peak rotation rate of the unit.
         mean = angle_deg(before.up, after.up) / max(after.start_s - before.end_s, 1e-3)
         if has_rate:
             fastest = _fastest_dps(recording, time_s, before.end_s, after.start_s)

@@ -502,7 +502,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
     },
 }
-# Kind of the codes of a group. The codes of groups that are not listed here are errors.
+# Kind of each code, by the heading of its group. Codes under headings that are not listed here are errors.
 KIND_OF_GROUP: Final = {
     "Reading files": "warning",
     "Verdict poor": "reason",
@@ -510,7 +510,7 @@ KIND_OF_GROUP: Final = {
     "Diagnosis of a fit": "warning",
     "Noise of a unit at rest": "warning",
 }
-# Codes in other groups that are warnings. A result is computed in spite of them.
+# Codes under other headings that are warnings: a result is computed in spite of the fault.
 WARNINGS: Final = (
     "noise_below_lsb",
     "gyro_common_gain",
@@ -556,7 +556,7 @@ stand](stand.md#one-unit-one-command).
 
 
 def kind_of(code: str, heading: str) -> str:
-    """The consequence of a code in the group with this heading."""
+    """The kind of a code in the group with this heading: error, warning, reason, or error or warning."""
     if code in ERRORS_OR_WARNINGS:
         return "error or warning"
     return "warning" if code in WARNINGS else KIND_OF_GROUP.get(heading, "error")

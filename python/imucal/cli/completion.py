@@ -33,7 +33,7 @@ def effects_and_disturbances(incomplete: str) -> list[str]:
 
 
 def effects_to_estimate(incomplete: str) -> list[str]:
-    """Effects that a calibration can estimate, each followed by its further forms."""
+    """Effects that a calibration can estimate; an effect with several forms is also listed as NAME:FORM."""
     from imucal.effects.table import catalogue
 
     names = []

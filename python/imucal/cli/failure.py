@@ -95,7 +95,7 @@ def _fault(error: BaseException) -> str:
 
 @contextlib.contextmanager
 def no_result_told(options: Mapping[str, Any]) -> Iterator[None]:
-    """If an error ends this block, write it to the file of --json, one of the command's `options`."""
+    """If an error ends this block, write the error to the file that the command's option --json names."""
     path = options.get("json")
     before = Output.documents
     try:
@@ -103,8 +103,8 @@ def no_result_told(options: Mapping[str, Any]) -> Iterator[None]:
     except (Exit, SystemExit):
         raise
     except BaseException as error:
-        # After the result has been written, an interrupt does not replace it by the error. An ImucalError
-        # does, because it then means that another output file could not be written.
+        # A result that is already in the JSON file is not replaced if the user interrupts the command. It is
+        # replaced by an ImucalError, which then means that another output file could not be written.
         is_told = Output.documents > before and (path == "-" or not isinstance(error, ImucalError))
         if path is not None and not is_told and not _is_read(path, options.values()):
             _write(path, error)

@@ -54,7 +54,7 @@ class Declared:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Settings that options and arguments of the parser have in common."""
+        """Settings of a parameter that options and arguments pass to the library click in the same way."""
         return {
             "metavar": self.metavar,
             "is_eager": self.is_eager,
@@ -178,7 +178,7 @@ def _parameter(name: str, kind: Any, declared: Declared, default: Any) -> click.
 
 
 def _metavar(name: str, kind: Any) -> str | None:
-    """The word for the value of an option in the help; None for an option with a fixed set of values."""
+    """The placeholder of an option's value in the help, such as HZ for `rate_hz`; None if there is none."""
     if kind in (int, float):
         for ending, metavar in _ENDINGS.items():
             if name.endswith(ending):

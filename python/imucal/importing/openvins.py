@@ -24,8 +24,8 @@ from imucal.importing.source_format import Content, Found, Reader, Wanted, corre
 __all__ = ["OPENVINS"]
 
 MATRICES: Final = ("Tw", "R_IMUtoGYRO", "Ta", "R_IMUtoACC", "Tg")
-# For each value of the field `model`: the function that keeps the triangle of the inverse matrices that
-# OpenVINS uses.
+# Function that keeps the triangle of an inverse matrix, lower or upper, that OpenVINS uses with each value of
+# the field `model`.
 TRIANGLES: Final = {"kalibr": np.tril, "calibrated": np.tril, "rpng": np.triu}
 
 

@@ -11,9 +11,8 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["UNITS", "in_si", "per_si_unit"]
 
-# Units of raw samples by sensor, the SI unit first. The number is the value of one SI unit in this unit, so
-# samples in SI units are samples in this unit divided by it. When a recording is read, its samples are
-# converted to SI units.
+# Size of one SI unit in each unit of raw samples, by sensor, such as 1 m/s^2 = 0.102 g; the SI unit is first.
+# Samples in a unit, divided by its number, are in SI units. Recordings are converted so when they are read.
 UNITS: Final[dict[str, dict[str, float]]] = {
     "accelerometer": {"m/s^2": 1.0, "g": 1 / STANDARD_GRAVITY_MPS2, "mg": 1e3 / STANDARD_GRAVITY_MPS2},
     "gyroscope": {"rad/s": 1.0, "deg/s": math.degrees(1.0), "mdeg/s": 1e3 * math.degrees(1.0)},
@@ -28,5 +27,5 @@ def per_si_unit(sensor: str, unit: str) -> float:
 
 
 def in_si(triad: Triad, per_si: float) -> Triad:
-    """The triad for raw samples in SI units, from a triad for a unit of which `per_si` are one SI unit."""
+    """The triad for raw samples in SI units, from a triad for raw samples in a unit with this `per_si`."""
     return Triad(triad.sensitivity / per_si, triad.bias / per_si)

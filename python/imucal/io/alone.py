@@ -36,7 +36,7 @@ def recording_of_any_text(
 
 
 def _only_sensor(text: Text, *, needs_time: bool) -> Sensor | None:
-    """The only sensor of a file; None if it has none, or columns that may belong to a second."""
+    """The sensor of a file; None if it has no sensor, both sensors, or columns that may be another sensor."""
     header = layout_header(text.layout)
     try:
         sensor = sensor_of(text)

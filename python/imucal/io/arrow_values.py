@@ -61,8 +61,8 @@ def ticks_of(array: Any) -> NDArray[Any]:
 
 def present_of(array: Any) -> NDArray[np.bool_]:
     """Boolean mask of an Arrow array: True for each cell that is not empty."""
-    # The mask is computed from the bits of the array, because Arrow's method `is_valid` loads Arrow's
-    # function library.
+    # The mask is computed from the validity bits of the array, because Arrow's method `is_valid` loads
+    # Arrow's function library.
     if isinstance(array, np.ndarray) or not array.null_count:
         return np.ones(len(array), bool)
     return _bits(array.buffers()[0], array)
@@ -92,7 +92,7 @@ def truth_of(array: Any) -> NDArray[np.bool_]:
 
 
 def _bits(buffer: Any, array: Any) -> NDArray[np.bool_]:
-    """The bits of an array's cells in a buffer. The array may be a slice of the column of this buffer."""
+    """The bits of an array's cells in a buffer of its column. The array may be a slice of the column."""
     first, end = array.offset // 8, (array.offset + len(array) + 7) // 8
     bits = np.unpackbits(np.frombuffer(buffer, np.uint8)[first:end], bitorder="little")
     return bits[array.offset - 8 * first :][: len(array)].astype(bool)

@@ -18,7 +18,7 @@ STAMPS_AT_ONCE: Final = 1 << 14
 
 
 def has_equal_stamps(time_s: FloatArray) -> bool:
-    """Whether any time stamp is not larger than the previous one, so that rows may be copies."""
+    """Whether a time stamp is not later than the previous time stamp, so that rows may be copies."""
     # The differences are computed in blocks, so that their memory does not grow with the recording.
     starts = range(0, len(time_s), STAMPS_AT_ONCE)
     return any((np.diff(time_s[at : at + STAMPS_AT_ONCE + 1]) <= 0).any() for at in starts)

@@ -56,7 +56,7 @@ def _unnamed(pattern: str) -> str:
 
 
 def _pattern(column: Any) -> str | None:
-    """The pattern of a date or time that matches the first of 50 cells with a known pattern."""
+    """The pattern of a date or time for a column: that of the first cell, of 50, that matches any pattern."""
     for cell in column.slice(0, 50).to_pylist():
         for pattern in PATTERNS:
             if cell is not None and re.match(pattern, str(cell).strip()):
@@ -151,7 +151,7 @@ def _days(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int
 
 
 def _past_midnight(ns: NDArray[np.int64], empty: NDArray[np.bool_], turn_ns: int) -> NDArray[np.int64]:
-    """Times of day, continued over midnight: a time much earlier than the previous is of the next day."""
+    """Times of day, continued over midnight: a time that is much earlier than the previous is a day later."""
     known = np.flatnonzero(~empty)
     turns = np.cumsum(np.diff(ns[known], prepend=ns[known[:1]]) < -turn_ns // 2)
     ns = ns.copy()

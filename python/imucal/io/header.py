@@ -57,8 +57,8 @@ class Header:
     program: Program | None = None
 
 
-# For each quantity and each part of a name that the three axes share: the column name and the unit of each
-# axis.
+# Columns by quantity ("accel", ...) and by the part of their names that does not depend on the axis. For
+# each axis: the column name, and the unit or None.
 _Groups: TypeAlias = dict[tuple[str, str], dict[str, tuple[str, str | None]]]
 
 

@@ -19,8 +19,7 @@ from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 
 __all__ = ["read_imu_tk"]
 
-# Number of samples that are tested for being whole numbers. If they are not whole, the samples cannot be
-# counts.
+# Number of samples that are tested for whole numbers. Samples with a fraction cannot be raw counts.
 FIRST: Final = 2000
 
 
@@ -39,8 +38,7 @@ def read_imu_tk(
                            units
 
     Files of imu_tk have no header. If a file has a header, the header is used. Files with different time
-    stamps are
-    resampled.
+    stamps are resampled.
     """
     for what, unit, known in (
         ("accel_unit", accel_unit, get_args(AccelUnit)),

@@ -269,8 +269,8 @@ def _first_row(
         numbers = sum(is_value(field, decimal) for field in filled)
         return numbers > 0 and 2 * numbers >= len(filled)
 
-    # The usual number of fields is determined from the last lines, because a header is at the start. Of the
-    # other lines, only those before the first row of numbers have to be split as well.
+    # The usual number of fields is determined from the last lines, because a header is at the start. Earlier
+    # lines are split only until the first row of numbers is found.
     last = [split_line(line.text, separator) for line in lines[-SAMPLE_LINES:]]
     widths = Counter(len(fields) for fields in last if is_row(fields))
     if not widths:

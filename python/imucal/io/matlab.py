@@ -19,7 +19,7 @@ from imucal.recording.recording import Recording
 
 __all__ = ["read_matlab"]
 
-# Classes of the variables that contain numbers.
+# MATLAB classes of variables that contain numbers.
 NUMERIC: Final = (
     "double",
     "single",

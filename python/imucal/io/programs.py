@@ -29,8 +29,8 @@ def program_of(names: Sequence[str], preamble: Sequence[str]) -> Program | None:
     low = {name.strip().lower() for name in names}
     text = "\n".join(preamble).lower()
     if {"acc_x", "gyr_x"} <= low and ("sampletimefine" in low or "packetcounter" in low):
-        # Movella DOT and MT Manager use the same column names for different units: deg/s and 1 us, and rad/s
-        # and 100 us.
+        # Two programs use the same column names for different units: Movella DOT for deg/s and 1 us, and MT
+        # Manager for rad/s and 100 us.
         if "devicetag" in text or "outputrate" in text or "xsens dot" in text or "movella dot" in text:
             return Program("Movella DOT", "mps2", "dps", {"sampletimefine": "us"})
         # MT Manager and the programs for MTw write comments above the header.

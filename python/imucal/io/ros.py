@@ -27,7 +27,7 @@ from imucal.recording.recording import Recording
 __all__ = ["read_mcap", "read_rosbag"]
 
 IMU: Final = "sensor_msgs/msg/Imu"
-# Value of the first element of a covariance in a message which states that the quantity was not measured.
+# First element of the covariance of a quantity that was not measured.
 NOT_MEASURED: Final = -1.0
 # Repair commands for damaged files, for error messages.
 REPAIR_BAG = "`rosbag reindex` (ROS 1) or `ros2 bag reindex` (ROS 2) may repair it, or record it again"
@@ -42,7 +42,7 @@ class Samples:
     stamp_ns: array[int] = field(default_factory=lambda: array("q"))
     accel: array[float] = field(default_factory=lambda: array("d"))
     gyro: array[float] = field(default_factory=lambda: array("d"))
-    # Sensors whose covariance in a message states that they were not measured.
+    # Sensors that were not measured, as the covariance in a message states.
     absent: set[str] = field(default_factory=set)
 
 

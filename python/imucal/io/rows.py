@@ -21,8 +21,9 @@ from imucal.io.table import Table
 
 __all__ = ["cleaned_columns", "without_blank_rows"]
 
-# Rows with a field that is not a number, for example after an error on a serial line, are skipped. The file
-# is refused if their number, divided by the number of valid rows, exceeds this ratio.
+# Rows with a wrong number of fields or with a field that is not a number, for example after an error on a
+# serial line, are skipped. The file is refused if the number of either, divided by the number of valid rows,
+# exceeds this ratio.
 MOST_GARBLED: Final = 0.01
 # Lines of text between the rows are skipped. The file is refused if their number, divided by the number of
 # valid rows, exceeds this ratio.
@@ -114,7 +115,7 @@ def cleaned_columns(
     numbers = [row for row, _, _ in left.lines]
 
     def place_of(row: int) -> str:
-        """The place in the file of a row of the table. The table does not contain the skipped lines."""
+        """The position in the file of a row of the table, in which skipped lines are missing."""
         at = row
         for skipped in numbers:
             at += skipped <= at
@@ -160,7 +161,7 @@ def cleaned_columns(
 
 
 def _valid_text(buffer: Any) -> Any:
-    """The text with invalid UTF-8 replaced by a mark, because Arrow does not report the rows with it."""
+    """The text with marks in place of invalid UTF-8, because Arrow does not report rows with invalid text."""
     import pyarrow as pa
 
     content = buffer.to_pybytes()
@@ -217,7 +218,7 @@ def _refuse_too_many(
     place: Callable[[int], str],
     layout: Layout,
 ) -> None:
-    """Raises FormatError if too many lines are short (`MOST_GARBLED`) or contain text (`MOST_TEXT`)."""
+    """Raises FormatError for too many lines of text (`MOST_TEXT`) or damaged rows (`MOST_GARBLED`)."""
     good = int(kept.sum())
     short = [line for line in left.lines if not line[2]]
     text_lines = int(is_text.sum()) + len(left.lines) - len(short)

@@ -27,9 +27,9 @@ COUNTS_PER_DPS: Final = (
     *(16.4, 32.8, 65.6, 65.5, 131.0, 131.072, 262.4, 16.384, 32.768, 65.536, 262.144, 16.0, 14.375),
     *(1000 / 4.375, 1000 / 8.75, 1000 / 17.5, 1000 / 35.0, 1000 / 70.0),
 )
-# Typical noise per sample of a MEMS gyroscope, rad/s. If the noise of a column in an assumed unit differs
-# from it by more than UNLIKELY_FACTOR, the assumed unit is unlikely. For comparison, rad/s and deg/s differ
-# by a factor of 57.
+# Typical noise per sample of a MEMS gyroscope, rad/s. A unit is unlikely if the noise of a column in this
+# unit differs from the typical noise by more than a factor UNLIKELY_FACTOR. For comparison, rad/s and deg/s
+# differ by a factor of 57.
 USUAL_NOISE_RADPS: Final = 0.05 * DEGREE_RAD
 UNLIKELY_FACTOR: Final = 12.0
 # Largest rate that MEMS gyroscopes measure, rad/s.

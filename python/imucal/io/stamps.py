@@ -15,8 +15,8 @@ from imucal.io.table import Stored, Table
 
 __all__ = ["NANOSECONDS", "joined_stamps"]
 
-# Temporary name of the column of nanoseconds. The column of seconds is named time_ns, and contains the joined
-# time stamps when it is read.
+# Temporary name of the column of nanoseconds. The column of seconds has the name time_ns from the start, and
+# the joined time stamps replace its values.
 NANOSECONDS: Final = "stamp_nanoseconds"
 
 
@@ -41,7 +41,7 @@ def joined_stamps(table: Table) -> Table:
 
 
 def _joined_when_read(table: Table, seconds: Stored, nanoseconds: Stored) -> list[Stored]:
-    """The columns of a file. When the column of the seconds is read, it contains the joined time stamps."""
+    """The columns of a file, in which the joined time stamps replace the seconds when they are read."""
     import pyarrow as pa
 
     def batches(names: list[str]) -> Iterator[Any]:

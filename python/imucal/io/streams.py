@@ -185,7 +185,7 @@ def _part(stream: Stream, which: Any) -> Stream:
 
 
 def onto_clock(clock: Stream, other: Stream, is_averaged: bool) -> tuple[Stream, Stream]:
-    """The samples of `clock` within the time range of `other`, and `other` resampled to their times."""
+    """The samples of `clock` at whose times `other` has no gap, and `other` resampled to these times."""
     start_ns = min(clock.time_ns[0], other.time_ns[0])
     at_s, other_s = (clock.time_ns - start_ns) / 1e9, (other.time_ns - start_ns) / 1e9
     half_s = 0.5 / median_rate_hz(clock.time_ns) if is_averaged else 0.0

@@ -86,7 +86,7 @@ def _with_gravity(header: Header, numbers: Callable[[str], Any]) -> Header:
 
 
 def _with_rates(header: Header, names: Sequence[str]) -> Header:
-    """The header, in which the only three columns with a unit of angular rate are the gyroscope: p, q, r."""
+    """The header. The only three columns in a unit of angular rate, such as p, q, r, become the gyroscope."""
     units = {name: unit for name in names if (unit := split_unit(name)[1]) is not None and unit[0] == "gyro"}
     if header.gyro or len(units) != 3 or len(set(units.values())) > 1:
         return header
@@ -160,12 +160,12 @@ def _unit(triad: Triad, reading: Reading) -> tuple[str | None, list[str]]:
 def _time(
     header: Header, cells: Mapping[str, Sequence[str]], numbers: Callable[[str], Any]
 ) -> tuple[str | None, list[str]]:
-    """The text canonical=name for the time column, or None."""
+    """The text canonical=name for the time column, or None, and sentences that explain the unit."""
     import pyarrow as pa
 
     for name, unit in header.times:
         if unit == "100us":
-            # No canonical name has this unit of time, so the sentence proposes to give the sampling rate.
+            # No canonical name has this unit of time, so no time column is proposed.
             return None, []
         if unit is not None:
             return f"time_{unit}={name}", []

@@ -121,7 +121,7 @@ def _parsed(layout: Layout, used: list[bool], blocks: Iterator[bytes]) -> list[A
 
 
 class NotInPartsError(FormatError):
-    """The rows of a text do not match the column types inferred from its first part."""
+    """The text can only be read as a whole, for example because column types change in a later part."""
 
     def __init__(self, file: str) -> None:
         super().__init__(
@@ -285,7 +285,7 @@ def _read_options(width: int, **more: Any) -> Any:
 
 def _with_single_spaces(text: bytes) -> bytes:
     """The text with fields separated by one space, without spaces at the ends of lines."""
-    # A regular expression would take 20 times as long.
+    # Spaces are replaced pair by pair, because a regular expression would take 20 times as long.
     text = text.replace(b"\r", b"").replace(b"\t", b" ")
     while b"  " in text:
         text = text.replace(b"  ", b" ")

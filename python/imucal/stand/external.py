@@ -40,8 +40,8 @@ FIRST_S: Final = 15.0
 # A pose counts as reached if each motor is within this angle of its target, deg. The angle is larger than the
 # error of a hobby servo. It does not affect the recorded angles, which are those that the program reports.
 NEAR_DEG: Final = 1.0
-# A motor is stalled if its angle changes by at most `STILL_DEG` within `STALL_S` before it reaches its
-# target.
+# The motors count as stalled if none of them turns by more than `STILL_DEG` within `STALL_S` before the
+# target is reached.
 STILL_DEG: Final = 0.2
 STALL_S: Final = 5.0
 # Duration of the rest at zero after the last move, s.

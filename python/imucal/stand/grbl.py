@@ -45,8 +45,8 @@ RETURN_DPS: Final = 60.0
 END_S: Final = 0.3
 # The run fails after this number of consecutive recoveries from faults without a completed step.
 MOST_RECOVERIES: Final = 4
-# Maximum number of attempts of a move after which the motors come to rest at a wrong position. After the last
-# attempt the controller is reset.
+# Maximum number of attempts to set a target, and to reach it. If all attempts fail, the controller is reset
+# and the step is repeated.
 MOST_MOVES: Final = 4
 # A motor is at its target if it deviates by at most this angle, deg. Reports have a resolution of 0.001 deg.
 AT_TARGET_DEG: Final = 0.02

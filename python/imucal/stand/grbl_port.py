@@ -34,7 +34,7 @@ WAIT_S: Final = 0.01
 # A line without a line end that is longer than this number of characters counts as damaged, because no line
 # of GRBL is longer.
 LONGEST: Final = 512
-# If this number of consecutive reports are late, one query counts as lost.
+# If more than this number of consecutive reports are late, one query counts as lost.
 LOST_AFTER: Final = 4
 # A query counts as lost if the next report arrives later than the shortest delay plus this time, s, and a
 # later query is waiting for an answer.
@@ -151,7 +151,7 @@ class GrblPort:
             self._lost = str(error)
 
     def _query_of(self, now_s: float) -> float | None:
-        """Host time of the query that a report answers. Queries are answered in order unless one is lost."""
+        """Host time of the query that a report answers. Queries are answered in order, but may be lost."""
         shortest_s = self.shortest_s
         if shortest_s is None or not self._asked:
             return None

@@ -25,8 +25,8 @@ OFFSET: Final = re.compile(rf"\|WCO:({NUMBER}(?:,{NUMBER})*)(?:\||$)")
 # Order of the axes in reports and settings.
 AXES: Final = "XYZABCUVW"
 MM_PER_INCH: Final = 25.4
-# A damaged line is recognised as a known text if the similarity of the two, from 0 to 1, is at least this
-# number. A line that has lost half of its characters still reaches it.
+# Minimum similarity, from 0 to 1, for a damaged line to be recognised as a known text. A line that has lost
+# half of its characters still has this similarity.
 ALIKE: Final = 0.6
 WELCOMES: Final = ("Grbl 1.1h ['$' for help]", "GrblHAL 1.1f ['$' or '$HELP' for help]")
 LOCKS: Final = (

@@ -44,8 +44,8 @@ STOP_EVERY_S: Final = 0.3
 STOP_S: Final = 6.0
 # The shortest time between a query and its report is measured with this number of queries.
 ROUND_TRIPS: Final = 16
-# Longest pause between two queries of this measurement, s. The pauses vary, because a controller or a port
-# with a fixed cycle would otherwise answer with the same delay each time.
+# Longest pause before each of these queries, s. The pauses vary, because a controller or a port with a fixed
+# cycle would otherwise answer with the same delay each time.
 CYCLE_S: Final = 0.02
 # A report that is delayed by more than the shortest delay plus this time, s, is not used. The time is shorter
 # than the interval of queries, because after the loss of a query a report may be assigned to a wrong query.

@@ -20,7 +20,7 @@ from imucal.stand.link import LinkLostError
 
 __all__ = ["NEAR_DEG", "Consent", "Ready", "prepared", "require_zero"]
 
-# A pose counts as reached if each motor is within this angle of its target, deg.
+# A motor is near a position, such as zero or a point of its path, if it is within this angle of it, deg.
 NEAR_DEG: Final = 0.5
 # Numbers of the GRBL settings for reports in inches ($13) and for soft limits ($20).
 IN_INCHES, SOFT_LIMITS = 13, 20

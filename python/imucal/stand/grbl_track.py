@@ -96,6 +96,6 @@ class Track:
         return length == 0.0 or before - EXTRA_DEG <= progress <= before + reach
 
     def _reachable(self, before: tuple[float, Triple], instant_s: float, position_deg: Triple) -> bool:
-        """Whether the motors can have reached this position from an earlier one (instant and angles)."""
+        """Whether the motors can have reached this position from an earlier position (instant and angles)."""
         reach = RATE_FACTOR * self._max_rate_dps * max(instant_s - before[0], 0.0) + EXTRA_DEG
         return math.dist(before[1], position_deg) <= reach

@@ -106,7 +106,7 @@ class ManualDriver:
         return ()
 
     def events(self) -> Sequence[Event]:
-        """Empty, because events are faults of a controller and how it recovered, and there is none."""
+        """Empty, because events report faults of a controller, and a hand-held unit has no controller."""
         return ()
 
     def progress(self) -> Progress | None:
@@ -134,7 +134,7 @@ class ManualDriver:
         return not strays and (self._rates_span == 0.0 or rates <= STILL_SHARE * self._rates_span)
 
     def _is_moving(self) -> bool:
-        """Whether the up direction changes, or the rates vary by more than half as much as in moves."""
+        """Whether the up direction changes, or the rates vary by more than half as much as during a move."""
         bins = self._bins()
         span = float(np.ptp(bins[:, 3:], axis=0).max())
         turned = max(_angle_deg(row[:3], bins[0, :3]) for row in bins) > 2 * STILL_DEG

@@ -192,7 +192,7 @@ def _remainder(byte: int, step: Callable[[int], int]) -> int:
     return byte
 
 
-# CRC tables for polynomial 8005 with the lowest bit first, and for 07 with the highest bit first.
+# CRC tables for the polynomial 0x8005 with the lowest bit first, and for 0x07 with the highest bit first.
 MODBUS: Final = [_remainder(b, lambda crc: crc >> 1 ^ (0xA001 if crc & 1 else 0)) for b in range(256)]
 CRC8: Final = [_remainder(b, lambda crc: crc << 1 & 0xFF ^ (0x07 if crc & 0x80 else 0)) for b in range(256)]
 

@@ -245,7 +245,7 @@ class StreamSource:
             self._arrivals.append(arrived_s)
 
     def _checked(self, raw: tuple[float, ...], at_s: float) -> Sequence[Timed]:
-        """Rows now known to be undamaged, with host times of arrival. The row `raw` may have to wait."""
+        """Rows now known to be undamaged, with host times of arrival. The row `raw` may be held back."""
         if self._check is None:
             return [(raw, at_s)]
         was_void = self._check.is_void
@@ -284,7 +284,7 @@ class StreamSource:
         return [number / self._per_s, *kept]
 
     def _interrupt(self, last_s: float, host_s: float) -> None:
-        """Hold samples back until the time since the last sample is known. It arrived at `host_s`."""
+        """Hold samples back until the time since the last sample, which arrived at `host_s`, is known."""
         self._continuation = Continuation(
             last_s,
             host_s,

@@ -26,13 +26,13 @@ RATE_ERROR: Final = 0.02
 # Longest time for which a row is held back, s. It is longer than the sampling interval of most units, and
 # shorter than the time for which a recording waits for its last samples.
 WAITS_S: Final = 0.1
-# If this number of rows are held back and none of them continues another one, the check is switched off.
+# If this number of rows are held back and none of the rows continues another row, the check is switched off.
 MOST_WAITING: Final = 4
 
 
 @dataclass
 class _Waiting:
-    """A row that no later row has confirmed yet. `fits` is whether the row continues the accepted rows."""
+    """A row that is held back. `fits` is true if the row continues the accepted rows."""
 
     timed: Timed
     time_s: float
@@ -53,8 +53,7 @@ class TimeCheck:
         self.damaged = 0
         self.is_void = False
         self._waiting: list[_Waiting] = []
-        # Time and arrival of the last intact row, s, and the smallest difference of arrival and time so far,
-        # s.
+        # Time and arrival of the last intact row, s, and the smallest value so far of arrival minus time, s.
         self._last: tuple[float, float] | None = None
         self._least_s = math.inf
 
@@ -76,7 +75,7 @@ class TimeCheck:
             if not before.fits and self._follows(before, new):
                 self._leave_out([w for w in self._waiting if w is not before and not w.fits], new)
                 rows = [] if first is None else self._accept([first])
-                # These are the first rows of the unit, or the first rows after a restart.
+                # `before` and `new` are the first rows of the unit, or the first rows after a restart.
                 self._last, self._least_s = None, math.inf
                 return rows + self._accept([before])
         new.fits = False
@@ -94,7 +93,7 @@ class TimeCheck:
         return self._accept([self._waiting.pop(0)])
 
     def _continues(self, last_s: float, last_arrived_s: float, new: _Waiting) -> bool:
-        """Whether the time step from an earlier row to `new` fits their arrivals. The earlier may be late."""
+        """Whether the time step from an earlier row, which may be late, to `new` fits their arrivals."""
         late_s = max(last_arrived_s - last_s - self._least_s, 0.0)
         return _is_step(new.time_s - last_s, new.timed[1] - last_arrived_s + late_s)
 
@@ -110,8 +109,7 @@ class TimeCheck:
         for row in rows:
             arrived_s = row.timed[1]
             if self._last is not None:
-                # The smallest difference of arrival and time may grow, because the rates of both clocks
-                # differ.
+                # The smallest value of arrival minus time may grow, because the rates of both clocks differ.
                 self._least_s += RATE_ERROR * max(arrived_s - self._last[1], 0.0)
             self._least_s = min(self._least_s, arrived_s - row.time_s)
             self._last = row.time_s, arrived_s

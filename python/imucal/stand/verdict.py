@@ -52,8 +52,8 @@ DEAD_FACTOR: Final = 4.0
 QUIET_SHARE: Final = 0.25
 QUIET_QUANTILE: Final = 0.3186
 # If the attitude of the unit and the attitude from the stand's angles differ by more than this angle, deg, a
-# motor is faulty or the unit came off its mount. The first limit is for calibrated samples and is larger than
-# any play of a mount. The second limit is for raw samples and is also larger than the errors of raw samples.
+# motor is faulty or the unit came off its mount. GROSS_DEG is for calibrated samples, and larger than the
+# play of any mount. GROSS_RAW_DEG is for raw samples, and also larger than their errors.
 GROSS_DEG: Final = 5.0
 GROSS_RAW_DEG: Final = 15.0
 MOTORS: Final = (
@@ -205,7 +205,7 @@ def _mount(result: CalibrationResult, recording: Recording) -> list[Finding]:
 
 
 def _refused(error: InputError) -> Assessment:
-    """Assessment from the checks that refused the recordings: faults of the unit, or else other faults."""
+    """The verdict if checks refuse the recordings: faults of the unit, otherwise the codes of the checks."""
     grave = [finding for finding in error.findings if finding.severity == "error"]
     unit = [Reason(OF_THE_UNIT[f.code], str(f)) for f in grave if f.code in OF_THE_UNIT]
     other = [Reason(f"data_{f.code}", str(f)) for f in grave if f.code not in OF_THE_UNIT]

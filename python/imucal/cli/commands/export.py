@@ -161,7 +161,7 @@ def export(
     if output is not None:
         out.line(f"{output}: {form.title}")
     if form.is_binary:
-        # The header of a binary file is printed, because the file cannot contain it.
+        # A binary file cannot contain the header that explains its contents, so this header is printed.
         print(printable(exported.text.rstrip()), file=sys.stderr)
     for reason in reasons:
         print(printable(f"warning: this calibration is {verdict}: {reason}"), file=sys.stderr)

@@ -21,8 +21,8 @@ __all__ = ["By", "capability", "grr"]
 LimitsOption = Annotated[
     Path | None, option("--limits", metavar="LIMITS", help="Limits file, as of `imucal limits template`.")
 ]
-# Smallest performance index Ppk, and smallest number of distinct categories (ndc) of a gauge study, without
-# the verdict poor. The two limits are from the AIAG manuals Statistical Process Control and Measurement
+# The verdict is poor if the performance index Ppk, or the number of distinct categories (ndc) of a gauge
+# study, is below this limit. Both limits are from AIAG manuals: Statistical Process Control, and Measurement
 # Systems Analysis.
 LEAST_PPK = 1.0
 LEAST_CATEGORIES = 5

@@ -224,7 +224,7 @@ def _jobs(
 
 
 class _Teller:
-    """Counts units on the display, and prints one line for each unit without a result."""
+    """Counts units on the display during a run, and prints a line for each unit without a result."""
 
     def __init__(self, stage: Stage, live: LivePage | None) -> None:
         self._live = live

@@ -58,7 +58,7 @@ def template(
     limits.save(output)
     out = Output(json)
     out.document(limits.to_dict())
-    # A standard deviation s estimated from n normal values has the standard deviation s / sqrt(2 (n - 1)).
+    # The uncertainty of a standard deviation s that is estimated from n normal values is s / sqrt(2 (n - 1)).
     doubt = 100 / (2 * (len(calibrations) - 1)) ** 0.5
     out.line(f"{output}: {limits.description}; the uncertainty of their spread is {doubt:.0f} %")
 

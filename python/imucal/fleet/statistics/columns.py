@@ -94,7 +94,7 @@ def repeatability(numbers: np.ndarray, values: FloatArray, sigmas: FloatArray) -
     if same.sum() < FEWEST:
         return 0.0
     pairs = spread_of((y[1:] - y[:-1])[same], np.hypot(sigma[1:], sigma[:-1])[same])
-    # If the interval of the spread contains zero, the excess scatter of repeats is not significant.
+    # If the interval of the spread contains zero, repeats do not scatter significantly more than stated.
     return pairs.spread / np.sqrt(2.0) if pairs.low > 0 else 0.0
 
 

@@ -30,8 +30,8 @@ __all__ = ["EffectEvidence", "FleetGap", "MeanParameter", "effect_search", "sear
 SCHEMA: Final = "imucal.fleet-gap/1"
 # Probability that any effect is reported as significant if there is no effect.
 FALSE_ALARM: Final = 0.001
-# An effect is a rival of the best effect if their test statistics (chi2) differ by at most this number. The
-# difference corresponds to 5 nats of log likelihood.
+# A significant effect is a rival of the best effect if their test statistics (chi2) differ by less than this
+# number, which corresponds to 5 nats of log likelihood.
 RIVAL_WITHIN: Final = 10.0
 # Maximum number of effects that are accepted one after the other.
 MOST_ROUNDS: Final = 3
@@ -125,7 +125,7 @@ def searchable(names: Sequence[str] | None = None) -> tuple[str, ...]:
 
 
 def effect_search(fit_all: FitAll, effects: Sequence[str]) -> FleetGap:
-    """Accept effects over all units one after the other, until none is significant.
+    """Accept effects over all units one after the other, until none is significant or three are accepted.
 
     fit_all   function that fits each of some effects in all units, together with other effects
     """

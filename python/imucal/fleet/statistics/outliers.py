@@ -111,7 +111,7 @@ class OutlierResult:
 def outliers(measurements: Measurements) -> OutlierResult:
     """Distances of the first calibration of each unit.
 
-    Raises InputError for fewer than twice as many units as parameters.
+    Raises InputError for fewer than ten units, or fewer than twice as many units as parameters and figures.
     """
     # The covariances are large and are not copied here. They are taken from `measurements` later, for a part
     # of the units at a time.
@@ -256,7 +256,7 @@ def _tail_of(squared: FloatArray, dof: int, widened: float = 1.0) -> tuple[float
 
 
 def _scatter(squared: FloatArray) -> float:
-    """One plus the relative scatter, for n values, of the ratio of the upper 5 % point to the median."""
+    """1 plus the relative sampling error of the ratio of the upper 5 % point to the median of n values."""
     return 1.0 + 2.0 / float(np.sqrt(len(squared)))
 
 

@@ -12,8 +12,8 @@ from imucal.fleet.statistics.spread import MEDIAN_DEVIATION
 
 __all__ = ["decisive", "robust_location"]
 
-# Maximum number of units from which mean and covariance are computed. In a larger fleet, a random part is
-# used.
+# Maximum number of units from which mean and covariance are computed. From a larger fleet, a random sample of
+# this size is taken.
 MOST_UNITS: Final = 4000
 # d^2 is the squared Mahalanobis distance of a unit. The first iterations use the share HALF of the units,
 # those with the smallest d^2. The last iterations use all units whose d^2 is below the quantile KEPT of its
@@ -25,7 +25,7 @@ STEPS: Final = 8
 
 
 def decisive(units: int) -> np.ndarray:
-    """Indices of the units from which mean and covariance are computed: all, or a random part."""
+    """Indices of the units from which mean and covariance are computed: all units, or a random sample."""
     return np.sort(np.random.default_rng(0).permutation(units)[:MOST_UNITS])
 
 

@@ -39,7 +39,7 @@ TINY: Final = np.finfo(float).tiny
 COMMON: Final = 0.6
 # Minimum number of units of a station on a day for a test.
 FEWEST_OF_DAY: Final = 5
-# Maximum number of shifts that are searched one after the other.
+# Minimum number of measurements of a station, or of a station on one day, for a test of their shift.
 MOST_SHIFTS: Final = 200
 
 
