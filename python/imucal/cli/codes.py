@@ -254,7 +254,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             cure="If names and units are right, nothing has to be done. Otherwise give `--columns`.",
         ),
         "counts_assumed": Code(
-            cause="Files without a header were taken as counts, but their numbers are not whole.",
+            cause="Files without a header were read as raw counts, but the numbers are not integers.",
             cure="If the numbers have a unit, give it with `--accel-unit` and `--gyro-unit`.",
         ),
         "file_damaged": Code(
@@ -263,7 +263,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "checksums_missing": Code(
             cause=(
-                "All sentences have a placeholder instead of a check sum, so damaged sentences are not found."
+                "All sentences (lines such as $VNIMU,...) have a placeholder instead of a check sum, so "
+                "damaged sentences are not found."
             ),
             cure="Record with check sums.",
         ),
@@ -285,7 +286,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "board_rotated": Code(
             cause=(
-                "The autopilot has rotated the samples from the axes of the sensor to those of the vehicle."
+                "The autopilot has rotated the samples from the axes of the sensor to the axes of the "
+                "vehicle."
             ),
             cure="Export with `--board-orientation` as in the message.",
         ),
@@ -305,8 +307,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "not_corrected": Code(
             cause=(
-                "Samples have no correction: their temperature is missing, or an effect is too large to be "
-                "removed."
+                "Some samples cannot be corrected: their temperature is missing, or an effect is too large "
+                "to be removed."
             ),
             cure="Repair the temperature column, or calibrate without this effect.",
         ),
@@ -358,7 +360,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             cure="Hold the unit still in each pose.",
         ),
         "prior_contradicted": Code(
-            cause="The recordings contradict a parameter that is held by a prior.",
+            cause="The recordings contradict the prior of a parameter that is held.",
             cure="Give a wider standard deviation to `--hold`, or estimate the parameter.",
         ),
     },
@@ -377,14 +379,14 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         "parameters_held": Code(
             cause=(
                 "Parameters that the recording does not determine are held at nominal values. The message "
-                "states the remaining error."
+                "states how large the error of these values can be."
             ),
             cure="Record more poses, or accept the stated error. See [few poses](few-poses.md).",
         ),
         "residuals_not_tested": Code(
             cause=(
-                "There are as many parameters as rests, or the noise is not known, so the residuals cannot "
-                "test the result."
+                "There are as many parameters as rests, or the noise is not known, so the residuals do not "
+                "show whether the model fits."
             ),
             cure="Add poses, give `--noise`, or give a control recording.",
         ),
@@ -401,9 +403,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             cure="Record the motion that the message names, or hold one of the parameters with `--hold`.",
         ),
         "flat": Code(
-            cause=(
-                "A parameter is poorly determined: its standard deviation exceeds the parameter's usual size."
-            ),
+            cause=("A parameter is poorly determined: its standard deviation exceeds its typical size."),
             cure="Record the motion that the message names, or hold the parameter with `--hold`.",
         ),
         "at_bound": Code(

@@ -13,7 +13,7 @@ NEEDS = {
     "temperature": "the column temp_degc, relative to 25 degC",
     "temperature_history": "the temperatures since the first sample (model.md (43))",
     "angular_acceleration": "the derivative of the rate, smoothed as the motion permits (model.md (16))",
-    "attitude": "not known when data are corrected, so the effect is not removed; it is no sensor error",
+    "attitude": "not known when data are corrected; such an effect is no sensor error and stays in the data",
     "stand": "the motors that rotate the unit; not part of the correction of the sensors",
 }
 

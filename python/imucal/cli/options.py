@@ -87,7 +87,7 @@ GravitySigmaOption = Annotated[
     option(
         "--gravity-sigma",
         metavar="MPS2",
-        help="Standard deviation of local gravity; it increases those of the accelerometer scales.",
+        help="Standard deviation of local gravity, which adds to the uncertainty of accelerometer scales.",
         panel=REFERENCES,
     ),
 ]
@@ -109,7 +109,7 @@ ClockOption = Annotated[
     option(
         "--clock-ppm",
         metavar="PPM",
-        help="Standard deviation of the clock's rate; it increases those of the gyroscope scales.",
+        help="Standard deviation of the clock's rate, which adds to the uncertainty of gyroscope scales.",
         panel=REFERENCES,
     ),
 ]
@@ -127,7 +127,7 @@ ModelOption = Annotated[
         "--model",
         metavar="MODEL",
         help="Parameters without a prior: full, orthogonal (biases and scales) or bias. All other parameters "
-        "are held at nominal values within usual tolerances.",
+        "are held at nominal values by a prior with usual tolerances.",
         panel=MODEL,
     ),
 ]

@@ -54,7 +54,7 @@ class Declared:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Settings of a parameter that options and arguments pass to the library click in the same way."""
+        """The settings for the library click that options and arguments have in common."""
         return {
             "metavar": self.metavar,
             "is_eager": self.is_eager,

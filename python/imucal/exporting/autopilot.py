@@ -60,7 +60,7 @@ class PerAxis:
     lost: tuple[str, ...]
 
     def range_degc(self, default: tuple[float, float]) -> tuple[float, float]:
-        """Temperature range of the thermal terms, degC: that of the recordings; `default` if unknown."""
+        """Temperature range of the thermal terms, degC: range of the recordings, or `default` if unknown."""
         return self.temperature_range_degc or default
 
     @property

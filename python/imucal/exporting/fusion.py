@@ -35,7 +35,11 @@ PER_SI_UNIT: Final = {"gyroscope": 180 / np.pi, "accelerometer": 1 / STANDARD_GR
 
 
 def write(calibration: Calibration, noise: NoiseResult | None, prefix: str | None = None) -> Written:
-    """The constants. Sensitivity T = diag(gain) N with unit vectors as rows of N; misalignment = N^-1."""
+    """The C constants.
+
+    The sensitivity matrix is T = diag(gain) N, where the rows of N are the unit vectors of the sensor axes.
+    The misalignment is N^-1.
+    """
     start = f"{prefix}_" if prefix else ""
     lines = ['#include "Fusion.h"', ""]
     for sensor in ("gyroscope", "accelerometer"):

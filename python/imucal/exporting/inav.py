@@ -89,7 +89,7 @@ def write(
         frame=FRAMES["symmetric"] + ", along the sensor's axes",
         notes=(
             f"acc_1G is {accel_lsb_per_g:g} counts per g, the gyroscope has {gyro_lsb_per_dps:g} counts "
-            "per deg/s: if the driver of your sensor has others, export with --accel-lsb-per-g and "
+            "per deg/s: if the driver of your sensor has other values, export with --accel-lsb-per-g and "
             "--gyro-lsb-per-dps.",
             "Raw samples are those of the sensor, along its own axes, before acczero, accgain and any "
             "alignment (align_*): record with acczero 0 and accgain 4096.",
@@ -153,7 +153,7 @@ INAV = Format(
     source="iNavFlight/inav, sensors/acceleration.c, sensors/gyro.c, docs/Settings.md",
     units="g and deg/s",
     includes="bias of both sensors, scale of the accelerometer, as integers",
-    omits="misalignment of both, scale of the gyroscope, all effects",
+    omits="misalignment of both sensors, scale of the gyroscope, all effects",
     layout=line_comments("#"),
     write=write,
     takes_counts=True,

@@ -53,8 +53,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     return Written(
         body="\n".join(body),
         lost=(
-            "the constant biases: Kalibr's block has no field for them, estimators find their own (start "
-            f"from {accelerometer.bias.tolist()} m/s^2 and {gyroscope.bias.tolist()} rad/s)",
+            "the constant biases: Kalibr's block has no field for them, because estimators estimate them "
+            f"(start values: {accelerometer.bias.tolist()} m/s^2 and {gyroscope.bias.tolist()} rad/s)",
             *lost_effects(calibration, {G_SENSITIVITY}),
         ),
         same_as=moved,

@@ -36,7 +36,7 @@ __all__ = [
 FRAMES: Final[dict[Frame, str]] = {
     "symmetric": "orthogonal, closest to the three axes of the accelerometer ('symmetric')",
     "triangular": "orthogonal, x along the accelerometer's x axis, y in its x-y plane ('triangular')",
-    "given": "that of the program whose calibration this was, or of two composed calibrations ('given')",
+    "given": "as defined by the program of an imported calibration, or by a composed calibration ('given')",
 }
 
 

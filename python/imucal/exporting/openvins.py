@@ -62,7 +62,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         body="\n".join(body),
         lost=(
             f"the constant biases, {accelerometer.bias.tolist()} m/s^2 and {gyroscope.bias.tolist()} "
-            "rad/s: OpenVINS estimates them; as start values they are init_dyn_bias_a and "
+            "rad/s: OpenVINS estimates them; their start values are init_dyn_bias_a and "
             "init_dyn_bias_g of estimator_config.yaml",
             *lost_effects(calibration, {G_SENSITIVITY}),
             *(["noise figures"] if noise is None else []),

@@ -91,7 +91,7 @@ def read_calibration(
     the field if a file is damaged or incomplete.
     """
     if not paths:
-        raise InputError("no file is given: give that of a calibration")
+        raise InputError("no file is given: give the file of a calibration")
     if isinstance(instance, bool) or not isinstance(instance, int) or instance < 0:
         raise InputError(f"instance is {instance!r}: a whole number from 0 is needed")
     if temperature_degc is not None and not np.isfinite(temperature_degc):

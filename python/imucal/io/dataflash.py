@@ -216,7 +216,7 @@ def _rotated(name: str, orientations: Sequence[int]) -> list[Finding]:
             name,
             "board_rotated",
             f"{ORIENTATION} is {listed}: ArduPilot has rotated the logged samples from the axes of the "
-            "sensor to those of the vehicle",
+            "sensor to the axes of the vehicle",
             "a calibration of this recording is along the axes of the vehicle; ArduPilot's parameters "
             f"apply before the rotation, so export with --board-orientation {values[-1]}"
             if len(values) == 1

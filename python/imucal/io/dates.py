@@ -56,7 +56,7 @@ def _unnamed(pattern: str) -> str:
 
 
 def _pattern(column: Any) -> str | None:
-    """The pattern of a date or time for a column: that of the first cell, of 50, that matches any pattern."""
+    """The pattern of dates or times that the first recognised cell matches; only 50 cells are searched."""
     for cell in column.slice(0, 50).to_pylist():
         for pattern in PATTERNS:
             if cell is not None and re.match(pattern, str(cell).strip()):

@@ -105,7 +105,7 @@ class Whole:
     def first(self) -> Recording:
         """The first piece of the recording. Raises ValueError if no piece has been read yet."""
         if self._first is None:
-            raise ValueError("no piece was passed on yet")
+            raise ValueError("no piece has been read yet")
         return self._first
 
     @property

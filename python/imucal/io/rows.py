@@ -115,7 +115,7 @@ def cleaned_columns(
     numbers = [row for row, _, _ in left.lines]
 
     def place_of(row: int) -> str:
-        """The position in the file of a row of the table, in which skipped lines are missing."""
+        """The position in the file of a row of the table. The table lacks the lines that were skipped."""
         at = row
         for skipped in numbers:
             at += skipped <= at

@@ -165,7 +165,7 @@ def _time(
 
     for name, unit in header.times:
         if unit == "100us":
-            # No canonical name has this unit of time, so no time column is proposed.
+            # No canonical name has this unit of time, so `suggestion` proposes --rate-hz instead.
             return None, []
         if unit is not None:
             return f"time_{unit}={name}", []

@@ -419,8 +419,8 @@ class GrblDriver:
     def _set_offset(self, target: Triple) -> Waiting:
         """Make the target the origin of the work coordinates, and wait for the report that confirms it."""
         assert self._ready is not None and self._track is not None
-        # If a report contradicts the offset of the previous step, the report is damaged or the controller has
-        # restarted. Further reports show which of the two is the cause.
+        # If a report contradicts the previous offset, the report is damaged or the controller has restarted.
+        # Further reports show which is the case.
         yield from self._session.until(lambda: self._contradicting is None, self._timeouts.boot_s)
         self._offset_deg = self._contradicting = None
         for _ in range(MOST_MOVES):

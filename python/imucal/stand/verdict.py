@@ -57,8 +57,8 @@ QUIET_QUANTILE: Final = 0.3186
 GROSS_DEG: Final = 5.0
 GROSS_RAW_DEG: Final = 15.0
 MOTORS: Final = (
-    "a motor may be stuck, lose steps, turn in the wrong direction, or have its cable exchanged with that of "
-    "another, or the unit came off its mount: turn each motor separately, fasten the unit, and record again"
+    "a motor may be stuck, lose steps, turn in the wrong direction, or be connected to the cable of another "
+    "motor, or the unit came off its mount: turn each motor separately, fasten the unit, and record again"
 )
 # A program counts as exciting all axes of a sensor if the smallest eigenvalue of the covariance matrix of the
 # sensor's true samples exceeds this share of the largest eigenvalue.

@@ -84,7 +84,7 @@ def calibrate(
         str | None,
         unit_option(
             "Unit file; its bias instability and random walk are included in the standard deviations, and "
-            "its spread is the prior of held parameters.",
+            "its spread over units is the prior of held parameters.",
             MODEL,
         ),
     ] = None,
@@ -96,7 +96,7 @@ def calibrate(
         int,
         option(
             "--max-iterations",
-            help="Maximum number of iterations; a fit that reaches it without converging is poor.",
+            help="Maximum number of iterations; the verdict is poor if a fit needs more.",
             panel=MODEL,
         ),
     ] = MAX_ITERATIONS,
@@ -109,7 +109,7 @@ def calibrate(
             "--calibration",
             metavar="PATH",
             help="Calibration of the accelerometer. Its parameters and their covariance are the prior, so "
-            "that moves for the gyroscope suffice.",
+            "only the moves that determine the gyroscope are needed.",
             panel=MODEL,
         ),
     ] = None,
@@ -124,7 +124,7 @@ def calibrate(
         option(
             "--noise",
             metavar="MPS2",
-            help="Standard deviation of the means of --means, m/s^2; from the residuals if not given.",
+            help="Standard deviation of each mean of --means, m/s^2; from the residuals if not given.",
         ),
     ] = None,
     limits: LimitsPath = None,

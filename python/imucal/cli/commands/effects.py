@@ -66,7 +66,9 @@ def _plain(row: Effect | Disturbance) -> dict[str, Any]:
 def _list(out: Output, rows: tuple[Effect, ...], others: tuple[Disturbance, ...]) -> None:
     from imucal.cli.effects_page import size
 
-    out.line("effects: number of plain parameters, formula; typical size of the first; observable in")
+    out.line(
+        "effects: parameters of the plain form, formula; typical size of the first parameter; observable in"
+    )
     for row in rows:
         full = f" ({len(row.parameters)} in full)" if row.plain < len(row.parameters) else ""
         first = row.parameters[0]

@@ -69,7 +69,8 @@ def export(
         option(
             "--gyro-lsb-per-dps",
             metavar="X",
-            help="inav: counts per deg/s of the driver; default 16.4. blob: of the sensor, for raw counts.",
+            help="inav: counts per deg/s of the sensor's driver; default 16.4. blob: counts per deg/s, for "
+            "raw counts.",
         ),
     ] = None,
     body_axes: Annotated[

@@ -25,9 +25,7 @@ def gap(
     store: StorePath,
     effect: Annotated[
         list[str] | None,
-        effect_option(
-            "Effect to search; may be repeated. Default: all of the catalogue.", completion.effects
-        ),
+        effect_option("Effect to search; may be repeated. Default: the whole catalogue.", completion.effects),
     ] = None,
     units: Annotated[int, option("--units", help="Largest number of units whose recordings are read.")] = 50,
     workers: Annotated[int | None, option("--workers", help="Processes on this computer.")] = None,

@@ -57,7 +57,7 @@ def noise(
     ] = None,
     cut_steps: Annotated[
         bool,
-        option("--cut-steps", help="Use only the longest part without a step of the mean (a bump)."),
+        option("--cut-steps", help="Use only the longest part in which the mean has no step (bump)."),
     ] = False,
     min_rest_s: MinRest = MIN_REST_S,
     verbose: Verbose = False,

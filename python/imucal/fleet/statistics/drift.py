@@ -35,8 +35,8 @@ FALSE_DISCOVERIES: Final = 0.002
 # A parameter of a drifting unit is reported if its p-value, corrected for the number of parameters, is below
 # this threshold.
 NAMED_BELOW: Final = 0.01
-# A step is reported instead of a slope if chi2 of the fit with the step is smaller than that of the fit with
-# the slope by at least this number.
+# A step is reported instead of a slope if chi2 of a fit with a step is smaller by at least this number than
+# chi2 of a fit with a slope.
 STEP_IS_BETTER: Final = 6.0
 
 

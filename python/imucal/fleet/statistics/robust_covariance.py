@@ -20,7 +20,7 @@ MOST_UNITS: Final = 4000
 # distribution.
 HALF: Final = 0.5
 KEPT: Final = 0.975
-# This number of iterations use HALF, and the same number of iterations then use KEPT.
+# Number of iterations that use the share HALF, and number of further iterations that use the quantile KEPT.
 STEPS: Final = 8
 
 

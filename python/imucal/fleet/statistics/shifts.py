@@ -26,7 +26,7 @@ __all__ = ["Shift", "Shifts", "common_shifts", "days_of"]
 FALSE_ALARM: Final = 0.001
 # Tukey's biweight gives no weight to residuals that are more than this number of standard deviations from the
 # location of the group. With this number, the efficiency of the biweight estimate for normal values is 95 %
-# of that of the mean (Maronna et al., Robust Statistics, 2006).
+# of the efficiency of the mean (Maronna et al., Robust Statistics, 2006).
 BIWEIGHT: Final = 4.685
 EFFICIENCY: Final = 0.95
 BIWEIGHT_STEPS: Final = 15
@@ -37,9 +37,9 @@ TINY: Final = np.finfo(float).tiny
 # At least this share of the units of a group must have a nonzero biweight, because a shift must be common to
 # most units.
 COMMON: Final = 0.6
-# Minimum number of units of a station on a day for a test.
-FEWEST_OF_DAY: Final = 5
 # Minimum number of measurements of a station, or of a station on one day, for a test of their shift.
+FEWEST_OF_DAY: Final = 5
+# Maximum number of shifts of one column that are searched one after the other.
 MOST_SHIFTS: Final = 200
 
 

@@ -45,7 +45,7 @@ class Slopes:
 def slopes_of(dated: Measurements, columns: Columns, values: FloatArray) -> Slopes:
     """Slopes of units with two or more dates. `values` are the columns after station shifts are removed."""
     stats: Any = scipy_part("stats")
-    # A parameter without a positive variance, such as a held parameter, has no slope.
+    # A parameter without a positive variance, such as a parameter that is not estimated, has no slope.
     values = np.where(columns.variances > 0, values, np.nan)
     rows = _rows_of_units(dated)
     first = np.array([own[0] for own in rows], dtype=np.intp)
