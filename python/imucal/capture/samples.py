@@ -19,7 +19,7 @@ FIRST_ROWS: Final = 1 << 14
 
 
 class Samples:
-    """Rows of numbers with the column names of a recording, to which rows are appended."""
+    """The samples of a growing recording: one row of numbers per sample, and the names of the columns."""
 
     def __init__(self, columns: Sequence[str]) -> None:
         self.columns = tuple(columns)

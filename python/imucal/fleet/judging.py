@@ -121,7 +121,7 @@ class Judging(ABC):
         return effect_search(fit_all, names)
 
     def _files(self, units: int, selection: Mapping[str, str | None]) -> list[UnitFiles]:
-        """For at most `units` units, the recording files of the first usable calibration."""
+        """The files of the first usable calibration of each unit, for at most `units` units."""
         if units < 1:
             raise InputError(f"units is {units}: give the number of units to search, such as {MOST_UNITS}")
         first, _ = first_of_each_unit(self.measurements(covariances=False, **selection))

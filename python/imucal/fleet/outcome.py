@@ -141,7 +141,7 @@ def document_of(document: bytes, covariance: bytes | None) -> dict[str, Any]:
 
 
 def full_covariance(upper: bytes, size: int) -> FloatArray:
-    """The symmetric matrices (n, size, size) of n upper triangles by rows."""
+    """Symmetric matrices, (n, size, size), from their upper triangles, which are stored by rows."""
     rows, columns = np.triu_indices(size)
     numbers = np.frombuffer(upper, dtype="<f8").reshape(-1, len(rows))
     matrices = np.empty((len(numbers), size, size))

@@ -148,7 +148,7 @@ def _measurements(
         for column, part in zip(packed, zip(*block, strict=True), strict=True):
             column.extend(part)
     by_id = numbers[:, np.argsort(numbers[0])]
-    # For each row of the result, its position in the rows that are sorted by identifier.
+    # Position of each row of the result in the rows that are sorted by identifier.
     place = np.searchsorted(by_id[0], ids)
     names_of_figures = _names(connection, figure_kinds)
     figure_names = tuple(dict.fromkeys(name for each in names_of_figures.values() for name in each))

@@ -198,7 +198,7 @@ def connect_reading(path: str | os.PathLike[str]) -> sqlite3.Connection:
 
 
 def disk_error(path: str | os.PathLike[str], error: sqlite3.Error, stored: str = "") -> InputError:
-    """The error for a store that cannot be read or written; `stored` states the stored outcomes."""
+    """The error for a store that cannot be read or written; `stored` is a text on the outcomes in it."""
     reason, name = str(error), os.fspath(path)
     if "locked" in reason:
         way_out = "another process has locked it; wait until that process ends, or end it"

@@ -150,7 +150,7 @@ def _pieces(
 
 
 def _axes(axes: str | None) -> Callable[[Recording], Recording]:
-    """The function for axis remapping. Raises InputError, before any file is read, for an invalid text."""
+    """A function that remaps the axes of a recording. Raises InputError at once for an invalid `axes`."""
     if axes is None:
         return lambda recording: recording
     Axes.parse(axes)

@@ -50,7 +50,7 @@ def numpy_of(array: Any) -> NDArray[Any]:
 
 
 def ticks_of(array: Any) -> NDArray[Any]:
-    """The stored integers of an Arrow array. The values of empty cells are undefined."""
+    """The integers that an Arrow array stores, such as ticks of time stamps; undefined for empty cells."""
     if isinstance(array, np.ndarray):
         return array
     dtype = _TYPES[str(array.type)]

@@ -96,7 +96,7 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 
 def _require_size(shape: tuple[int, ...], dtype: np.dtype[Any], size: int) -> None:
-    """Compare the size of an array with the number of bytes after its header."""
+    """Raises ValueError if an array needs more bytes than the `size` bytes that follow its header."""
     needed = math.prod(shape) * dtype.itemsize
     if min(shape, default=0) < 0 or needed > size:
         raise ValueError(f"an array of shape {shape} needs {needed} bytes, but only {size} follow")

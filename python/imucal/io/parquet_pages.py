@@ -83,7 +83,7 @@ def _require_chunk(file: BinaryIO, chunk: Any, size: int) -> None:
 
 
 class _Header:
-    """A page header: its length, the sizes of its page, bytes, and the number of values (dictionary: 0)."""
+    """A page header: its length and the sizes of its page, bytes, and the number of values in the page."""
 
     def __init__(self, content: bytes) -> None:
         self._content, self.length = content, 0

@@ -56,7 +56,7 @@ STARTS: Final = (
 BLACKBOX: Final = b"H Product:Blackbox flight data recorder"
 # First line of a log of ArduPilot that Mission Planner has converted to text.
 ARDUPILOT_TEXT: Final = rb"FMT, ?\d+, ?\d+, ?\w+, ?\w+, "
-# Every text of labels or sentences contains at least one of these characters.
+# A text of labels (ax:0.01) or sentences ($VNIMU,...) contains at least one of these characters.
 MARKS_OF_LABELS: Final = b":=$[*"
 # Extensions that only one format uses. They identify the format if the first bytes of the file are damaged.
 ENDINGS: Final = {

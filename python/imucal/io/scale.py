@@ -38,7 +38,7 @@ LARGEST_RATE_RADPS: Final = 4100 * DEGREE_RAD
 RATES_HZ: Final = (5.0, 40_000.0)
 # Number of samples of a block. The noise is estimated from the quietest blocks.
 BLOCK: Final = 20
-# Range of time stamps that are accepted as a date, s since 1970: years 2001 to 2100.
+# Range of time stamps that are accepted as a date, s since 1970: years 2001 to 2103.
 EPOCH_S: Final = (1.0e9, 4.2e9)
 UNIT_TEXT: Final = {
     **{"mps2": "m/s^2", "g": "g", "mg": "mg", "lsb": "counts"},
@@ -157,7 +157,7 @@ def _noise(values: FloatArray) -> float:
 
 
 def _counts_per_dps(values_dps: FloatArray) -> float | None:
-    """The counts per deg/s of a known sensor for which all values are integer counts, or None."""
+    """The counts per deg/s of a known sensor, if all values are multiples of one count; otherwise None."""
     finite = values_dps[np.isfinite(values_dps)]
     distinct = np.unique(np.abs(finite[finite != 0]))
     if len(distinct) < 4:

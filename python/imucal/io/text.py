@@ -271,7 +271,7 @@ def _is_read(name: str, column: Any) -> bool:
 
 
 def _is_doubtful(table: Table) -> bool:
-    """Whether a part may contain rows that must be skipped, which is only possible in the whole text."""
+    """Whether a part may contain rows that must be skipped. Only a reader of the whole text can skip rows."""
     if any(not _is_read(name, column) for name, column in zip(table.names, table.columns, strict=True)):
         return True
     return bool(table.columns) and all(column.null_count for column in table.columns)

@@ -95,7 +95,7 @@ def _offsets(content: bytes) -> NDArray[np.int64]:
 
 
 def _packets(content: bytes) -> NDArray[np.uint8]:
-    """The bytes of the packets, (N, 11). A match that begins inside another packet does not count."""
+    """The bytes of the packets, (N, 11). Matches of the start byte inside a packet do not count."""
     at = _offsets(content)
     if len(at) > 1 and (np.diff(at) < SIZE).any():
         kept = [int(at[0])]

@@ -13,7 +13,7 @@ Item = TypeVar("Item")
 
 
 class Clock(Protocol):
-    """A monotonic clock with all operations in which a run waits."""
+    """A monotonic clock. A run waits only by its methods."""
 
     def now_s(self) -> float:
         """Seconds since an arbitrary instant."""

@@ -152,7 +152,7 @@ def blocks_of(program: Program, limits: MotorLimits) -> list[Block]:
 
 
 def gcode(blocks: Sequence[Block], axes: Axes, title: str) -> str:
-    """The G-code file. Zero is the position of the motors at its start."""
+    """The text of the G-code file. Its zero is the position of the motors at the start of the file."""
     angles = np.array([block.angles_deg for block in blocks])
     ranges = [
         f"({letter} from {low:.1f} to {high:.1f} deg)"

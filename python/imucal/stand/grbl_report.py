@@ -64,7 +64,7 @@ ERRORS: Final = {
     22: "the feed rate is missing",
     31: "a line has an angle without a command that uses it",
 }
-# Error with which a locked controller answers G-code.
+# Number of the error with which a locked controller answers a line of G-code.
 LOCKED_ERROR: Final = 9
 
 
