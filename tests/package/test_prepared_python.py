@@ -15,7 +15,7 @@ print(json.dumps({
     "argv": sys.argv, "first": sys.path[0], "folder": os.getcwd(), "name": __name__, "read": sys.stdin.read(),
     "environment": dict(os.environ), "seekable": sys.stdout.seekable(), "encoding": sys.stdout.encoding,
     "errors": sys.stderr.errors, "lines": [sys.stdout.line_buffering, sys.stderr.line_buffering],
-    "through": sys.stdout.write_through, "imucal": "imucal.cli" in sys.modules,
+    "through": sys.stdout.write_through,
 }, sort_keys=True))
 print("to stderr", file=sys.stderr)
 """
@@ -48,6 +48,8 @@ def test_surroundings_are_those_of_a_new_process(programs, tmp_path, given):
         "import sys; sys.exit('said')",
         "import os, signal; os.kill(os.getpid(), signal.SIGTERM)",
         "import atexit; atexit.register(print, 'last')",
+        "import threading, time; threading.Thread(target=lambda: (time.sleep(0.1), print('later'))).start()",
+        "import sys; sys.exit(259)",
     ],
 )
 def test_it_ends_as_a_new_process(programs, program):
