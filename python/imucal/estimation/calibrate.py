@@ -92,10 +92,10 @@ def calibrate(
     accel_nominal, gyro_nominal   nominal sensitivity in lsb per m/s^2 and lsb per rad/s for recordings in
                        counts; without it start values are estimated from the data
     effects            effects to estimate together with the 21 parameters: user-defined effects, formulas
-                       such as "gyro: k * (supply_v - 3.3)", and names of the catalogue; `:full` selects the
-                       full form of an effect that has two forms, and `:seen` estimates only the observable
-                       directions of its parameters; the other directions are determined by a prior of the
-                       typical size
+                       such as "gyro: k * (supply_v - 3.3)", and names of the catalogue. NAME:full selects the
+                       form with all parameters of an effect, and NAME:6 a form with six. NAME:seen adds a
+                       prior with the estimated size of the effect, which determines the directions of its
+                       parameters that the recordings do not determine
     model              parameters that are estimated without a prior: "full" for all; "orthogonal" for biases
                        and scales, with the misalignments held; "bias" for the biases, with misalignments and
                        scales held

@@ -35,7 +35,7 @@ class Options:
 
     effects      names of the effects of the catalogue, and the number of parameters of their forms
     user_fields  fields of the user-defined effects
-    partly       names of the effects of which only the observable directions are estimated
+    partly       names of the effects with `:seen`, whose parameters have a prior
     accelerometer   nine parameters of a calibrated accelerometer in the symmetric frame, and their covariance
     hold         names, means and standard deviations of the held parameters or groups
     profile      standard deviations of the unit's profile, by group of parameters
