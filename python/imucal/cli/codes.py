@@ -151,8 +151,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "gyro_common_gain": Code(
             cause=(
-                "All gyroscope axes have the same gain error. The probable cause is the clock or the unit of "
-                "the rates."
+                "All gyroscope axes have the same scale factor error. The probable cause is the clock or the "
+                "unit of the rates."
             ),
             cure=(
                 "Compare the duration of the recording with another clock, and check the sensitivity used to "
@@ -160,7 +160,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             ),
         ),
         "gains_differ": Code(
-            cause="The gain of one axis differs from the gain of the other two axes.",
+            cause="The scale factor of one axis differs from the other two scale factors.",
             cure="Check how this column was scaled. For axes of different sensors, nothing has to be done.",
         ),
         "noise_implausible": Code(

@@ -149,7 +149,7 @@ class _Writer:
 
 @dataclass(frozen=True)
 class _RustWriter:
-    """Writes an expression for one axis, generic over the real type F."""
+    """Writes a formula as a Rust expression for one axis; F is the type of real numbers."""
 
     axis: int
 

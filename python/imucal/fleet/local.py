@@ -172,7 +172,7 @@ class LocalPool:
         """End a process. Returns its exit code if it has ended by itself."""
         with self._lock:
             self._running.discard(child)
-        # The pipe of the process is closed, so the process is about to end. Its exit code gives the reason.
+        # A process that has closed its pipe is about to end. Its exit code gives the reason.
         code: int | None = None
         with suppress(subprocess.TimeoutExpired):
             code = child.wait(ENDS_S)

@@ -74,7 +74,7 @@ class Naming:
         rule = (
             f"by {self.pattern}"
             if self.pattern
-            else "from the names of files, or of folders with equal names"
+            else "from the names of files, or of folders if files have names like run.csv"
         )
         control = f", with control {Path(job.control[0]).name}" if job.control else ""
         return f"serial numbers {rule}: {job.files[0]} is unit {job.serial}{control}"

@@ -22,9 +22,10 @@ __all__ = ["host_instants", "joined_angles"]
 # Largest relative difference between the rates of two clocks that is accepted without a check. Quartz
 # oscillators differ by less than 200 ppm.
 MAX_SLOPE: Final = 500e-6
-# A rate difference beyond `MAX_SLOPE` is accepted if each half of the run also has a rate difference beyond
-# `MAX_SLOPE`, and differs from the whole run by at most this number. The rate difference is so large if the
-# clock of the unit is an RC oscillator, or if the unit sends no time and does not sample at its nominal rate.
+# A rate difference beyond `MAX_SLOPE` is accepted if both halves of the run confirm it: the difference in
+# each half is also beyond `MAX_SLOPE`, and differs from the whole run by at most this number. Rate
+# differences are so large if the clock of the unit is an RC oscillator, or if the unit sends no time and does
+# not sample at its nominal rate.
 AGREEING_SLOPE: Final = 2e-3
 # Minimum duration of a run, s, for a rate difference beyond `MAX_SLOPE` to be accepted. A shorter run does
 # not determine the rate difference.

@@ -137,7 +137,7 @@ def blocks_of(program: Program, limits: MotorLimits) -> list[Block]:
     exact = np.cumsum([step.turn_deg for step in program.steps], axis=0)
     for index, motor in np.argwhere(np.abs(exact) > MAX_ANGLE_DEG).tolist():
         reason = turned_too_far(float(exact[index, motor]), MAX_ANGLE_DEG)
-        raise InputError(f"the controller reads eight digits: $.steps[{index}].turn_deg[{motor}] {reason}")
+        raise InputError(f"the controller reads only 8 digits: $.steps[{index}].turn_deg[{motor}] {reason}")
     for step, sum_deg in zip(program.steps, exact, strict=True):
         x, y, z = (round(float(angle), ANGLE_DECIMALS) for angle in sum_deg)
         turn_deg = (x - before[0], y - before[1], z - before[2])

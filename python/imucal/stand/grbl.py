@@ -412,7 +412,7 @@ class GrblDriver:
                     if report.arrived_s - away_s > self._timeouts.stall_s / 3:
                         raise TroubleError(
                             "wrong_pose",
-                            f"the motors have left the pose of step {self._done + 1} in its hold",
+                            f"the motors have left the pose of step {self._done + 1} during its hold",
                         )
             yield
 

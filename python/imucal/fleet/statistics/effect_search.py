@@ -228,8 +228,8 @@ def _evidence(
         - _squares(values - mean, total).sum()
         - np.linalg.slogdet(total)[1].sum()
     )
-    # The degrees of freedom assume that the variance of the spread may have any sign. Because a variance
-    # cannot be negative, the test is slightly conservative.
+    # The degrees of freedom are those for a variance of the spread without bounds. Because a variance cannot
+    # be negative, the test is slightly conservative.
     p_value = min(tests * float(stats.chi2.sf(statistic, 2 * dof)), 1.0)
     single = stats.chi2.sf(squares / inflation, dof) * units * tests
     return EffectEvidence(
