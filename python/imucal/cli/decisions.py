@@ -17,7 +17,7 @@ STAGES = {"accelerometer": "start, accelerometer", "gyroscope": "start, gyroscop
 
 
 def show_fit(out: Output, fit: Fit) -> None:
-    """Detection of rests in each recording, and termination of each fit."""
+    """Print the threshold of the rest detection for each recording, and how each fit ended."""
     for number, threshold in enumerate(fit.rest_thresholds, start=1):
         out.line(
             f"recording {number}: rests are windows of {threshold.window_s:.3g} s below "
@@ -34,7 +34,7 @@ def show_fit(out: Output, fit: Fit) -> None:
 
 
 def show_rests_and_moves(out: Output, rests: Sequence[Rest], moves: Sequence[Move]) -> None:
-    """Tables of rests and moves: residual, its expected standard deviation, and whether the fit uses it."""
+    """Print tables of rests and moves: residual, its standard deviation, and whether the fit uses the row."""
     are_long = any(rest.epochs > 1 for rest in rests)
     scale = out.scale("norm_error", "m/s^2")
     out.table(
@@ -76,7 +76,7 @@ def show_rests_and_moves(out: Output, rests: Sequence[Rest], moves: Sequence[Mov
 
 
 def show_ranking(out: Output, ranking: Sequence[Mapping[str, Any]]) -> None:
-    """Every candidate effect with the evidence of the model with this effect relative to that without it."""
+    """Print each candidate effect with the log Bayes factor of the model with it to the model without it."""
     out.table(
         ("candidate", "log Bayes factor", "chi2", "parameters", "p"),
         (

@@ -47,7 +47,7 @@ def _each(write: Callable[[str], str], v: Sequence[str]) -> Field:
 
 
 def _powers(causes: Sequence[str]) -> Field:
-    """The field with one parameter per axis for each input quantity."""
+    """A field with one parameter per axis for each input quantity, such as the powers d, d^2 and d^3."""
     return [column for cause in causes for column in _axes([cause] * 3)]
 
 

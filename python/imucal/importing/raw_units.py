@@ -20,12 +20,12 @@ UNITS: Final[dict[str, dict[str, float]]] = {
 
 
 def per_si_unit(sensor: str, unit: str) -> float:
-    """The size of the SI unit in the given unit. Raises InputError for an unknown unit."""
+    """One SI unit expressed in `unit`, such as 0.102 for g. Raises InputError for an unknown unit."""
     if unit not in UNITS[sensor]:
         raise InputError(f"the unit of the {sensor} is {unit!r}: give {', '.join(UNITS[sensor])} or lsb")
     return UNITS[sensor][unit]
 
 
 def in_si(triad: Triad, per_si: float) -> Triad:
-    """The triad for raw samples in SI units, from a triad for raw samples in a unit with this `per_si`."""
+    """The triad converted from a raw unit to raw samples in SI units; one SI unit is `per_si` raw units."""
     return Triad(triad.sensitivity / per_si, triad.bias / per_si)
