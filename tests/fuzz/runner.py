@@ -27,6 +27,8 @@ from mutations import mutated
 # as a constant and a multiple of the size of the file.
 MOST_S = 10.0
 MOST_BYTES, MOST_PER_BYTE = 200_000_000, 10
+# Length of the first message of a forked process: its largest resident memory before it reads the file, KiB.
+DIGITS = 16
 # Time after which a case is ended, s.
 HANGS_S = 120.0
 LOADERS = {
@@ -116,17 +118,18 @@ def case(seed, folder, number):
 def _outcome(seed, path):
     is_isolated = seed.kind in FORMATS and FORMATS[seed.kind].isolated
     reading, writing = os.pipe()
-    resident = int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
     child = os.fork()
     if child == 0:
         os.close(reading)
+        os.write(writing, b"%*d" % (DIGITS, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss))
         os._exit(_read(seed, path, is_isolated, writing))
     os.close(writing)
     with os.fdopen(reading, "rb") as stream:
+        before_kib = int(stream.read(DIGITS))
         reason = stream.read().decode(errors="replace")
     _, status, usage = os.wait4(child, 0)
     processor_s = usage.ru_utime + usage.ru_stime
-    memory_bytes = max(usage.ru_maxrss * 1024 - resident, 0)
+    memory_bytes = (usage.ru_maxrss - before_kib) * 1024
     code = os.waitstatus_to_exitcode(status)
     figures = {"processor_s": processor_s, "memory_bytes": memory_bytes}
     if processor_s > MOST_S or memory_bytes > MOST_BYTES + MOST_PER_BYTE * size_of([path]):
