@@ -14,7 +14,6 @@ import traceback
 from collections import Counter, defaultdict
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import imucal
 from imucal.io import FORMATS
