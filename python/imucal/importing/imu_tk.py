@@ -24,9 +24,9 @@ __all__ = ["IMU_TK"]
 
 COUNT: Final = 21
 SENSORS: Final = {"acc": "accelerometer", "gyr": "gyroscope"}
-# A file of imu_tk does not state its raw unit. A unit is accepted as the raw unit if the sensitivity differs
-# from the sensitivity of a perfect sensor in this unit by less than this factor. Scale factor errors of MEMS
-# sensors are smaller.
+# A file of imu_tk does not state its raw unit. A unit is possible if the sensitivity differs from the
+# sensitivity of a perfect sensor in this unit by less than this factor. Scale factor errors of MEMS sensors
+# are smaller.
 SAME_UNIT: Final = 1.3
 
 

@@ -147,8 +147,8 @@ def read_vectornav(
     wrong = len(sentences) - len(good)
     if wrong > max(MOST_WRONG * len(sentences), 1) or not good:
         raise FormatError(
-            f"{file.name}: {wrong} of {len(sentences)} sentences have a wrong check sum: it is "
-            "altered, or the line lost bytes: record again at a higher baud rate or a lower output rate"
+            f"{file.name}: {wrong} of {len(sentences)} sentences have a wrong check sum: they are "
+            "altered, or bytes were lost on the line: record again at a higher baud rate or a lower output rate"
         )
     names = SENTENCES[kind.decode()] if given_names is None else given_names
     rows = [body.partition(b",")[2].split(b",") for body, _ in good]

@@ -3,8 +3,8 @@
     python -m imucal.stand.dynamixel --port /dev/ttyUSB0 --baud 57600 --ids 1,2,3
 
 `--driver dynamixel` starts this program. The motors have Protocol 2.0 and the control table of the X series,
-and are in extended position mode, in which they count several turns. A motor that has restarted has lost its
-count of turns, and its torque is off. Motors whose torque is off are therefore refused.
+and are in extended position mode, in which they count several turns. A motor that restarts during a run loses
+its count of turns, and its torque is off. The run ends with an error if the torque of a motor is off.
 """
 
 from __future__ import annotations

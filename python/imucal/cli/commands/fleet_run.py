@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 __all__ = ["run"]
 
 SCHEMA: Final = "imucal.fleet-run/1"
-# Interval, s, at which a watched folder is checked. A file whose size has not changed during one interval
-# counts as complete.
+# Interval, s, at which a watched folder is checked. A file whose size and modification time have not changed
+# during one interval counts as complete.
 WATCH_S: Final = 2.0
 
 

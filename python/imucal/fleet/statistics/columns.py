@@ -43,7 +43,7 @@ class Columns:
 
 
 def columns_of(measurements: Measurements, *, figures: bool = True) -> Columns:
-    """The columns of measurements in order of time; columns for which few units have values are omitted."""
+    """The columns of measurements in order of time, without columns with few values or with equal values."""
     names, units = list(measurements.names), list(measurements.units)
     values, sigmas = [measurements.values_si], [measurements.sigmas_si]
     for name in LOG_FIGURES if figures else ():
