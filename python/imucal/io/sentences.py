@@ -148,7 +148,7 @@ def read_vectornav(
     if wrong > max(MOST_WRONG * len(sentences), 1) or not good:
         raise FormatError(
             f"{file.name}: {wrong} of {len(sentences)} sentences have a wrong check sum: they are "
-            "altered, or bytes were lost on the line: record again at a higher baud rate or a lower output rate"
+            "altered, or bytes were lost: record again at a higher baud rate or a lower output rate"
         )
     names = SENTENCES[kind.decode()] if given_names is None else given_names
     rows = [body.partition(b",")[2].split(b",") for body, _ in good]
