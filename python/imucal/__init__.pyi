@@ -33,7 +33,8 @@ from .gap.own_motion import (
     RestResiduals as RestResiduals,
     own_motion as own_motion,
 )
-from .gap.soak import Soak as Soak, SoakedSensor as SoakedSensor, SoakTerm as SoakTerm, soak as soak
+from .gap.soak import soak as soak
+from .gap.soak_result import Soak as Soak, SoakedSensor as SoakedSensor, SoakTerm as SoakTerm
 from .importing import read_calibration as read_calibration
 from .io import read as read, write as write
 from .io.means import read_means as read_means

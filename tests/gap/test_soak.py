@@ -81,6 +81,12 @@ def test_two_lags_are_found_with_their_time_constants():
         assert abs(lag.parameters["tau"] - tau_s) < 4 * lag.std["tau"] < tau_s
         np.testing.assert_allclose([lag.parameters[axis] for axis in "xyz"], k, rtol=0.2)
     assert (found.left < 0.5).all()
+    assert found.described == "accel_bias_temperature, accel_bias_temperature_lag with 2 time constants"
+    taus = {p.name: p.value for p in found.parameters if p.unit == "s"}
+    assert taus == {
+        "accel_bias_temperature_lag_tau": fast.parameters["tau"],
+        "accel_bias_temperature_lag_tau (2)": slow.parameters["tau"],
+    }
 
 
 def test_a_real_sweep_is_described_by_two_lags(data_file):

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -23,12 +23,12 @@ import numpy.typing as npt
 import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration
-from imucal.document.plain import without_nan
 from imucal.errors import InputError
+from imucal.gap.soak_result import Soak, SoakedSensor, SoakTerm
 from imucal.gap.temperature_history import TemperatureHistory
 from imucal.recording.recording import Recording, samples_of_both
 
-__all__ = ["Soak", "SoakTerm", "SoakedSensor", "is_soak", "soak"]
+__all__ = ["is_soak", "soak"]
 
 # The readings are averaged over this number of epochs, each with at least `LEAST_SAMPLES` samples.
 EPOCHS: Final = 240
@@ -86,111 +86,6 @@ UNITS: Final = {
     "hysteresis": ("", "/K", "/K^2"),
 }
 SENSORS: Final = {"gyroscope": "gyro", "accelerometer": "accel"}
-
-
-@dataclass(frozen=True, eq=False)
-class SoakTerm:
-    """A term of the dependence on temperature.
-
-    name        name of the effect, such as "gyro_bias_temperature_lag"
-    formula     formula, where T0 is the reference temperature and s the direction of the temperature change
-    parameters  values by name, such as x, y_square, and tau for a time constant
-    std         standard deviation of each parameter, from the scatter about the model
-    units       unit of each parameter
-    """
-
-    name: str
-    formula: str
-    parameters: dict[str, float]
-    std: dict[str, float]
-    units: dict[str, str]
-
-    def to_dict(self) -> dict[str, Any]:
-        """An item of `terms` of the JSON document."""
-        return {
-            "name": self.name,
-            "formula": self.formula,
-            "parameters": [
-                {"name": name, "value": value, "std": self.std[name], "unit": self.units[name]}
-                for name, value in self.parameters.items()
-            ],
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class SoakedSensor:
-    """How the mean reading of one sensor depends on temperature.
-
-    sensor         "gyroscope" or "accelerometer"
-    unit           "rad/s" or "m/s^2"
-    terms          terms of the model, empty if the reading does not depend on temperature
-    constant       (3,), the reading at the reference temperature
-    mean           (N, 3), the mean reading in each epoch
-    fitted         (N, 3), the model at each epoch
-    cubic          (N, 3), a cubic polynomial in the temperature at each epoch, fitted for comparison
-    held_out       (3,), rms residual of held-out epochs
-    held_out_cubic (3,), rms residual of held-out epochs for the cubic
-    """
-
-    sensor: str
-    unit: str
-    terms: tuple[SoakTerm, ...]
-    constant: FloatArray
-    mean: FloatArray
-    fitted: FloatArray
-    cubic: FloatArray
-    held_out: FloatArray
-    held_out_cubic: FloatArray
-
-    @property
-    def left(self) -> FloatArray:
-        """Residual on held-out epochs, divided by the residual of a cubic in temperature, (3,)."""
-        left: FloatArray = self.held_out / self.held_out_cubic
-        return left
-
-    def to_dict(self) -> dict[str, Any]:
-        """The fields of the JSON document."""
-        return {
-            "sensor": self.sensor,
-            "unit": self.unit,
-            "terms": [term.to_dict() for term in self.terms],
-            "constant": self.constant.tolist(),
-            "held_out_rms": self.held_out.tolist(),
-            "held_out_rms_of_a_cubic": self.held_out_cubic.tolist(),
-            "left_of_a_cubic": self.left.tolist(),
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class Soak:
-    """The result of `imucal.soak`.
-
-    time_s, temperature_degc  (N,), mean time and temperature of the epochs
-    """
-
-    name: str
-    time_s: FloatArray
-    temperature_degc: FloatArray
-    gyroscope: SoakedSensor
-    accelerometer: SoakedSensor
-
-    @property
-    def sensors(self) -> tuple[SoakedSensor, SoakedSensor]:
-        """Both sensors."""
-        return self.gyroscope, self.accelerometer
-
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document."""
-        low, high = float(self.temperature_degc.min()), float(self.temperature_degc.max())
-        found: dict[str, Any] = without_nan(
-            {
-                "recording": self.name,
-                "epochs": len(self.time_s),
-                "temperature_range_degc": [low, high],
-                "sensors": [sensor.to_dict() for sensor in self.sensors],
-            }
-        )
-        return found
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from imucal.units import datasheet
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from imucal.gap.soak import Soak, SoakedSensor
+    from imucal.gap.soak_result import Soak, SoakedSensor
 
 __all__ = ["soak"]
 

@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import imucal.plot as plot
-from imucal.plot.style import shown_unit
 from imucal.report.meaning import meanings
 from imucal.report.page import Shown, Tab, Verdict, write_page
-from imucal.report.tables import paragraph, rounded_to, table
+from imucal.report.tables import paragraph, parameter_table
 
 if TYPE_CHECKING:
-    from imucal.gap.soak import Soak, SoakedSensor
+    from imucal.gap.soak_result import Soak, SoakedSensor
 
 __all__ = ["write_soak_page"]
 
@@ -23,12 +22,12 @@ def write_soak_page(path: str | Path, found: Soak) -> None:
     Raises ImucalError without plotly, and InputError if the file cannot be written.
     """
     tabs = [_tab(found, sensor) for sensor in found.sensors]
-    names = [term.name for sensor in found.sensors for term in sensor.terms]
+    names = [sensor.described for sensor in found.sensors if sensor.terms]
     sentence = (
         f"The biases depend on temperature: {', '.join(names)}." if names else "The biases are constant."
     )
     left = "; ".join(
-        f"{sensor.sensor} {', '.join(f'{100 * share:.0f} %' for share in sensor.left)} (x, y, z)"
+        f"{sensor.sensor} {', '.join(f'{100 * share:.0f}' for share in sensor.left)} % (x, y, z)"
         for sensor in found.sensors
     )
     beside = f"Residual on held-out epochs, relative to one cubic in the temperature: {left}."
@@ -36,12 +35,6 @@ def write_soak_page(path: str | Path, found: Soak) -> None:
 
 
 def _tab(found: Soak, sensor: SoakedSensor) -> Tab:
-    rows = []
-    for term in sensor.terms:
-        for name, value in term.parameters.items():
-            std = term.std[name]
-            unit = shown_unit(term.units[name])
-            rows.append([f"{term.name}_{name}", rounded_to(value, std), f"{std:.2g}", unit])
     return Tab(
         sensor.sensor.capitalize(),
         (
@@ -56,8 +49,8 @@ def _tab(found: Soak, sensor: SoakedSensor) -> Tab:
                 plot.soak(found, sensor, "time"),
                 "Residuals of one cubic in the temperature, and of the model.",
             ),
-            table(["parameter", "value", "1 σ", "unit"], rows)
-            if rows
+            parameter_table(sensor.parameters)
+            if sensor.terms
             else paragraph("The reading does not depend on temperature beyond its scatter."),
             *meanings([term.name for term in sensor.terms]),
         ),

@@ -12,7 +12,7 @@ from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 
 if TYPE_CHECKING:
-    from imucal.gap.soak import Soak
+    from imucal.gap.soak_result import Soak
 
 __all__ = ["soak"]
 
@@ -58,22 +58,14 @@ def soak(
 
 
 def _print(out: Output, found: Soak) -> None:
-    from imucal.calibration.triad import Parameter
-
     low, high = found.temperature_degc.min(), found.temperature_degc.max()
     out.line(f"{found.name}: {len(found.time_s)} epochs, {low:.1f} to {high:.1f} degC")
     for sensor in found.sensors:
-        names = ", ".join(term.name for term in sensor.terms) or "no dependence on temperature"
-        out.line(f"{sensor.sensor}: {names}")
+        out.line(f"{sensor.sensor}: {sensor.described or 'no dependence on temperature'}")
         left = ", ".join(
             f"{axis} {100 * share:.0f} %" for axis, share in zip("xyz", sensor.left, strict=True)
         )
         out.line(f"  residual on held-out epochs, relative to one cubic in the temperature: {left}")
-    parameters = [
-        Parameter(f"{term.name}_{name}", value, term.std[name], term.units[name])
-        for sensor in found.sensors
-        for term in sensor.terms
-        for name, value in term.parameters.items()
-    ]
+    parameters = [parameter for sensor in found.sensors for parameter in sensor.parameters]
     if parameters:
         out.parameters(parameters)
