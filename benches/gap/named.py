@@ -8,10 +8,9 @@ import numpy as np
 
 import imucal
 from gap.case import Answer, Case, generator
-from gap.noise import paper
+from gap.noise import paper, paper_unit
 from gap.scene import WARM_UP, Scene
 from gap.sizes import DEG, SIZES, G, drawn, typical
-from imucal.rig.unit import unit_of
 
 LEVELS: Final = {"1x": 1.0, "2x": 2.0, "5x": 5.0, "10x": 10.0}
 EARTH_RATE_RADPS: Final = 7.292e-5
@@ -66,7 +65,7 @@ def one(name: str, kind: str, times: float, limit: float, random: np.random.Gene
     if name != "earth_rate":
         return Scene(kind, (drawn(name, times * limit, random),))
     real = EARTH_RATE_RADPS / np.sqrt(3.0)
-    density = unit_of("paper").gyroscope.noise_density * real / (times * limit)
+    density = paper_unit().gyroscope.noise_density * real / (times * limit)
     quiet = paper(gyroscope={"noise_density": density, "lsb": None, "bits": None})
     return Scene(kind, (drawn(name, real, random),), unit=quiet)
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -19,11 +20,17 @@ WANDERING: Final = Answer(verdicts=("nothing_missing", "stochastic"))
 LOUD: Final = Answer(verdicts=("nothing_missing", "data_fault"), fault="noise_grows_in_motion")
 
 
+@cache
+def paper_unit() -> imucal.Unit:
+    """The paper's unit. Its file is read once, not for each of the thousands of cases."""
+    return unit_of("paper")
+
+
 def paper(
     *, accelerometer: dict[str, object] | None = None, gyroscope: dict[str, object] | None = None
 ) -> imucal.Unit:
     """The paper's unit with other noise or converters."""
-    unit = unit_of("paper")
+    unit = paper_unit()
     return dataclasses.replace(
         unit,
         accelerometer=dataclasses.replace(unit.accelerometer, **(accelerometer or {})),
@@ -33,7 +40,7 @@ def paper(
 
 def sample_noise() -> dict[str, float]:
     """Standard deviation of one sample of the paper's unit."""
-    unit = unit_of("paper")
+    unit = paper_unit()
     return {
         "accelerometer": unit.accelerometer.noise_density * np.sqrt(RATE_HZ),
         "gyroscope": unit.gyroscope.noise_density * np.sqrt(RATE_HZ),

@@ -462,9 +462,8 @@ def with_catalogue():
 # Each build overwrites the program of the one before.
 @pytest.mark.xdist_group("tests/export_rust")
 @pytest.mark.parametrize("features", ["", "formulas"])
-def test_the_rust_module_runs_on_the_core(tmp_path, features):
+def test_the_rust_module_runs_on_the_core(features):
     unit = with_effects_and_formulas() if features else with_catalogue()
-    imucal.export(unit, "rust").save(tmp_path / "unit.rs")
     cargo = shutil.which("cargo")
     if cargo is None:
         pytest.fail("cargo is not on PATH: the Rust module cannot be tested without it")
@@ -473,11 +472,16 @@ def test_the_rust_module_runs_on_the_core(tmp_path, features):
     rows = np.hstack((rec.angular_rate, rec.specific_force, rec.temperature_degc[:, None] - 25.0))
     # Its build of nalgebra is that of the proof without std.
     target = ROOT / "tests/no_std/target"
+    # An unchanged module at an unchanged path is not compiled again.
+    module, text = target / f"exported-{features or 'plain'}.rs", imucal.export(unit, "rust").text
+    target.mkdir(exist_ok=True)
+    if not module.exists() or module.read_text(encoding="utf-8") != text:
+        module.write_text(text, encoding="utf-8")
     options = ["--release", "--locked", "--manifest-path", manifest, "--target-dir", target]
     options += ["--features", features]
     done = subprocess.run(
         [cargo, "run", "--quiet", *options],
-        env={**os.environ, "IMUCAL_EXPORT": str(tmp_path / "unit.rs")},
+        env={**os.environ, "IMUCAL_EXPORT": str(module)},
         input=rows.astype("<f8").tobytes(),
         capture_output=True,
     )
