@@ -51,6 +51,28 @@ def test_no_unit_is_assumed(case_file, capsys):
     assert density.value == pytest.approx(math.radians(noise) * math.sqrt(0.01), rel=0.1)
 
 
+@pytest.mark.parametrize(("name", "degc"), [("imu.temperature", 31.5), ("Temp", -20.0), ("imu.status", None)])
+def test_a_temperature_without_a_unit_is_in_the_proposed_columns(name, degc, tmp_path, capsys):
+    random = np.random.default_rng(5)
+    rows = np.column_stack(
+        [
+            np.arange(400) * 0.01,
+            random.normal((0.0, 0.0, 9.81), 0.01, (400, 3)),
+            random.normal(0.0, 1e-3, (400, 3)),
+            np.full(400, degc or 0.0),
+        ]
+    )
+    path = tmp_path / "sweep.csv"
+    header = f"t,acc.x,acc.y,acc.z,gyro.x,gyro.y,gyro.z,{name}"
+    np.savetxt(path, rows, fmt="%.6f", delimiter=",", header=header, comments="")
+    assert main(["inspect", str(path)]) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert ("probably degC" in said) == (degc is not None)
+    columns = command_in(said, "--columns")
+    read = imucal.read(path, columns=columns).temperature_degc
+    assert read is None if degc is None else (read == degc).all()
+
+
 def test_implausible_noise_names_the_likely_unit(case_file, capsys):
     path = case_file("no_unit_in_header/still.csv")
     names = path.read_text().splitlines()[0].split(",")

@@ -20,6 +20,9 @@ __all__ = ["columns_suggested", "suggestion", "time_suggested"]
 
 # A sampling rate in a line before the header: "Update Rate: 100.0Hz", "Sample rate,100 Hz", "#sps,100".
 RATE: Final = r"(?i)\b(?:rate|sps)\b\W{0,4}(\d+(?:\.\d+)?)"
+# A name of a temperature. Its values are probably in degC if their median is in this range.
+TEMPERATURE: Final = r"(?i)temp(?:erature)?(?![a-z])"
+PLAUSIBLE_DEGC: Final = (-60.0, 130.0)
 
 
 def suggestion(
@@ -50,6 +53,8 @@ def suggestion(
     sentences += sentence
     if accel in header.linear:
         sentences.append("linear acceleration is without gravity in most apps, but these values include it")
+    temperature, sentence = _temperature(header, cells, numbers)
+    sentences += sentence
     others = [t.columns[0] for t in (*header.accel[1:], *header.gyro[1:])]
     if others:
         sentences.append(f"there are further sensors ({', '.join(others)}, ...): choose one")
@@ -64,8 +69,8 @@ def suggestion(
             for axis, name in zip("xyz", triad.columns, strict=True)
             if not is_canonical(name)
         ]
-        columns = ",".join([*pairs, *names])
-        if "accel" not in missing and columns and works(columns):
+        columns = ",".join([*pairs, *names, *temperature])
+        if "accel" not in missing and (pairs or names) and works(columns):
             lines.append(f"--columns '{columns}'" + ("" if time else f" --rate-hz {_rate_in(preamble)}"))
     if not lines:
         return shown
@@ -176,3 +181,19 @@ def _time(
         if reading.likely is not None:
             return f"time_{reading.likely}={name}", [reading.text]
     return None, []
+
+
+def _temperature(
+    header: Header, cells: Mapping[str, Sequence[str]], numbers: Callable[[str], Any]
+) -> tuple[list[str], list[str]]:
+    """The text canonical=name for the temperature column, and a sentence on its unit, if there are any."""
+    if header.temperature is not None:
+        name, canonical = header.temperature
+        return [] if is_canonical(name) else [f"{canonical}={name}"], []
+    named = [name for name in cells if re.search(TEMPERATURE, name) and not is_canonical(name)]
+    if len(named) != 1 or not cells[named[0]]:
+        return [], []
+    median = float(np.median(numbers(named[0])))
+    if not PLAUSIBLE_DEGC[0] <= median <= PLAUSIBLE_DEGC[1]:
+        return [], []
+    return [f"temp_degc={named[0]}"], [f"temperature: median {median:.3g}, probably degC"]
