@@ -137,14 +137,14 @@ pub struct Effect<F: RealField + Copy> {
     pub number: u8,
     /// Sensor on which the effect acts.
     pub sensor: Sensor,
-    /// Number of parameters of the plain form. The plain form uses the first parameters, and the full form uses all
-    /// parameters. The numbers of parameters of all forms are the multiples of this number up to `count`.
+    /// Number of parameters of the plain form, which has the fewest parameters. Every form uses the first n of all
+    /// parameters. n is a multiple of `plain`, and n = `count` in the full form.
     pub plain: usize,
     /// Number of parameters of the full form.
     pub count: usize,
     /// Whether the field depends nonlinearly on a positive number, called the shape, for example a time constant.
     pub is_shaped: bool,
-    /// Sensors whose true values the field depends on. The field is constant while these values are constant.
+    /// Sensors on whose true values the field depends. `needs` contains the other quantities on which it depends.
     pub reads: &'static [Sensor],
     /// Quantities of [`Surroundings`] on which the field depends.
     pub needs: &'static [Need],

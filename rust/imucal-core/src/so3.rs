@@ -76,7 +76,7 @@ pub fn hat<F: RealField + Copy>(a: &Vector3<F>) -> Matrix3<F> {
 pub fn right_jacobian<F: RealField + Copy>(phi: &Vector3<F>) -> Matrix3<F> {
     let t2 = phi.norm_squared();
     let (_, sinc) = cos_and_sinc(t2 * convert(0.25));
-    // (1 - cos t)/t^2 = (sin(t/2)/(t/2))^2 / 2. The form on the right avoids the subtraction of nearly equal numbers.
+    // (1 - cos t)/t^2 = (sin(t/2)/(t/2))^2 / 2. The right side avoids the subtraction of nearly equal numbers.
     let first = sinc * sinc * convert(0.5);
     let second = if t2 < F::one() {
         polynomial(t2, T_MINUS_SIN)

@@ -67,8 +67,9 @@ pub(crate) struct SessionStep {
     chi2: (f64, f64),
 }
 
-/// Name of an effect; for each kind of residual, the rms of the residuals that the effect causes, divided by their
-/// standard deviations from noise; and the share of the effect's chi2 that a refit of the base parameters removes.
+/// Name of an effect and two measures of the residuals that it causes. The first is, for each kind of residual, their
+/// rms after division by their standard deviations from noise. The second is the share of their chi2 that a refit of
+/// the base parameters removes.
 type Trace = (String, Vec<(&'static str, f64)>, f64);
 
 /// Result of a search for effects: the score of each candidate effect, the result of the hypotheses that are not in the
@@ -91,9 +92,9 @@ pub(crate) struct Search {
     is_hand_moved: bool,
 }
 
-/// Name of a rejected effect, and the reason for its rejection. There are three kinds of reasons: the message of the
-/// failed fit with the effect; chi2 per degree of freedom of unseen data without and with the effect; the p-value of
-/// the effect's parameters. The other two are None.
+/// Name of a rejected effect, and the reason for its rejection. Exactly one reason is given, and the other two are
+/// None: the message of the failed fit with the effect; chi2 per degree of freedom of unseen data without and with the
+/// effect; the p-value of the effect's parameters.
 type RefusalTuple = (String, Option<String>, Option<[f64; 2]>, Option<f64>);
 
 /// A model fitted to the recordings of a unit, with its evaluation on the control recordings if there are any.
@@ -119,8 +120,8 @@ pub(crate) struct GapAnalysis {
     /// the effect; None if this fit fails.
     rivals: Vec<(String, String, Option<Py<EffectEstimate>>)>,
     refused: Vec<RefusalTuple>,
-    /// Magnitude and standard deviation, rad/s, of the constant rate estimated for the effect `earth_rate`, if it is
-    /// not the Earth's rate; None otherwise.
+    /// The constant rate estimated for the effect `earth_rate`, if it differs from the Earth's rate: its magnitude and
+    /// standard deviation, rad/s. None otherwise.
     not_the_earth: Option<(f64, f64)>,
     not_confirmed: Vec<Py<EffectScore>>,
     /// Names of contradicted effects, and chi2 per degree of freedom of the control recordings without and with these
@@ -347,7 +348,8 @@ pub(crate) fn stand_mismatch_deg(py: Python<'_>, recording: RecordingColumns<'_>
     Ok(py.detach(|| library::stand_mismatch_deg(&recordings[0])))
 }
 
-/// Whitened residuals of the model without effects, and their Jacobian; see `imucal::gap::Linearised`.
+/// Whitened residuals (uncorrelated, with variance 1) of the model without effects, and their Jacobian; see
+/// `imucal::gap::Linearised`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct GapDesign {
     residual: Py<PyArray1<f64>>,

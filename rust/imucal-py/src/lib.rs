@@ -68,7 +68,7 @@ mod _core {
     #[pymodule_export]
     const TEMPERATURE_SMOOTHING_S: f64 = imucal_core::temperature_memory::SMOOTHING_S;
 
-    /// Half of the temperature change that completes a reversal of the direction of the temperature history, K.
+    /// The direction of the temperature history is completely reversed after a temperature change of 2 x this value, K.
     #[pymodule_export]
     const TEMPERATURE_REVERSAL_K: f64 = imucal_core::temperature_memory::REVERSAL_K;
 

@@ -43,7 +43,7 @@ pub(crate) struct AxisNoise {
 }
 
 /// Change of the mean of one axis of a unit at rest: index of the axis, size and standard deviation of the change, and
-/// increase of twice the log-likelihood compared with a model of random noise only.
+/// increase of 2 ln L due to the change. L is the likelihood.
 type Departure = (usize, f64, f64, f64);
 /// A step of the mean: its time (s), the index of the first sample after the step, and the changes of all affected
 /// axes.

@@ -77,7 +77,7 @@ pub struct RestReport {
     pub rate_rounding: Vector3<f64>,
     /// Norm of the specific force after correction minus local gravity, m/s^2.
     pub norm_error_mps2: f64,
-    /// Standard deviation of this norm from noise, m/s^2.
+    /// Standard deviation of `norm_error_mps2` due to noise, m/s^2.
     pub norm_sigma_mps2: f64,
     /// Goodness of fit of the rest's residuals relative to noise; `None` if no joint fit used the rest.
     pub misfit: Option<Misfit>,

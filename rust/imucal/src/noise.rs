@@ -50,8 +50,8 @@ use stretch::Stretch;
 /// Minimum number of samples of a noise identification. Fewer samples would determine only the white noise, with poor
 /// accuracy.
 const FEWEST_SAMPLES: usize = 1000;
-/// Minimum share of the examined interval that the longest rest must cover. If it covers less, a finding reports its
-/// length. The examined interval is the longest one without lost or repeated samples.
+/// A finding reports the length of the longest rest if the rest covers less than this share of the examined interval.
+/// The examined interval is the longest interval without lost or repeated samples.
 const WHOLE_SHARE: f64 = 0.9;
 
 /// The noise of both triads of a unit.
@@ -357,8 +357,8 @@ mod tests {
         Sensor { noise_density: 1e-3, bias_instability: 5e-4, random_walk: Vector3::repeat(1e-4), ..Sensor::ideal() }
     }
 
-    /// The errors of the estimates are divided by their reported standard deviations. Over several runs, the mean
-    /// square of these ratios must be inside its 99.9 % interval.
+    /// z = (estimate - truth) / reported standard deviation. Over all runs, the mean of z^2 must be inside its 99.9 %
+    /// interval.
     #[test]
     fn standard_deviations_are_those_of_the_errors() {
         let mut squares = [0.0; 3];

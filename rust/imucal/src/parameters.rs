@@ -46,7 +46,7 @@ pub(crate) fn words(gyroscope: bool) -> &'static [&'static str] {
     if gyroscope { &WORDS[ACCELEROMETER..] } else { &WORDS[..ACCELEROMETER] }
 }
 
-/// Those names of [`words`] whose parameters affect the readings of the selected axes.
+/// The names of [`words`] whose parameters affect the readings of the selected axes.
 pub(crate) fn of_axes(gyroscope: bool, axes: [bool; 3]) -> Vec<&'static str> {
     let acts = |j: usize| match j {
         _ if gyroscope => axes[j / 3],

@@ -26,9 +26,8 @@ use statrs::function::erf::erfc;
 /// 0.58 steps, the rms rounding error of a mean is below 3e-4 steps, and the variance of the samples includes q^2 /
 /// 12.
 pub(crate) const LEAST_SCATTER: f64 = 0.65;
-/// Distance between two readings, in steps, at which the factor exp(-2 D^2) of the correlation cov(d_k, d_l) of their
-/// errors is exp(-1/2). The factor is small for readings more than a step apart, because the phase of the cosine is
-/// then not known accurately.
+/// Distance D between two readings, in steps, at which the factor exp(-2 D^2) in cov(d_k, d_l) is exp(-1/2). The factor
+/// is small for readings more than a step apart, because the phase of the cosine is then not known accurately.
 const CORRELATED: f64 = 0.5;
 /// Smallest and largest trial standard deviation of the noise, in steps. With the smallest, nearly all samples of a
 /// rest are equal. With the largest, rounding causes no error of the mean.
@@ -39,7 +38,7 @@ const NOISES: usize = 31;
 const MEANS: usize = 24;
 /// Maximum distance of a trial value of the true mean from the mean of the samples, in steps.
 const REACH: f64 = 0.75;
-/// The likelihood is negligible if its logarithm is more than this amount below the maximum.
+/// The likelihood is negligible if its natural logarithm is more than this amount below the maximum.
 const NEGLIGIBLE: f64 = 12.0;
 /// Standard deviation of the prior of ln(a / b), where a and b are the standard deviations of the noise of two axes.
 /// The prior states that the axes have similar noise. With a narrower prior, the levels of one axis have more
@@ -88,11 +87,10 @@ impl Rounding {
     /// Rounding of the three axes of a sensor. `axes` contains the quantisation step and the levels at the rests of
     /// each axis, or `None` if the noise of the axis is not below its step.
     ///
-    /// The noise of each axis is estimated from the levels that occur at rest. Its square is the average of the squares
-    /// of all trial standard deviations, weighted by their likelihood. The true means are unknown and are eliminated.
-    /// The levels of the other axes contribute to the likelihood, because the axes of a triad usually have similar
-    /// noise. If each axis has only one level, all small standard deviations are equally likely, and the error variance
-    /// is the mean over them.
+    /// The noise of each axis is estimated from the levels that occur at rest. Its variance is the mean of all trial
+    /// variances, weighted by their likelihood. The true means are unknown and are eliminated. The levels of the other
+    /// axes contribute to the likelihood, because the axes of a triad usually have similar noise. If each axis has only
+    /// one level, all small trial values are equally likely, and the error variance is the mean over all of them.
     pub(crate) fn of_levels(axes: [Option<(f64, Vec<Levels>)>; 3]) -> [Self; 3] {
         let noises: [f64; NOISES] = std::array::from_fn(tried_noise);
         let likelihoods = axes.each_ref().map(|axis| {
@@ -172,10 +170,10 @@ fn error_variance(noise: f64) -> f64 {
 }
 
 impl Levels {
-    /// Log-likelihood of the levels for noise of this standard deviation. The unknown true mean is eliminated in two
-    /// ways, and the result is the mean of both. The first is the maximum of the log-likelihood over the true mean. The
-    /// second is the logarithm of the likelihood averaged over the true mean. With two levels, the maximum is equal for
-    /// all small noise, and the average is proportional to the noise.
+    /// Log-likelihood of the levels for noise of this standard deviation. Let L be the likelihood for a given true
+    /// mean. The true mean is unknown, so it is eliminated in two ways: ln of the maximum of L, and ln of the average
+    /// of L, both over the true mean. The result is the mean of these two values. With two levels, the maximum is equal
+    /// for all small noise, and the average is proportional to the noise.
     fn log_likelihood(&self, noise: f64) -> f64 {
         let of_mean = |mean: f64| -> f64 {
             // For levels far from the mean, the difference of two small erfc values is accurate. The difference of

@@ -13,9 +13,9 @@
 //! last temperature change, from -1 (cooling) to 1 (heating). [`TemperatureMemory`](super::temperature_memory) computes
 //! T_tau - T, dT/dt and s.
 //!
-//! A unit may have both the lag effect and `*_bias_temperature`, whose linear coefficient is a. If k = a, the sensing
-//! element has the temperature T_tau, so it lags the thermometer. If k and a have opposite signs, it leads the
-//! thermometer.
+//! A unit may have both the lag effect and `*_bias_temperature`. Let a be the linear coefficient of
+//! `*_bias_temperature`. If k = a, the sensing element has the temperature T_tau, so it lags the thermometer. If k and
+//! a have opposite signs, the sensing element leads the thermometer.
 
 use super::temperature::{ACCELEROMETER, GYROSCOPE, by_degree};
 use super::temperature_memory::TemperatureHistory;
@@ -26,10 +26,10 @@ const OBSERVABLE: &str = "rests while the temperature rises and while it falls";
 const SEVERAL_RATES: &str = "temperature changes of several rates and durations";
 /// Shape of the lag effects: the time constant, typically 60 s for a sensor on a board.
 const TAU: Option<Parameter> = Some(Parameter { name: "tau", unit: "s", typical: 60.0 });
-/// Ratio of the typical coefficient of the temperature rate to that of the temperature, s. It is the ratio for a
-/// sensing element whose temperature is ahead of the thermometer by this time.
+/// Typical coefficient of dT/dt / typical coefficient of T, s. With this ratio, the temperature of the sensing element
+/// is ahead of the thermometer by this time.
 const AHEAD_S: f64 = 60.0;
-/// Half of the typical bias difference between heating and cooling, divided by the typical temperature coefficient, K.
+/// Typical hysteresis, K: (bias while heating - bias while cooling) / 2 / temperature coefficient of the bias.
 const WIDTH_K: f64 = 2.0;
 
 impl<F: RealField + Copy> Effect<F> {

@@ -41,8 +41,8 @@ use nalgebra::{RealField, convert};
 /// Time constant of the low-passes for rate and direction, s. They suppress the noise of a thermometer. The rate is
 /// delayed by twice this time, which is short relative to the temperature changes of a unit.
 pub const SMOOTHING_S: f64 = 0.5;
-/// Half of the temperature change that completes a reversal of the direction, K. The noise of a thermometer after the
-/// low-pass is smaller than this change.
+/// The direction is completely reversed after a temperature change of 2 x this value, K. The noise of a thermometer
+/// after the low-pass is smaller than this change.
 pub const REVERSAL_K: f64 = 1.0;
 
 /// Variables of the temperature history at an instant.

@@ -216,9 +216,10 @@ fn zeros<F: RealField + Copy>() -> Vector3<F> {
     Vector3::new(F::zero(), F::zero(), F::zero())
 }
 
-/// Whether the iteration of a quantity (rate or force) has converged. It has if the change of `seen - effects` between
-/// two iterations is of the order of rounding errors. `seen` is the largest absolute component of the quantity before
-/// the effects are removed. If no field depends on the quantity (`counts` is false), any change is permitted.
+/// Whether the iteration of a quantity (rate or force) has converged. The criterion is that the change of `seen -
+/// effects` between two iterations is of the order of rounding errors. `seen` is the largest absolute component of the
+/// quantity before the effects are removed. If no field depends on the quantity (`counts` is false), any change is
+/// permitted.
 fn is_rounding<F: RealField + Copy>(counts: bool, change: &Vector3<F>, seen: F, effects: &Vector3<F>) -> bool {
     let rounding: F = convert::<f64, F>(16.0) * F::default_epsilon();
     let limit = rounding * (seen + largest(effects));

@@ -97,8 +97,8 @@ impl<F: RealField + Copy> Default for BlockSums<F> {
     }
 }
 
-/// Rest statistic of a window. It is the mean over the six channels of the variance divided by the noise variance. It
-/// is near 1 at rest and large in a move.
+/// Rest statistic of a window: the mean of variance / noise variance over the six channels. It is near 1 at rest and
+/// large in a move.
 ///
 /// ```text
 /// statistic = (1 / 6) sum_c (variance_c / noise_variance_c)

@@ -25,8 +25,8 @@ pub(super) struct Judged<'a> {
 
 impl Judged<'_> {
     /// Goodness of fit of both kinds of residuals (norms and directions). `changed` returns the triads after a change
-    /// by one standard deviation along each direction of the uncertainty of the calibration. It is called only if noise
-    /// is an improbable cause of one of the two kinds, so that its p-value is below [`UNLIKELY`].
+    /// by one standard deviation along each direction of the uncertainty of the calibration. It is called only if one
+    /// of the two p-values is below [`UNLIKELY`], so that noise alone does not explain the residuals.
     pub(super) fn groups(&self, changed: impl FnOnce() -> Vec<[Triad<f64>; 2]>) -> Vec<GroupMisfit> {
         let norms: Vec<f64> = self.rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2).collect();
         let moves: Vec<f64> = self.move_residuals(self.triads, self.rotations);
@@ -119,8 +119,8 @@ fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     (0..chi2.len()).filter(|k| !outliers.contains(k)).collect()
 }
 
-/// p-value of the residuals above which noise explains them. If the p-value is smaller, the uncertainty of the
-/// calibration is also considered.
+/// Noise explains the residuals if their p-value is above this limit. Otherwise, the uncertainty of the calibration is
+/// also considered.
 const UNLIKELY: f64 = 0.1;
 /// Maximum share of rests, or of moves, that are excluded as outliers. It equals `MAX_CONTRADICTING_SHARE` of a
 /// calibration.

@@ -11,8 +11,8 @@ use crate::verdict::{GroupMisfit, POOR_CHI2_PER_DOF, Reason, RecordingSet, Uncor
 /// deg. With a larger value, noise would hide relevant errors of scale and alignment. Consumer sensors have about 0.1
 /// deg.
 const MAX_DIRECTION_SIGMA_DEG: f64 = 5.0;
-/// Rate corrected by a calibration above which the calibration must have wrong units, deg/s. It is the range of the
-/// fastest MEMS gyroscopes on the market (ADXRS649).
+/// Largest plausible rate, deg/s. A calibration that gives higher corrected rates must have wrong units. The limit is
+/// the range of the fastest MEMS gyroscopes on the market (ADXRS649).
 const FASTEST_DEGPS: f64 = 20_000.0;
 /// At most this share of the samples may be above [`FASTEST_DEGPS`]. The share is not zero, because single wrong
 /// samples are no evidence against a calibration.
@@ -20,9 +20,9 @@ const MAX_FAST_SHARE: f64 = 1e-3;
 /// An accelerometer without a gyroscope is judged only from at least this number of usable rests. If there are both
 /// sensors, a single move is sufficient, because it has two rests.
 const MIN_RESTS: usize = 2;
-/// The calibration is reported to make the unit worse if the rms residual with the calibration is larger than this
-/// multiple of the rms residual without it. If the ratio is smaller, the calibrated and the uncalibrated unit have
-/// errors of about equal size. An example is a unit that the manufacturer has already calibrated.
+/// The calibration makes the unit worse if rms residual with it > this value x rms residual without it. At smaller
+/// ratios, the calibrated and the uncalibrated unit have errors of about equal size. An example is a unit that the
+/// manufacturer has already calibrated.
 const WORSE: f64 = 1.1;
 
 impl Figures {

@@ -87,8 +87,8 @@ pub struct Hold {
 pub struct Priors {
     /// Parameters that are estimated without a prior.
     pub model: ParameterModel,
-    /// Parameters that have a prior in addition to the parameters to which the model gives a prior. A request replaces
-    /// the prior of the model for the same parameter.
+    /// Requests for priors in addition to the priors of `model`. A request replaces the prior of the model for the same
+    /// parameter.
     pub hold: Vec<Hold>,
     /// Standard deviations from the unit's profile. Each entry has the name of a group, and one value for all its
     /// parameters or three values for x, y and z. Biases are in SI units, scales are relative, and misalignments are in

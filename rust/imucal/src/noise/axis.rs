@@ -16,16 +16,17 @@ use crate::recording::Samples;
 /// The model does not fit if the power in an octave deviates from it by more than this number of standard deviations.
 /// The false alarm rate per octave is about 1e-6.
 pub(super) const MISFIT: f64 = 5.0;
-/// Quantisation is included in the model if it increases twice the log-likelihood by more than this value. Without
-/// quantisation, random variation reaches this increase with a probability of 0.001.
+/// Quantisation is included in the model if it increases 2 ln L by more than this value. L is the likelihood. Without
+/// quantisation in the record, the probability of such an increase is 0.001.
 const QUANTISATION_GAIN: f64 = 10.83;
-/// Trial numbers of octaves to omit below half the sampling rate, if a filter has changed the noise there. The
-/// spectrum is computed in stages of five octaves. In a stage, power that is missing at high frequencies changes all
-/// cosines, because a window of 32 values has wide side lobes. Therefore one or two complete stages are omitted, and
-/// the first octave of the next stage, whose values are means of filtered noise.
+/// Numbers of octaves to omit below half the sampling rate if a filter has changed the noise there. They are tried in
+/// this order. The spectrum is computed in stages of five octaves. Missing power at high frequencies changes all
+/// cosines of a stage, because a window of 32 values has wide side lobes. Therefore one or two complete stages are
+/// omitted (5 or 10 octaves). The first octave of the next stage is also omitted, because its values are means of
+/// filtered noise.
 const FILTERED: [u32; 2] = [6, 11];
-/// The white noise is estimated only if a count is at most this multiple of the standard deviation of a sample, which
-/// is due to white noise and rounding. With larger counts, rounding errors depend on the signal and are not white.
+/// The white noise is estimated only if count <= this value x standard deviation of a sample. This deviation is due to
+/// white noise and rounding. With larger counts, rounding errors depend on the signal and are not white.
 const COARSEST_COUNT: f64 = 2.0;
 /// The averaging time of an Allan deviation is at most the duration of the record divided by this number.
 const LONGEST_SHARE: usize = 3;
@@ -147,8 +148,8 @@ impl AxisNoise {
 }
 
 impl Estimate {
-    /// The estimate without its value, if the noise of the axis is below a count and the value would be meaningless.
-    /// The upper end of the band stays, and is increased by `least` (root sum square).
+    /// The estimate without its value, for an axis whose noise is below a count, so that a value would be meaningless.
+    /// The upper end of the band becomes sqrt(high^2 + least^2).
     fn bounded(self, least: f64) -> Self {
         Self { value: None, std: None, low: 0.0, high: self.high.hypot(least) }
     }
@@ -193,8 +194,8 @@ impl Model {
         Self { best, kinds, rounding, filtered, misfit }
     }
 
-    /// Estimate of the parameter of one kind of noise. The likelihood gives its square, a power per sample, and `unit`
-    /// converts the square root of this power to the unit of the parameter.
+    /// Estimate of the parameter of one kind of noise: sqrt(theta) x `unit`. theta is the maximum-likelihood estimate
+    /// of the square of the parameter, a power per sample. `unit` converts sqrt(theta) to the unit of the parameter.
     fn estimate(&self, powers: &[Power], kind: usize, unit: f64) -> Estimate {
         let used = fitted(powers, self.filtered);
         let mut likelihood = Likelihood { powers: &used, rounding: self.rounding, kinds: self.kinds };

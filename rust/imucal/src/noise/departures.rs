@@ -10,9 +10,9 @@
 //! noise parameters theta. A component is a step at a time, a ramp between two times, or an exponential approach to a
 //! final value (warm-up). A step has the power spectrum of a random walk. However, the time of a step determines the
 //! signs of its cosines, whereas the signs of the cosines of a random walk are random. Components are added one at a
-//! time. After a component is added, the amplitudes and the noise parameters are estimated again. The added component
-//! has the largest gain of twice the log-likelihood minus its penalty. If no gain exceeds its penalty by at least 16,
-//! noise explains the rest of the record.
+//! time: next is the component with the largest gain - penalty. The gain is the increase of 2 ln L, where L is the
+//! likelihood. After each addition, all amplitudes and the noise parameters are estimated again. The search ends if
+//! gain - penalty < 16; noise then explains the rest of the record.
 
 mod search;
 
@@ -59,7 +59,7 @@ pub(super) struct Component {
     pub(super) size: f64,
     /// Standard deviation of the size.
     pub(super) sigma: f64,
-    /// Increase of twice the log-likelihood due to this component.
+    /// Increase of 2 ln L due to this component. L is the likelihood.
     pub(super) gain: f64,
 }
 

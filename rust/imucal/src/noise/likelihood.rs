@@ -77,8 +77,8 @@ impl Likelihood<'_> {
         )
     }
 
-    /// Deviation of the sum of the selected powers from the model. It is given as a standard normal variable (Wilson
-    /// and Hilferty).
+    /// Deviation of the sum of the selected powers from the model. The sum has a chi-square distribution, which is
+    /// converted to a standard normal variable (Wilson and Hilferty).
     pub(super) fn excess(&self, theta: &PerKind, of: impl Fn(&Power) -> bool) -> f64 {
         let (mut chi2, mut dof) = (0.0, 0.0);
         for power in self.powers.iter().filter(|power| of(power)) {
@@ -89,12 +89,12 @@ impl Likelihood<'_> {
         if dof > 0.0 { ((chi2 / dof).cbrt() - 1.0 + ninth) / ninth.sqrt() } else { 0.0 }
     }
 
-    /// 95 % confidence band of one parameter.
+    /// 95 % confidence band of the parameter of noise kind `kind`.
     ///
-    /// The result is the union of two bands. For the first band, the parameters of the other kinds of noise are limited
-    /// to values of at least zero. For the second band, they may be negative. The second band is needed if one of the
-    /// other kinds of noise is absent. The constrained estimate of this kind cannot be below the true value of zero, so
-    /// the first band is too narrow.
+    /// The result is the union of two bands. In the first, the parameters of the other kinds of noise are limited to
+    /// values >= 0. In the second, these parameters may be negative. The second band is needed if another kind of noise
+    /// is absent, so that its true parameter is zero. Its limited estimate cannot be negative, and the first band is
+    /// therefore too narrow.
     pub(super) fn band(&self, best: &Fit, kind: usize) -> Band {
         let std = self.standard_deviations(&best.theta);
         let free = self.maximize(best.theta, None, Domain::Free);
@@ -141,8 +141,8 @@ impl Likelihood<'_> {
         dot(theta, &power.expected) + self.rounding * power.expected[super::power_law::WHITE]
     }
 
-    /// Start value of each kind of noise. It is a tenth of the smallest ratio of a power to the expected power for a
-    /// parameter of one.
+    /// Start value of each kind of noise: 0.1 x the smallest ratio P / expected over all powers P > 0. `expected` is
+    /// the expected power for a parameter of one.
     fn start(&self) -> PerKind {
         let least = |kind: usize| {
             let ratios = self.powers.iter().map(|power| power.value / power.expected[kind]);

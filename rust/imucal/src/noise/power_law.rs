@@ -1,8 +1,8 @@
 //! Second-order statistics of each kind of noise: `docs/model.md` (30).
 //!
 //! Let x be the samples at unit rate, and p their cumulative sums. In general, p has no stationary covariance, but its
-//! second differences have one. The function s(k) is chosen so that the expectation `E p_i p_j = s(i - j)` gives the
-//! correct covariance of every second difference of p.
+//! second differences have one. The function s(k) takes the place of the covariance of p: with `E p_i p_j = s(i - j)`,
+//! the covariances of all second differences of p are correct.
 //!
 //! ```text
 //! white         x = n                       s(k) = -|k| / 2

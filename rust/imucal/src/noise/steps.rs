@@ -12,7 +12,7 @@ use crate::recording::Recording;
 
 /// Margin that is cut out before and after a step, s. The unit may still move within this margin.
 const MARGIN_S: f64 = 1.0;
-/// Number of blocks before and after a step whose samples determine the exact sample of the step.
+/// Number of blocks on each side of a step. Their samples determine the exact sample at which the step occurs.
 const NEAR_BLOCKS: usize = 8;
 
 /// A step of the mean of a unit at rest, for example after a bump against the table.
@@ -48,7 +48,7 @@ pub struct Departure {
     pub size: f64,
     /// Standard deviation of the size.
     pub std: f64,
-    /// Increase of twice the log-likelihood compared with the model without this change.
+    /// Increase of 2 ln L due to this change. L is the likelihood.
     pub gain: f64,
 }
 
@@ -114,8 +114,8 @@ pub(super) fn gather(
     (steps, drifts)
 }
 
-/// The sample, at most two blocks from the start of block `first`, at which the means before and after it differ most
-/// significantly.
+/// The first sample after a step near the start of block `first`. Samples up to two blocks from this start are tried.
+/// At the best one, the means before and after it differ most significantly.
 fn sharpened(recording: &Recording<'_>, rest: &Range<usize>, block: usize, first: usize, channel: usize) -> usize {
     let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
     let middle = rest.start + first * block;
@@ -262,7 +262,7 @@ mod tests {
         simulate(&Program::try_new(vec![Step::hold(DURATION_S)]).unwrap(), &unit, RATE_HZ, 9.80665, seed).unwrap()
     }
 
-    /// The noise of the run after `change` is added to accelerometer x and subtracted from gyroscope z.
+    /// Identifies the noise of the run, with `change` added to accelerometer x and subtracted from gyroscope z.
     fn noise_with(run: &Simulation, change: impl Fn(f64) -> f64, cut_steps: bool) -> Noise {
         let (mut force, mut rate) = (run.specific_force.clone(), run.angular_rate.clone());
         for (k, time_s) in run.time_s.iter().enumerate() {

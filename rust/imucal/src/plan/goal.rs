@@ -4,8 +4,7 @@ use faer::Mat;
 
 use super::predict::{covariance, log_determinant};
 
-/// Order p of the p-norm of the ratios of variances to their targets. The p-norm approximates the maximum, but is
-/// smooth.
+/// Order of the p-norm over all ratios variance / target variance. The p-norm approximates the maximum, but is smooth.
 const NORM_ORDER: f64 = 8.0;
 
 /// Goal of an optimal program.
@@ -30,8 +29,8 @@ impl Goal {
         match self {
             Self::MostIn { .. } => Some(-log_determinant(information, prior)? / prior.len() as f64),
             Self::ShortestTo { .. } => {
-                // The p-norm approximates the largest ratio of a variance to its target variance. Unlike the maximum,
-                // it also decreases if one of the smaller ratios decreases.
+                // The p-norm approximates the largest ratio variance / target variance. Unlike the maximum, it also
+                // decreases if one of the smaller ratios decreases.
                 let shares = self.shares(information, prior)?;
                 let worst = shares.iter().map(|share| share.powf(NORM_ORDER)).sum::<f64>().powf(1.0 / NORM_ORDER);
                 // A variance is inversely proportional to the duration of the program. With weight 2, missing a
@@ -43,14 +42,14 @@ impl Goal {
         }
     }
 
-    /// Largest ratio of a variance to its target variance; 0 for a goal without targets. If it is above 1, the goal is
-    /// not reached.
+    /// Largest ratio variance / target variance; 0 for a goal without targets. If it is above 1, the goal is not
+    /// reached.
     pub(super) fn worst(&self, information: &Mat<f64>, prior: &[f64]) -> Option<f64> {
         Some(self.shares(information, prior)?.into_iter().fold(0.0, f64::max))
     }
 
-    /// Ratio of each variance to its target variance, the square of the target standard deviation; empty for a goal
-    /// without targets.
+    /// The ratio variance / sigma^2 of each parameter. sigma is the target standard deviation. Empty for a goal without
+    /// targets.
     fn shares(&self, information: &Mat<f64>, prior: &[f64]) -> Option<Vec<f64>> {
         let Self::ShortestTo { sigma } = self else { return Some(Vec::new()) };
         let covariance = covariance(information, prior)?;

@@ -13,9 +13,9 @@ use crate::simulate::Motion;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
     /// Standard deviation of each parameter in SI units, in the order of [`Sensors`]: first the 21 parameters of the
-    /// triads, then the parameters of the effects. A parameter that the motion does not determine has the standard
-    /// deviation of its prior. This prior is a tenth of the size of a parameter, or ten typical sizes for a parameter
-    /// of an effect. If the user gave a narrower prior, it is used instead.
+    /// triads, then the parameters of the effects. A parameter that the motion does not determine has its prior
+    /// standard deviation: a tenth of its size for the triads, and ten typical sizes for the effects. If the user gave
+    /// a narrower prior, it is used instead.
     pub sigma: Vec<f64>,
     /// Number of rests that are long enough for rest detection.
     pub rests: usize,

@@ -23,8 +23,8 @@ const STEPS: usize = 32;
 pub(super) struct RestInformation {
     force: [Vec<f64>; 3],
     rate: [Vec<f64>; 3],
-    /// Variances of the rounding errors of the mean force and of the mean rate, divided by the white-noise variances
-    /// of these means over one second.
+    /// For the mean force and for the mean rate: variance of the rounding error / variance of the white noise of the
+    /// mean over one second.
     rounding: [f64; 2],
     /// Propagation of the gravity direction over half of [`HELD_S`]; `None` for a rest on a stand. The mean force
     /// over an interval of a hand-held rest measures the gravity direction at the middle of the interval. The filter

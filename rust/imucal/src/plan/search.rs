@@ -21,8 +21,8 @@ use crate::simulate::Program;
 
 /// Initial numbers of poses, one for each start of the search. The search can add and remove poses.
 const STARTS: [usize; 4] = [8, 16, 32, 64];
-/// Each start of the search has a fraction of all proposals: their number divided by this value. All remaining
-/// proposals then improve the best result.
+/// Each start of the search tries 1 / `SHARE_OF_START` of all proposals. The remaining proposals improve the best
+/// start.
 const SHARE_OF_START: usize = 16;
 /// Annealing temperature at the start of the search. The cost of a program is a logarithm, so the temperature has no
 /// unit. An increase of the cost by this temperature is accepted with a probability of about one third.

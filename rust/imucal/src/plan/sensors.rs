@@ -18,7 +18,7 @@ use crate::two_stage::observability::FARTHEST;
 /// Maximum share of the gyroscope's range that a plan uses. The other part is a margin for noise and for overshoot of
 /// the motors.
 const NEAR_RAILS: f64 = 0.95;
-/// Assumed time constant of an effect that has one, as a share of the duration of the run.
+/// For an effect with a time constant: assumed time constant / duration of the run.
 const SHAPE_SHARE: f64 = 0.3;
 
 /// Model of a unit for planning: the sensitivities, the white noise, and the effects to be estimated.
@@ -135,9 +135,8 @@ impl Sensors {
         self.effects.iter().flat_map(named).collect()
     }
 
-    /// Prior precision (inverse variance) of each parameter. The prior standard deviation is a tenth of the size of a
-    /// parameter, or ten typical sizes for a parameter of an effect. If the user gave a narrower prior for a parameter,
-    /// the precision of the user's prior is used.
+    /// Prior precision 1 / sigma^2 of each parameter. sigma is a tenth of the size of a parameter of the triads, and
+    /// ten typical sizes of a parameter of an effect. If the user gave a narrower prior, its sigma is used.
     pub(super) fn prior_precision(&self) -> Vec<f64> {
         let scale = |matrix: &Matrix3<f64>| matrix.norm() / 3f64.sqrt();
         let (accelerometer, gyroscope) = (scale(&self.accelerometer), scale(&self.gyroscope));

@@ -191,9 +191,8 @@ fn finish(
     let second_order = second_order::mean_square(solution, &row_gain, first..problem.count(), residuals_at)?;
     let mut report = FitReport::of(solution);
     if !is_determined {
-        // The residuals of the priors also determine parameters, but the degrees of freedom are those of the rests.
-        // They are the number of rests minus the number of parameters that the rests determine (the sum of the rests'
-        // leverages).
+        // Priors also determine parameters, but the degrees of freedom count only the rests: number of rests - sum of
+        // their leverages. The sum of the leverages is the number of parameters that the rests determine.
         let of_rests: f64 = lsq::leverages(&solution.jacobian)[..problem.means.len()].iter().sum();
         report.degrees_of_freedom = problem.means.len().saturating_sub(of_rests.round() as usize);
     }

@@ -68,8 +68,8 @@ struct Linearised {
 
 /// A first fit is close to the global minimum if the rms of its direction errors is below this limit, rad.
 const CLOSE_RAD: f64 = 0.05;
-/// A preintegration is reused with a slightly different gyroscope if the second-order error is at most this fraction of
-/// the standard deviation of the direction residual of a move. Otherwise, the samples are integrated again.
+/// A preintegration is reused for a slightly different gyroscope if second-order error <= this value x standard
+/// deviation of the direction residual of a move. Otherwise, the samples are integrated again.
 const MAX_SECOND_ORDER: f64 = 1e-9;
 
 impl<'a> PreintegratedMoves<'a> {
@@ -170,8 +170,8 @@ impl Linearised {
         if self.triad == *triad {
             return Some(self);
         }
-        // The new inverse sensitivity is (I + `change`) times the old one, and both gyroscopes have the same bias.
-        // `change` times the old rate is therefore the change of the rate.
+        // T_new^-1 = (I + `change`) T_old^-1, and the bias is the same. The change of the rate is therefore `change` x
+        // old rate.
         let change = triad.inverse() * self.triad.sensitivity() - Matrix3::identity();
         let mut preintegrated = self.preintegrated.clone();
         for (preintegrated, ends) in preintegrated.iter_mut().zip(ends) {

@@ -25,11 +25,11 @@ pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
 pub(crate) const LARGEST_SHIFT: f64 = 0.01;
 /// Standard deviation of the prior of a parameter about its nominal value, as a fraction of its size.
 pub(crate) const FARTHEST: f64 = 0.1;
-/// An undetermined parameter that is unobservable by itself is not assigned to a group. It is unobservable by itself if
-/// the unobservable directions contain at least this share of the squared length of a change of this parameter only.
+/// An undetermined parameter is unobservable by itself if p >= this share. It then belongs to no group. p is the
+/// squared length of the unit vector of the parameter after projection onto the unobservable directions.
 const OWN_SHARE: f64 = 0.95;
-/// Two undetermined parameters belong to one group if the magnitude of their correlation, computed from the
-/// unobservable directions only, exceeds this limit.
+/// Two undetermined parameters belong to one group if |correlation| > this value. The correlation is computed from the
+/// unobservable directions only.
 const TRADED: f64 = 0.1;
 /// A pose counts as "axis up" or "axis down" if the angle between the axis and the vertical is at most this limit, deg.
 const FACE_LIMIT_DEG: f64 = 40.0;
@@ -47,8 +47,8 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 pub(crate) struct Open {
     /// Columns of the design whose parameters are not determined.
     pub(crate) columns: Vec<usize>,
-    /// Groups of undetermined columns, each with the number of those linear combinations of its columns that are
-    /// determined.
+    /// Groups of columns that are not determined individually. The number with each group is the number of linear
+    /// combinations of its columns that are determined.
     pub(crate) traded: Vec<(Vec<usize>, usize)>,
 }
 
@@ -125,8 +125,8 @@ impl Open {
     }
 }
 
-/// Groups of undetermined columns that are correlated within the unobservable directions. Each group is listed with
-/// the number of those linear combinations of its columns that are determined.
+/// Groups of undetermined columns that are correlated within the unobservable directions. The number with each group is
+/// the number of linear combinations of its columns that are determined.
 fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(Vec<usize>, usize)> {
     let mut left: Vec<usize> = columns.iter().copied().filter(|&j| projection(j, j) < OWN_SHARE).collect();
     let mut groups = Vec::new();

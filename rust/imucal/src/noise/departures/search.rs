@@ -7,12 +7,12 @@ use crate::noise::cosines::{Power, pooled};
 use crate::noise::likelihood::Likelihood;
 use crate::noise::power_law::{KINDS, PerKind, WALK, WHITE, dot};
 
-/// A component at a known time is significant if it increases twice the log-likelihood by at least this value. With
-/// this limit and the penalty for the choice of the time, the false-alarm probability is about 1e-3 for a record
-/// without steps.
+/// A component at a known time is significant if it increases 2 ln L by at least this value. L is the likelihood. The
+/// time is in fact unknown, so the increase must also exceed the penalty for the choice of the time. With both, the
+/// false-alarm probability is about 1e-3 for a record without steps.
 const GAIN: f64 = 16.0;
-/// Additional penalty of a drift, subtracted from its gain of twice the log-likelihood. A drift has one more parameter
-/// than a step, and the additional parameter must provide this gain. It corresponds to a likelihood ratio of 7.
+/// Additional penalty of a drift, subtracted from its increase of 2 ln L. A drift has one more parameter than a step.
+/// This parameter must increase 2 ln L by at least the penalty, which is a likelihood ratio of exp(4 / 2) = 7.
 const LENGTH: f64 = 4.0;
 /// Maximum number of components.
 const MAX_COMPONENTS: usize = 12;
@@ -34,7 +34,7 @@ struct Explained {
     columns: Vec<Vec<f64>>,
     sizes: Vec<(f64, f64)>,
     theta: PerKind,
-    /// Minus twice the log-likelihood, up to a constant.
+    /// -2 ln L, up to a constant. L is the likelihood.
     cost: f64,
 }
 
@@ -60,9 +60,8 @@ impl Search<'_> {
             .collect()
     }
 
-    /// Penalty of a shape. It is twice the logarithm of the number of candidate shapes of its kind. A drift has the
-    /// additional penalty `LENGTH`, because it has one more parameter than a step: the length of a ramp, or the time
-    /// constant of a warm-up.
+    /// Penalty of a shape: 2 ln(number of candidate shapes of its kind). A drift has the additional penalty `LENGTH`
+    /// for its additional parameter: the length of a ramp, or the time constant of a warm-up.
     fn penalty(&self, shape: Shape) -> f64 {
         let is_same = |other: &&Shape| std::mem::discriminant(*other) == std::mem::discriminant(&shape);
         let length = if shape.is_step() { 0.0 } else { LENGTH };
@@ -70,9 +69,9 @@ impl Search<'_> {
     }
 
     /// The present set of components, extended by the best further component. Candidates are scored twice: with the
-    /// noise parameters of the present set, and with noise parameters fitted without a random walk. A large step
-    /// increases the estimated random walk so much that the step is no longer significant. The second score is
-    /// therefore needed.
+    /// noise parameters of the present set, and with noise parameters fitted without a random walk. The second score is
+    /// needed because an unexplained large step increases the estimated random walk, and then the step is not
+    /// significant.
     fn next(&self, present: &Explained) -> Option<Explained> {
         let mut without_walk = self.noise.kinds;
         without_walk[WALK] = false;
@@ -236,8 +235,8 @@ impl Search<'_> {
         residual
     }
 
-    /// Fits the noise parameters to the cosines `residual`. Returns the parameters, and minus twice the log-likelihood
-    /// of the fit.
+    /// Fits the noise parameters to the cosines `residual`. Returns the parameters and -2 ln L of the fit, up to a
+    /// constant.
     fn fit(&self, residual: &[f64], kinds: [bool; KINDS]) -> (PerKind, f64) {
         let squares: Vec<f64> = residual.iter().map(|z| z * z).collect();
         let mut powers = pooled(&squares, &self.blocks.expected, self.blocks.samples as f64);

@@ -17,7 +17,8 @@ pub(crate) struct GyroscopeBias {
     /// Weight of each rest for each axis. The weights of an axis have the sum one, and an excluded rest has the weight
     /// zero.
     pub(crate) weights: Vec<Vector3<f64>>,
-    /// Variance between rests in excess of the noise of their means, squared raw units; tau^2 of model.md (7).
+    /// Variance of the bias between rests, squared raw units; tau^2 of model.md (7). It is the scatter of the mean
+    /// rates in excess of their noise.
     pub(crate) between: Vector3<f64>,
 }
 
