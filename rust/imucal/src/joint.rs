@@ -13,10 +13,11 @@
 //! R(t) is the rotation from time t to the start of the move; both are integrated from the gyroscope rates. The two
 //! rows of E_k span the plane perpendicular to u_(k+1).
 //!
-//! The quantities f, u and R are corrected for the effects. The mean-force error of a rest correlates the residuals of
-//! its two adjacent moves; `whiten` accounts for this covariance. The attitude error inside a move is a random walk;
-//! the innovations of a Kalman filter whiten it (`inside`). The weights are estimated from the residuals of a fit, and
-//! the next fit uses the new weights. Fits are repeated until the parameters converge.
+//! The quantities f, u and R are corrected for the effects. An error of the mean force at a rest changes the residuals
+//! of both adjacent moves, so these residuals are correlated; `whiten` accounts for their covariance. The attitude
+//! error inside a move is a random walk; the innovations of a Kalman filter whiten it (`inside`). The weights are
+//! estimated from the residuals of a fit, and the next fit uses the new weights. Fits are repeated until the parameters
+//! converge.
 
 mod choices;
 mod encoders;
@@ -87,13 +88,13 @@ use reweighting::Reweighting;
 use start::Prior;
 use weights::Weights;
 
-/// Observability limit of an effect. It applies to the change of the whitened residuals (root of chi2) due to a
-/// parameter change of one typical size, in the least observable direction of the parameters. At 0.1, ten typical sizes
-/// change chi2 by one (model.md (18)).
+/// An effect is observable if a parameter change of one typical size changes the whitened residuals by a vector of at
+/// least this norm, even in the least observable direction of its parameters. At 0.1, a change of ten typical sizes
+/// changes chi2 by one (model.md (18)).
 const LEAST_CHANGE: f64 = 0.1;
-/// Observability limit of an effect with a prior, which the recordings may determine only partly. It applies to the
-/// change of the whitened residuals due to a parameter change of one typical size, in the most observable direction of
-/// the parameters. At 0.01, a hundred typical sizes change chi2 by one.
+/// An effect may get a prior if a parameter change of one typical size changes the whitened residuals by a vector of at
+/// least this norm, in the most observable direction of its parameters. At 0.01, a change of a hundred typical sizes
+/// changes chi2 by one.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
 /// Initial standard deviation of the prior of an effect that is determined only partly, in typical sizes of its
 /// parameters.
@@ -101,19 +102,19 @@ const WIDE: f64 = 100.0;
 /// Convergence limit of the repeated fits: largest change of a parameter between two fits, in standard deviations
 /// (model.md (18)).
 const SETTLED: f64 = 1e-3;
-/// Maximum change of a parameter in the last permitted fit, in standard deviations. If a change is larger, the weights
-/// are reported as not converged. The convergence test of a single fit has the same limit. An estimate whose last
-/// change is between `SETTLED` and this limit is usable. For example, in slow hand-held runs with a temperature cycle,
-/// the changes decrease only by a constant factor per fit.
+/// If a parameter changes by more than this number of standard deviations in the last permitted fit, the weights are
+/// reported as not converged. The gradient test of a single fit has the same limit. An estimate whose last change is
+/// between `SETTLED` and this limit is usable. For example, in slow hand-held runs with a temperature cycle, the
+/// changes decrease only by a constant factor per fit.
 const NOT_SETTLED: f64 = 0.1;
 /// Maximum number of fits with new weights. If the parameters have not converged after this number, the result is
 /// reported as not converged. Most runs converge within five fits.
 const MAX_ROUNDS: usize = 16;
-/// Maximum ratio of residual scatter to noise at the start of a search. With a larger ratio, the weights estimated from
-/// these residuals are too small, so the fit is repeated with new weights.
+/// If the residuals at the start of a search scatter by more than this multiple of their noise, the weights estimated
+/// from them are too small. The fit is then repeated with new weights.
 const MISLEADING: f64 = 10.0;
-/// The repeated fits end when the ratio of scatter to noise changes by less than this factor for every kind of
-/// residuals.
+/// The repeated fits of a search end when no ratio of scatter to noise changes by more than this factor. There is one
+/// ratio for each kind of residuals.
 const FAR: f64 = 1.5;
 /// Relative tolerance of the solver in a search and in the first round of a fit, in which the weights are preliminary.
 const SEARCH: f64 = 1e-5;
@@ -180,8 +181,9 @@ pub(crate) fn fit(
 }
 
 /// Joint fit for a search. It starts from the model `start` and has a relative tolerance of 1e-5. The fit is repeated
-/// with new weights only if the residuals at the start were far above noise. `width` returns the standard deviation of
-/// the prior of an effect, in typical sizes, or `None` without a prior. Returns the linearisation at the estimate.
+/// with new weights if the residuals at the start were far above noise, and once if encoders are used. `width` returns
+/// the standard deviation of the prior of an effect, in typical sizes, or `None` without a prior. Returns the
+/// linearisation at the estimate.
 pub(crate) fn fit_for_search(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -234,12 +236,12 @@ pub(crate) fn predict(
     Ok(moves_of(&linear, &weights))
 }
 
-/// Prepares the first fit. Effects that are not determined give an error. Effects that are determined partly get a
-/// prior of `width` typical sizes. The weights are estimated from the residuals at the start.
+/// Prepares the first fit: sets the priors of the effects (see `check_determined`), and estimates the weights from the
+/// residuals at the start.
 ///
 /// With weights from noise only, the large residuals at the start could move an effect far from its true value. For
-/// example, a g-sensitivity that is equal on all axes acts at rest like a rotation about gravity, which the moves do
-/// not observe. A fit with a very large g-sensitivity of this kind rotates so fast that all other errors average out.
+/// example, a g-sensitivity that is equal on all axes adds a rate about gravity at rest, which the moves do not
+/// observe. If this g-sensitivity is very large, the fitted rotations are so fast that all other errors average out.
 fn begin(
     problem: &mut Joint<'_>,
     terms: &Terms<'_>,
@@ -303,16 +305,17 @@ fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error
     Ok(())
 }
 
-/// Returns an error with an explanation from the catalogue if the recordings do not determine an effect. If an effect
-/// is determined in some directions and `width` returns a width, the effect gets a prior instead.
+/// Priors of the effects. An effect for which `width` returns a width gets a prior of this width, if the recordings
+/// determine at least one direction of its parameters. Any other effect must be determined in all directions;
+/// otherwise, the error contains the explanation from the catalogue.
 fn check_determined(
     jacobian: &Mat<f64>,
     terms: &Terms<'_>,
     width: impl Fn(&Term<'_>) -> Option<f64>,
 ) -> Result<Vec<Prior>, Error> {
     let mut priors = Vec::new();
-    // A prior of 100 typical sizes hardly changes the estimate in observable directions. The exact observability limit
-    // therefore has no influence on the result.
+    // A prior of 100 typical sizes hardly changes the estimate in observable directions. Therefore, the result does not
+    // depend on the exact value of the observability limit.
     for term in &terms.all {
         // Columns of zeros are omitted. The column of a time constant is zero while its effect is zero, and the QR
         // decomposition would give it an arbitrary direction.

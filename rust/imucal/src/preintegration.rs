@@ -136,8 +136,9 @@ impl Sums {
         self.bias += weight;
     }
 
-    /// Adds the contribution of effects over an interval. The sensitivity multiplies the sum of the true rate and the
-    /// effects. `beyond` is the part due to the effects, rad/s. `weight` is the integral of R over the interval, s.
+    /// Adds the contribution of effects over an interval. It is needed because the sensitivity multiplies the sum of
+    /// the true rate and the effects. `beyond` is the rate of the effects, rad/s. `weight` is the integral of R over
+    /// the interval, s.
     pub(crate) fn add_beyond(&mut self, weight: &Matrix3<f64>, beyond: &Vector3<f64>) {
         self.sensitivity.iter_mut().zip(beyond).for_each(|(sum, part)| *sum += weight * *part);
     }

@@ -17,8 +17,8 @@ impl EffectChoice {
         Self { effect, parameters: effect.plain }
     }
 
-    /// The effect as a candidate of a search: an effect of the temperature in its full form, because the search selects
-    /// the degree of its polynomial, and any other effect in its plain form.
+    /// The effect as a candidate of a search. An effect of the temperature has its full form, because the search
+    /// selects the degree of its polynomial. Any other effect has its plain form.
     pub fn candidate(effect: &'static Effect<f64>) -> Self {
         if effect.needs.contains(&Need::Temperature) { Self::full(effect) } else { Self::plain(effect) }
     }

@@ -71,8 +71,8 @@ fn derivatives_in_a_hand_meet_central_differences() {
     .unwrap();
 }
 
-/// Limit below which a Jacobian column counts as zero. It applies to the changes of all whitened residuals due to a
-/// change of the parameter by ten typical sizes.
+/// A Jacobian column counts as zero if a change of its parameter by ten typical sizes changes no whitened residual by
+/// more than this value.
 const SEEN: f64 = 1e-3;
 
 /// For each Jacobian column, the largest difference from a central difference, divided by the largest entry of the
@@ -123,8 +123,9 @@ fn derivatives_meet_central_differences() {
     const NONE: (bool, bool) = (false, false);
     let runs = [(NONE, 100.0), ((true, false), 100.0), ((false, true), 100.0), ((true, true), 100.0)];
     for ((in_motion, encoders), rate_hz) in runs.into_iter().chain([(NONE, 400.0), ((true, false), 400.0)]) {
-        // All effects are tested with the residuals of rests and moves. With the residuals inside moves, only the
-        // effects that need these residuals and the effects in `FEW` are tested.
+        // Each effect is tested with the residuals that it needs: an effect of the encoders with encoders, an effect of
+        // the angular acceleration with the force inside moves, and any other effect with rests and moves only. The
+        // effects in `FEW` are tested with all kinds of residuals.
         let seen = |effect: &&'static Effect<f64>| {
             let own = match effect.sensor {
                 Sensor::Encoder => encoders,
@@ -199,11 +200,10 @@ fn what_stands_apart_is_whitened_alike() {
     );
 }
 
-/// An effect is computed from the corrected rate and force, which depend on the parameters of the sensors. The Jacobian
-/// neglects this dependence. If the effect has its typical size, the relative error of the Jacobian is therefore about
-/// the derivative of the effect with respect to the rate and the force. If the effect is a delay or a lever arm, the
-/// error is largest in the columns of the gyroscope sensitivity. A delay depends on the derivative of the rate, and a
-/// lever arm also on the square of the rate.
+/// The Jacobian neglects that an effect is computed from the corrected rate and force, which depend on the parameters
+/// of the sensors. The relative error of the Jacobian is about the derivative of the effect with respect to the rate
+/// and the force. For a delay or a lever arm of typical size, the error is largest in the columns of the gyroscope
+/// sensitivity. A delay depends on the derivative of the rate, and a lever arm also on the square of the rate.
 #[test]
 fn derivatives_at_an_effect_leave_its_slope_out() {
     for name in [

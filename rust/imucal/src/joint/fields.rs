@@ -11,10 +11,10 @@
 //!
 //! Phi is the error field, and Phi_k is its value at rest k. T is the sensitivity of the gyroscope, f is the specific
 //! force, and u is the unit vector up at the rest or at the start of the move. R(t) is the rotation from the body frame
-//! at time t to the body frame at the start of the move, and turn(t) is its change, because the correction subtracts
-//! Phi from the rate: R(t) becomes exp(turn(t)) R(t). The two rows of E span the plane perpendicular to the direction
-//! up at the end of the move. A field of the accelerometer also changes the gravity directions at the rests, and
-//! through them the residuals of the moves.
+//! at time t to the body frame at the start of the move. The correction subtracts Phi from the rate, and this changes
+//! R(t) to exp(turn(t)) R(t). The two rows of E span the plane perpendicular to the direction up at the end of the
+//! move. A field of the accelerometer also changes the gravity directions at the rests, and through them the residuals
+//! of the moves.
 
 use std::ops::Range;
 

@@ -19,7 +19,7 @@ const NODE_S: f64 = 0.02;
 const MOST_NODES: usize = 100_000;
 
 /// Samples of a recording at which user-defined effects and temperature histories are looked up. A user-defined effect
-/// is evaluated at the first sample, and a temperature history is averaged over all of them.
+/// is evaluated at the first sample, and a temperature history is averaged over all samples.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sample {
     pub(crate) recording: usize,

@@ -69,8 +69,8 @@ pub(crate) struct Linear {
     kinds: Kinds,
 }
 
-/// Row ranges of the whitened residuals that come after force norms, directions after moves and mean rates: forces
-/// inside the moves, gravity directions relative to the stand, and attitudes relative to the stand.
+/// Row ranges of three groups of whitened residuals: forces inside the moves, gravity directions relative to the stand,
+/// and attitudes relative to the stand. These rows follow the force norms, directions after moves and mean rates.
 pub(crate) struct Groups {
     pub(crate) inside: Range<usize>,
     pub(crate) stand_rests: Range<usize>,
@@ -113,8 +113,8 @@ impl Linear {
         Groups { inside: start..a, stand_rests: a..b, stand_moves: b..c }
     }
 
-    /// For each group of whitened residuals after the mean rates: the rest or move, and the range of rows. The groups
-    /// are the forces inside each move, the gravity direction at each rest relative to the stand, and the attitudes
+    /// Row ranges of the whitened residuals that follow the mean rates. There is one range, with its rest or move, for
+    /// the forces inside each move, for the gravity direction at each rest relative to the stand, and for the attitudes
     /// inside each move relative to the stand.
     pub(super) fn rows_beyond_rates(&self) -> Vec<(Source, Range<usize>)> {
         let mut row = self.lines.len() + 3 * self.rates.len();
@@ -154,8 +154,8 @@ impl Linear {
 
 /// Index of a kind of residuals, see [`Linear::groups_of_rows`]: the specific force inside the moves.
 pub(crate) const INSIDE: usize = 5;
-/// Index of a kind of residuals: measured gravity directions at the rests minus the directions computed from the
-/// stand's encoder angles.
+/// Index of a kind of residuals: gravity directions computed from the stand's encoder angles, minus the directions
+/// measured at the rests.
 pub(crate) const STAND_RESTS: usize = 6;
 /// Index of a kind of residuals: attitudes inside the moves relative to the attitudes computed from the stand's encoder
 /// angles.
@@ -168,8 +168,8 @@ pub(crate) const EPOCH_STEPS: usize = 9;
 /// Index of a kind of residuals: mean rates at the second and later epochs (parts) of long rests, all axes.
 pub(crate) const EPOCH_RATES: usize = 10;
 
-/// Computing time per sample with effects or with blocks inside the move, divided by the time for plain preintegration.
-/// The number of threads is computed from this ratio.
+/// Computing time per sample with effects or with blocks inside the move, divided by the time of preintegration without
+/// either. The number of threads is computed from this ratio.
 const COST: usize = 30;
 
 impl Prepared<'_> {
@@ -296,9 +296,9 @@ impl Prepared<'_> {
         let mut by_bias = -Matrix3::identity();
         let mut turned_by_effects = vec![Vector3::zeros(); terms.count];
         if let Some((PropagatedMean { mean_s, .. }, error)) = propagated.as_ref().zip(bias_error) {
-            // At a hand-held rest, the rotation between its two ends, divided by its duration, was subtracted from the
-            // mean rate. This rotation was computed from the gravity directions at the two ends, which depend on the
-            // gyroscope bias (model.md (27)).
+            // At a hand-held rest, a mean rotation rate was subtracted from the mean rate. It was computed from the
+            // gravity directions at the two ends of the rest. The residual depends on the gyroscope bias because these
+            // directions were propagated with a bias (model.md (27)).
             let across = Matrix3::identity() - up * up.transpose();
             let turned = sensitivity * across * (2.0 * mean_s / (rest.end_s - rest.start_s));
             residual += turned * error.value;
@@ -330,7 +330,7 @@ impl Prepared<'_> {
     }
 }
 
-/// Residuals inside the moves of a linearisation. The rows of a move are whitened only when they are requested.
+/// The residuals of a linearised model inside the moves. The rows of a move are whitened only when they are requested.
 pub(crate) struct Insides {
     linear: Arc<Linear>,
     noise: Vec<InsideNoise>,

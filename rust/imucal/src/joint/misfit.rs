@@ -57,9 +57,9 @@ pub(crate) struct Misfits {
     pub(crate) moves: Vec<Option<Misfit>>,
     /// Goodness of fit of each kind of residuals that has degrees of freedom.
     pub(crate) groups: Vec<GroupMisfit>,
-    /// For each parameter with a prior: the residual of the prior in standard deviations, and one minus its leverage
-    /// (the share of the residual's variance that remains after the fit). `None` if no other residual depends on the
-    /// parameter.
+    /// For each parameter with a prior: the residual of the prior in standard deviations, and 1 - h. h is the leverage
+    /// of this residual, and 1 - h is the share of its variance that remains after the fit. `None` if no other residual
+    /// depends on the parameter.
     pub(crate) held: Vec<Option<(f64, f64)>>,
 }
 
@@ -197,8 +197,8 @@ impl Parts {
         Self { size, kept, shared, others, given, units }
     }
 
-    /// Indices into `units` of the errors that become free parameters if the given rests are held out. They are the
-    /// errors of the mean rates and of the mean forces of these rests.
+    /// Indices into `units` of the errors that become free parameters if the rests `rests` are held out: the errors of
+    /// the mean rates and of the mean forces of these rests.
     fn columns_of(&self, linear: &Linear, rests: &[usize]) -> Vec<usize> {
         let places = linear.rates.iter().enumerate().filter(|(_, (k, _))| rests.contains(k)).map(|(place, _)| place);
         let rates = linear.lines.len();
@@ -206,10 +206,10 @@ impl Parts {
         places.flat_map(|place| [rates, means].map(|first| first + 3 * place)).flat_map(|at| at..at + 3).collect()
     }
 
-    /// Change of the parameters in a fit with held-out residuals. Residuals with correlated errors (force norms,
-    /// directions after moves, mean rates) are held out by additional free parameters: the errors `columns` (indices
-    /// into `units`). The independent residuals of a rest or move are held out by omission if `is_out` is true for it.
-    /// `None` if this fit does not determine all parameters.
+    /// Change of the parameters in a fit with held-out residuals; `None` if this fit does not determine all parameters.
+    /// For residuals with correlated errors (force norms, directions after moves, mean rates), the errors `columns`
+    /// (indices into `units`) become free parameters. The independent residuals of a rest or move are omitted if
+    /// `is_out` is true for it.
     fn without(&self, columns: &[usize], is_out: impl Fn(Source) -> bool) -> Option<Vec<f64>> {
         let (rows, n) = (self.shared.nrows(), self.kept.len());
         let mut basis: Vec<Stretch> = Vec::with_capacity(columns.len());

@@ -80,15 +80,15 @@ impl Group {
     }
 }
 
-/// Kinds of residuals. The decreases d of chi2 (model.md (25)) of all residuals of a kind are divided by one common
-/// scale.
+/// Kinds of residuals. Each kind has a scale: the decreases d of chi2 (model.md (25)) of all residuals of the kind are
+/// divided by it.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Norm,
     Rate,
     Move,
-    /// Error of the mean force of a rest. It changes the norm and the gravity direction of the rest, and thus also
-    /// the residuals of the moves before and after the rest.
+    /// Error of the mean force of a rest. It changes the norm and the gravity direction of the rest, and thus also the
+    /// residuals of the adjacent moves. Its scale is the larger of the scales of norms and moves.
     Mean,
 }
 
@@ -168,9 +168,9 @@ pub(crate) fn outliers(
 }
 
 /// Rests whose norm the other rests do not predict, for example the only rest of a box-shaped unit on one of its faces.
-/// Only the moves predict the norm of such a rest. Its scale is therefore the larger of the scales of norms and of
-/// moves. The leverages are computed from the design matrix of model.md (12): the derivatives of the norms divided by
-/// the model error of a rest, and the rows of the prior.
+/// Because only the moves predict this norm, its d is divided by the larger of the scales of norms and moves. The
+/// leverages are those of the design matrix of model.md (12). Its rows are the derivatives of the norms, divided by the
+/// model error of a rest, and the rows of the prior.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear
@@ -264,8 +264,8 @@ fn scale((kind, later): (Kind, bool), judged: &[(&Group, f64, usize)]) -> f64 {
     if ratios.is_empty() { 1.0 } else { median(&mut ratios).max(1.0) }
 }
 
-/// Linearised and whitened fit from which residuals can be excluded. A residual is excluded by a further parameter,
-/// whose derivatives are a column of A (model.md (25)).
+/// Linearised and whitened fit from which residuals can be excluded. An additional free parameter excludes a residual;
+/// its derivatives are a column of A (model.md (25)).
 pub(super) struct LeaveOut {
     /// Columns of `L^-1 A` (model.md (25)), where L is the Cholesky factor of the residual covariance C. Each is stored
     /// as the index of its first nonzero row and the values from that row on.

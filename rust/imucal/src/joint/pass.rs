@@ -23,11 +23,11 @@
 //! interpolation between samples would give only the second power: it neglects the curvature of the rate, and these
 //! errors add up to zero over a move only if the axis of the rotation is fixed.
 //!
-//! The derivative of the effects with respect to the rate is neglected in d. For most effects, this changes d by less
-//! than 1 % (exceptions: model.md (17)). The residuals are exact. The derivative of the force with respect to the
-//! accelerometer parameters is evaluated at the propagated gravity instead of the sampled force. A column evaluated at
-//! the sampled force would contain the noise of the residual. A linear combination of this column and a noise-free
-//! column could then fit this noise (docs/decisions/0022).
+//! d neglects that the effects depend on the rate. For most effects, this changes d by less than 1 % (exceptions:
+//! model.md (17)). The residuals are exact. The derivative of the force with respect to the accelerometer parameters is
+//! evaluated at the propagated gravity instead of the sampled force. A column evaluated at the sampled force would
+//! contain the noise of the residual. A linear combination of this column and a noise-free column could then fit this
+//! noise (docs/decisions/0022).
 
 mod attitude_jacobian;
 mod corrected;
@@ -159,7 +159,7 @@ impl Route<'_> {
     }
 
     /// Number of samples in a segment, and number of segments in a block. A block consists of two segments, or of one
-    /// segment if it has a single sample.
+    /// segment if the block has a single sample.
     pub(super) fn stretches_of_block(&self) -> [usize; 2] {
         let [stretch, block] = [self.block_s / 2.0, self.block_s].map(|length_s| self.samples_in(length_s));
         [stretch, if block > stretch { 2 } else { 1 }]

@@ -28,9 +28,9 @@ pub(crate) struct Prepared<'a> {
     pub(crate) ends: &'a [[End; 2]],
     /// Window width of the numerical derivative of the rate, for each move. It stays constant during a fit.
     pub(crate) widths: &'a [Width],
-    /// Eigenvectors and eigenvalues, for each axis, of the covariance of the mean rates due to bias instability,
-    /// whitened with the noise of the mean rates. They are computed when first needed and then kept, because they
-    /// depend on the model only through the lower limit of the noise.
+    /// For each axis: eigenvectors and eigenvalues of `N^-1/2 C N^-1/2`. N is the noise covariance of the mean rates,
+    /// and C is their covariance for bias instability of size one. They are computed only once, because they depend on
+    /// the model only through the lower limit of the noise.
     pub(crate) flicker: &'a OnceLock<Option<[Modes; 3]>>,
     /// Temperature histories of the recordings.
     pub(crate) histories: &'a SharedHistories,

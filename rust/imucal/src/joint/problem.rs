@@ -247,9 +247,9 @@ impl<'a> Joint<'a> {
         (residual, all)
     }
 
-    /// Whitened residuals and Jacobian without priors, stored row by row. The residual is the last column. If the force
-    /// inside the moves is used without a stand, the second result contains its rows, which are whitened when they are
-    /// requested.
+    /// Whitened residuals and Jacobian without priors, stored row by row. The residual is the last column. If the fit
+    /// uses the force inside the moves and no stand, the second result contains the rows of this force. They are
+    /// whitened when they are requested.
     pub(crate) fn whiten_apart(&self, linear: &Arc<Linear>) -> (Lanes, Option<Insides>) {
         let rows = self.whiten_rows(linear);
         if self.terms.kinds.encoders || !self.terms.kinds.in_motion {

@@ -42,8 +42,8 @@ pub(super) struct Rests<'a> {
     model: &'a Model,
     on_force: Terms<'a>,
     on_rate: Terms<'a>,
-    /// For each rest: the inputs of the effects, and the columns of those effects on the force that do not depend on
-    /// the force.
+    /// For each rest: the inputs of the effects, and columns of the effects on the force. Only effects that do not
+    /// depend on the force itself have columns here.
     stills: Vec<(Still, Vec<Vector3<f64>>)>,
     /// Mean force at each rest.
     pub(super) forces: Vec<Force>,
@@ -100,11 +100,13 @@ impl<'a> Rests<'a> {
         mean
     }
 
-    /// Bias of the model minus the bias with which the samples of a hand-held rest were propagated; `None` for a rest
-    /// without tremor. The propagation used a bias estimated without effects: the mean rate of the rest, shrunk towards
-    /// the mean rate of all rests. If effects cause the difference between the two mean rates, the estimated bias lacks
-    /// a part of this difference for two reasons. The shrinkage removed one part. Another part was mistaken for a
-    /// rotation of the hand, because the samples had been propagated with the mean bias.
+    /// Bias of the model at a hand-held rest minus the bias with which its samples were propagated; `None` for a rest
+    /// without tremor. The propagation used the bias `m + (1 - shrunk) (m_k - m)`. m_k is the mean rate of rest k, and
+    /// m is the mean rate of all rests (model.md (27)).
+    ///
+    /// The bias of the model contains the rate that the effects add. If effects cause the difference m_k - m, the bias
+    /// used in the propagation lacks two parts of this difference: the part `shrunk`, and a part that was mistaken for
+    /// a rotation of the hand, because m_k was computed with the bias m.
     pub(super) fn bias_error(&self, k: usize) -> Option<BiasError> {
         let UnitRest { recording, rest, propagated, .. } = &self.prepared.rests[k];
         let PropagatedMean { mean_s, bias, shrunk } = propagated.as_ref()?;

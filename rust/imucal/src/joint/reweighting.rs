@@ -13,8 +13,8 @@ use crate::numerics::lsq::Solution;
 /// Number of fits after which the weights are extrapolated. The first fits have preliminary weights. Most runs converge
 /// within two or three further fits without extrapolation.
 const EXTRAPOLATE_AFTER: usize = 3;
-/// Largest extrapolation, in multiples of the last change of the logarithm of an excess. A multiple of 10 is exact if
-/// each change is 0.91 (10/11) times the previous change.
+/// Largest extrapolation of the logarithm of an excess, in multiples of its last change. If each change is r times the
+/// previous change, r / (1 - r) times the last change remain; the limit of 10 belongs to r = 10/11.
 const LARGEST_STEP: f64 = 10.0;
 
 /// State of the iteration over the weights.
@@ -24,7 +24,7 @@ pub(super) struct Reweighting {
     widened: Vec<Widened>,
     /// Kinds of residuals whose standard deviations are increased even if their excess is not significant.
     kept: Option<Widened>,
-    /// Logarithms of two excesses: the last one contained in the weights, and the one estimated from the fit with these
+    /// Logarithms of the excess that the last weights contain, and of the excess estimated from the fit with these
     /// weights.
     last: Option<[[f64; WIDENINGS]; 2]>,
     fits: usize,

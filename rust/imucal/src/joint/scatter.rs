@@ -66,7 +66,7 @@ impl Scatter {
         self.squares.iter().zip(&self.lambda).map(|(square, lambda)| square / (1.0 + variance * lambda)).sum()
     }
 
-    /// Whether chi2 with `free` degrees of freedom exceeds the significance limit `1 + 3 sqrt(2 / free)` times `free`.
+    /// Whether the excess of chi2 is significant: `chi2 > free (1 + 3 sqrt(2 / free))`, with `free` degrees of freedom.
     pub(super) fn is_significant(&self, free: f64) -> bool {
         free > 0.0 && self.chi2(0.0) > free * significance_limit(free)
     }

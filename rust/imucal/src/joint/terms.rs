@@ -137,7 +137,7 @@ impl Term<'_> {
         self.effect().is_some_and(|effect| effect.reads.contains(&sensor))
     }
 
-    /// Numbers of linear parameters of the forms of the effect, up to the form of this term.
+    /// Number of linear parameters of each form of the effect, from the plain form to the form of this term.
     pub(crate) fn forms(&self) -> impl Iterator<Item = usize> {
         let plain = self.effect().map_or(self.linear, |effect| effect.plain);
         (plain..=self.linear).step_by(plain.max(1))
@@ -330,8 +330,8 @@ impl<'a> Terms<'a> {
 }
 
 impl Terms<'_> {
-    /// The terms with the temperature histories of the recordings at the time constants in `values`. Without them, the
-    /// fields of effects of the temperature history are zero.
+    /// The terms with the temperature histories of the recordings at the time constants in `values`. Without the
+    /// histories, all effects that depend on them are zero.
     pub(super) fn with_histories(
         &self,
         recordings: &[Recording<'_>],
@@ -355,8 +355,8 @@ impl Terms<'_> {
     }
 }
 
-/// Computes the columns of a catalogue effect, with its temperature history if it depends on it. They are written to
-/// the first entries of `room`, which holds at least [`MAX_PARAMETERS`] columns.
+/// Computes the columns of a catalogue effect. An effect of the temperature history is evaluated with its history. The
+/// columns are written to the first entries of `room`, which holds at least [`MAX_PARAMETERS`] columns.
 #[inline]
 fn set_field(
     effect: &Effect<f64>,

@@ -140,8 +140,8 @@ impl Weights {
         self.widening.epoch_rates
     }
 
-    /// Ratio of scatter to noise that the weights contain for each kind of residuals. The last entry is the largest
-    /// ratio of the mean rates over all rests and axes.
+    /// Ratio of scatter to noise that the weights assume, for each kind of residuals. The last entry is for the mean
+    /// rates, and is the largest ratio over all rests and axes.
     pub(crate) fn times_noise(&self, prepared: &Prepared<'_>) -> [f64; 7] {
         let Scales { norms, moves, inside, stand_rests, stand_moves, epochs } = self.widening.scales;
         let mut rates = 1.0f64;
@@ -169,7 +169,7 @@ fn share(prepared: &Prepared<'_>, rest: usize, by: &Vector3<f64>, scale: f64) ->
     [0, 1, 2].map(|axis| (3 * rest + axis, by[axis] * variance[axis].sqrt() * scale))
 }
 
-/// Variance of the part of a residual's error that is independent of the errors of all other residuals.
+/// Variance of the independent part of a residual's error: the part that no other residual contains.
 fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: &Scales) -> f64 {
     match source {
         Source::Norm(k) => {
@@ -183,9 +183,9 @@ fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: 
             let ends: f64 = prepared.ends[k].iter().map(|end| end.own_variance).sum();
             let own = walk * walk + ends + FINEST_RAD * FINEST_RAD;
             if m.is_within_rest(prepared.rests) {
-                // The residual of the move from one epoch to the next contains the noise of the mean forces of both
-                // epochs. `scales.epochs` is the ratio of the scatter of these means to their noise. Their noise is
-                // among the common errors (see `share`), so only the variance in excess of noise is added here.
+                // The move from one epoch to the next has an error from the mean forces of both epochs. These forces
+                // scatter by `scales.epochs` times their noise. The noise is already among the common errors (see
+                // `share`), so only the additional variance is added here.
                 let means: f64 = prepared.ends[k].iter().map(|end| end.shared_variance).sum();
                 return own + means * (scales.epochs * scales.epochs - 1.0);
             }

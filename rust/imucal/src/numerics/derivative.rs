@@ -13,7 +13,8 @@
 //! The noise of the derivative decreases with the power 3/2 of the box width, and the truncation error of motion
 //! increases with the fourth power. Boxes are therefore widened as long as noise explains the change of the derivative
 //! (after Lepski, Theory of Probability and its Applications 35, 1991, 454-466). The chosen width is one step below the
-//! widest accepted width. Its truncation error is an eighth of that at the widest accepted width.
+//! widest accepted width, which reduces the truncation error to an eighth. If every trial width is accepted, the widest
+//! is chosen.
 
 mod stencil;
 
@@ -36,7 +37,8 @@ const WIDER: f64 = 1.7;
 /// The width is chosen from the data only if there are at least this number of samples. With fewer samples, noise and
 /// motion cannot be separated, and the narrowest stencil is used.
 const FEWEST: usize = 4 * BOXES;
-/// The noise is estimated from this number of fourth differences. The estimate then has an accuracy of one per cent.
+/// In long data, a subset of at least this number of fourth differences gives the noise, with an accuracy of one per
+/// cent.
 const ENOUGH: usize = 100_000;
 
 /// A differentiation rule for data at given times.

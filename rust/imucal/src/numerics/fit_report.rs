@@ -13,8 +13,8 @@ use faer::Mat;
 
 use crate::numerics::lsq::{Solution, Termination, singular_of_triangle};
 
-/// Maximum predicted decrease of chi2 at which a fit counts as converged. If chi2 per degree of freedom exceeds one,
-/// the decrease is divided by it. At this limit, every parameter of the linear model is within a tenth of a standard
+/// A fit has converged if the predicted decrease of chi2 is at most this limit. If chi2 / degrees of freedom > 1, the
+/// decrease is divided by this ratio. At the limit, every parameter of the linear model is within a tenth of a standard
 /// deviation of its optimum. Such a distance increases the rms error of a parameter by half a per cent.
 const LARGEST_DECREASE: f64 = 1e-2;
 

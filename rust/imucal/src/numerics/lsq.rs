@@ -69,9 +69,9 @@ impl Solution {
     }
 }
 
-/// A final result has converged if the length of the step divided by the length of the parameter vector is below this
-/// limit. Both are scaled by the column norms of the Jacobian. If the model describes the data, the remaining error is
-/// smaller than the last step by orders of magnitude.
+/// A final result has converged if |D h| <= this limit x |D p|, for the step h and the parameters p. D scales them by
+/// the column norms of the Jacobian. If the model describes the data, the remaining error is smaller than the last step
+/// by orders of magnitude.
 pub(crate) const EXACT: f64 = 1e-10;
 /// A fit that only gives a start value has converged if the relative length of the step (see [`EXACT`]) is below this
 /// limit.

@@ -29,9 +29,8 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
         .collect()
 }
 
-/// The item with the largest score; `None` if it is not an outlier. Each score is divided by a common scale before it
-/// is compared with the limit. The scale is the median score divided by the median expected for normally distributed
-/// errors, and at least one.
+/// The item with the largest score; `None` if it is not an outlier. Before the comparison with the limit, each score is
+/// divided by a common scale: the median score / the median expected for normally distributed errors, and at least one.
 pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
     // Median of the score for normal errors. The score is |z| for one residual, and the square root of chi2 for two.
     let median_of_clean = if size == 1 { MEDIAN_SIZE } else { 1.177_410_02 };

@@ -129,9 +129,9 @@ impl SymmetricMatrix {
         Some(log_determinant.logarithm())
     }
 
-    /// Applies the [`sweep`](Self::sweep) of the first `known` rows to the other rows of this matrix. `swept`
-    /// contains the result for the first `known` rows, and `whole` contains these rows before the sweep. `places` are
-    /// the columns of `whole` that correspond to the columns of this matrix after the first `known` columns.
+    /// Extends a [`sweep`](Self::sweep) of the first `known` rows to the other rows of this matrix. `whole` contains
+    /// the first `known` rows before the sweep, and `swept` contains them after the sweep. `places` are the columns of
+    /// `whole` that correspond to the columns of this matrix after the first `known` columns.
     #[inline(always)]
     pub(crate) fn sweep_as<S: Simd>(
         &mut self,

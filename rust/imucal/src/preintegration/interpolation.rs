@@ -2,7 +2,7 @@
 
 /// Maximum relative difference between time steps that count as equal.
 const UNEVEN: f64 = 0.01;
-/// Cubic interpolation is used only if adjacent time steps differ by at most this factor. For larger ratios, linear
+/// Cubic interpolation is used only if adjacent time steps differ by at most this factor. Otherwise, linear
 /// interpolation is more robust.
 const MOST_UNEVEN: f64 = 3.0;
 

@@ -37,8 +37,8 @@ pub(super) struct Map {
 pub(super) struct Increment {
     pub(super) rotation: UnitQuaternion<f64>,
     /// Four sums over the samples. R is the rotation from the frame at a sample to the frame at the first sample. The
-    /// first sum is that of R with the integration weights of the samples. The others are the sums of R times each
-    /// component of the rate. In the sum for rate component j, only the columns c <= j are valid.
+    /// first sum contains R x weight of the sample in the integration. The others contain R x weight x rate, one for
+    /// each rate component. In the sum for rate component j, only the columns c <= j are valid.
     pub(super) sums: [Matrix3<f64>; 4],
     /// Number of processed steps. The remaining steps of a block are fewer than the lanes, or fewer than one node (16
     /// steps) per lane.

@@ -20,8 +20,8 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use crate::recording::Recording;
 use crate::rests::moves::Move;
 
-/// The motion determines P only if the rotation about the least rotated axis is large enough. Its sum of squared
-/// rotations must be at least this multiple of that about the most rotated axis.
+/// The motion determines P only if the unit rotates enough about every axis. The sum of squared rotations about the
+/// least rotated axis must be at least this share of the sum about the most rotated axis.
 const LEAST_TURN_SHARE: f64 = 0.01;
 /// Length of a block over which the gravity direction u is averaged, s.
 const BLOCK_S: f64 = 0.1;

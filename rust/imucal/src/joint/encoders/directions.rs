@@ -19,8 +19,8 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 
 use crate::numerics::stats::{median, quantile, sample_interval_s};
 
-/// Quantile over the rests of the largest change of a reading within `SPAN_S`. The quantile is taken as the largest
-/// change at an undisturbed rest. With 0.9, up to a tenth of the rests may be disturbed.
+/// The largest change of a reading within `SPAN_S` is computed for each rest. Its quantile of this order over the rests
+/// is taken as the largest change at an undisturbed rest. With 0.9, up to a tenth of the rests may be disturbed.
 const ORDINARY: f64 = 0.9;
 /// Motion is detected from the change of a reading over this time interval, s. A rotation of half a degree or more
 /// changes the reading within this interval by more than the largest change at rest.
@@ -30,8 +30,8 @@ const FEWEST: usize = 8;
 /// A reading has left the level if two consecutive samples deviate from the level by more than this number of standard
 /// deviations of the readings at standstill.
 const OFF: f64 = 3.0;
-/// Margin of the search for the first sample of a motion, in samples. If the motion is detected n samples after the
-/// reading has left the level, the search begins n samples plus this margin before the reading leaves the level.
+/// Margin of the search for the first sample of a motion, in samples. If the reading leaves the level n samples before
+/// the motion is detected, the search begins n samples plus this margin before the reading leaves the level.
 const EARLIER: usize = 5;
 /// Angle over which the start of a motion is fitted, in multiples of the largest change at rest. For larger angles, a
 /// polynomial of fourth degree no longer describes the motion.
@@ -187,8 +187,7 @@ mod tests {
         (0..samples).map(|i| (at(i).0 + backlash_rad * at(i).1 + noise(i), at(i).1)).unzip()
     }
 
-    /// Damage done by wrong signs: the sum of the squared errors of the readings that they cause, divided by the
-    /// noise variance.
+    /// Sum of the squared errors that wrong signs cause in the readings, divided by the noise variance.
     fn harm(backlash_rad: f64) -> f64 {
         let (readings, truth) = there_and_back(backlash_rad);
         let found = Motor { readings, span: 30, still_rad: 8e-4 }.signs();

@@ -18,10 +18,10 @@ pub(super) struct Derivatives<'a> {
     /// 3-vector in `planes` is the derivative of the block's residual along the direction.
     pub(super) toward: &'a [[Vector3<f64>; 3]],
     /// Parts of the derivatives that are due to the gravity directions at both ends of the move: five rows with one
-    /// value per parameter. Rows 0 to 2 are added to the derivatives of the residuals of every block, along gravity and
-    /// along the two directions perpendicular to it. Rows 3 and 4 are the derivatives of the last two residuals of the
-    /// move, along the two perpendicular directions. These residuals compare the gravity direction at the start with
-    /// the direction at the end.
+    /// value per parameter. Rows 0 to 2 are added to the derivatives of every block, along gravity and along the two
+    /// directions perpendicular to gravity. Rows 3 and 4 are the derivatives of the last two residuals of the move,
+    /// along the two perpendicular directions. These residuals compare the gravity direction at the start with the
+    /// direction at the end.
     pub(super) at_edges: &'a [f64],
 }
 

@@ -29,9 +29,9 @@ use crate::numerics::aligned::{Aligned, WIDEST};
 use crate::numerics::instructions::Instructions;
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 
-/// Accumulates the Jacobians of attitude and force inside a move, block by block. The stored values are the negative
-/// derivatives: they are computed from the changes of the measured rate and force per unit of the parameter, and the
-/// correction subtracts these changes.
+/// Accumulates the Jacobians of attitude and force inside a move, block by block. The stored values are the derivatives
+/// with opposite sign. They describe an increase of the measured rate or force, and the correction subtracts this
+/// increase.
 pub(super) struct Turns<'a> {
     route: &'a Route<'a>,
     model: &'a Model,
@@ -198,9 +198,9 @@ impl WithSimd for NextStretch<'_, '_> {
 /// Number of segments that are kept in memory: a segment and its two neighbours.
 const KEPT: usize = 3;
 
-/// For each parameter: the product of a matrix (the rotation of a segment, for rates times its duration) and the
-/// derivative of the sensor reading with respect to the parameter. The products of the latest segments are kept,
-/// together with the sum of the products over all segments.
+/// Products of a matrix and the derivatives of the sensor reading with respect to the parameters, for each segment. The
+/// matrix is the rotation of the segment; for rates, it is multiplied by the duration of the segment. The products of
+/// the latest segments are kept, together with the sum over all segments.
 pub(super) struct Turned {
     last: Planes,
     sum: Aligned,

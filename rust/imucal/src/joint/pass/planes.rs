@@ -136,9 +136,9 @@ impl Groups {
     }
 }
 
-/// Derivatives of attitude and force inside a move, with one state per block. The stored values are the negative
-/// derivatives: they are computed from the changes of the measured rate and force per unit of the parameter, and the
-/// correction subtracts these changes.
+/// Derivatives of attitude and force inside a move, with one state per block. The stored values are the derivatives
+/// with opposite sign. They describe an increase of the measured rate or force, and the correction subtracts this
+/// increase.
 pub(crate) struct Changes {
     /// Mean attitude error over each block, rad per unit of the parameter.
     pub(crate) turn: Planes,
@@ -172,8 +172,8 @@ impl Changes {
         turns
     }
 
-    /// Computes, for each parameter, the derivative of the component of a block's mean force along `d`, and adds it to
-    /// `lanes`.
+    /// Adds the derivative of `d . F` with respect to each parameter to `lanes`. F is the mean force of a block, with
+    /// the value `force`.
     pub(crate) fn add_along(&self, block: usize, force: &Vector3<f64>, d: &Vector3<f64>, lanes: &mut [f64]) {
         Instructions::Best.run(AddAlong { changes: self, block, force, d, lanes });
     }

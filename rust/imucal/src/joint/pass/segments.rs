@@ -24,8 +24,8 @@ pub(crate) struct Stretch {
     /// Rotation from the body frame at the midpoint to the start of the move: `v_start = attitude v_here`.
     pub(crate) attitude: Matrix3<f64>,
     pub(crate) rate: Vector3<f64>,
-    /// Attitude change at the midpoint per unit of rate, s, if the rate is reduced by a constant from the start of
-    /// the move. Column k is for the rate about body axis k.
+    /// Attitude change at the midpoint, s, per unit of a constant rate that is subtracted from the start of the move
+    /// on. Column k is for a rate about body axis k.
     pub(crate) turn: Matrix3<f64>,
 }
 

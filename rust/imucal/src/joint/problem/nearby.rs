@@ -93,7 +93,7 @@ impl Joint<'_> {
 
     /// First-order update of the last linearisation. `None` if these parameters are not near it, or if there are
     /// residuals relative to the stand. With residuals inside the moves, the distance is computed from the whitened
-    /// Jacobian `jacobian`; if that is `None`, there is no update.
+    /// Jacobian `jacobian`; without `jacobian`, there is no update.
     ///
     /// There is also no update if a time constant is estimated. The derivative with respect to a time constant is zero
     /// while its effect is zero, so the distance would be underestimated.

@@ -91,7 +91,7 @@ impl WithSimd for Apply<'_> {
 }
 
 impl Whitening {
-    /// Entries of the column `L^-1 e_j` from row j on, as far as they are not negligible.
+    /// Column j of L^-1, from row j on. It ends where all further entries are negligible.
     pub(crate) fn unit(&self, j: usize) -> Vec<f64> {
         let band = self.rows.iter().enumerate().map(|(i, (first, _))| i - first).max().unwrap_or(0);
         let mut column = vec![1.0 / self.rows[j].1[j - self.rows[j].0]];

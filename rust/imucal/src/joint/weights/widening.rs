@@ -160,7 +160,7 @@ fn excess_of_rates(
             Some([x?, y?, z?])
         })
     {
-        // If any axis has bias instability, the bias instability of all axes is estimated.
+        // If bias instability explains the axes with significant scatter better, it is estimated for all axes.
         let wandering = [0, 1, 2].map(|axis| modes[axis].scatter(&axes[axis].0).excess(free[axis]));
         let cost = |axis: usize, found: &[Option<Excess>; 3]| found[axis].map_or(f64::INFINITY, |e| e.cost);
         let beyond: Vec<usize> = (0..3).filter(|&axis| one_by_one[axis].is_some()).collect();
@@ -191,8 +191,8 @@ fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], ke
 fn rates_of(prepared: &Prepared<'_>, linear: &Linear, axis: usize, later: bool) -> (Vec<f64>, Vec<f64>) {
     let rounding = |k: usize| prepared.rests[k].rest.angular_rate.rounding[axis].error_variance;
     let of_rest = |(k, lines): &(usize, [Line; 3])| {
-        // Rests with equal readings have equal rounding errors, which do not scatter between rests. The variance of
-        // the rounding error is therefore an upper limit of its scatter.
+        // Rests with equal readings have equal rounding errors, which do not scatter between the rests. The rounding
+        // errors thus scatter by at most their variance, which is added here.
         let covariance = rate_covariance(prepared, &linear.model, *k);
         (lines[axis].residual, covariance[(axis, axis)] + rounding(*k))
     };

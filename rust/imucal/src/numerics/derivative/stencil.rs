@@ -13,8 +13,8 @@ use crate::numerics::stats::sample_interval_s;
 
 /// Number of boxes of a stencil. Five means determine a polynomial of fourth degree.
 pub(super) const BOXES: usize = 5;
-/// Two derivatives agree if the mean square of their difference is at most this multiple of the value expected from
-/// noise.
+/// Two derivatives agree if the mean square of their difference is at most this multiple of the mean square expected
+/// from noise.
 const AGREE: f64 = 2.0;
 /// Length of the segments in which two derivatives are compared, s. The derivatives must agree in every segment.
 const STRETCH_S: f64 = 1.0;
@@ -249,8 +249,8 @@ struct Run {
     edges: Edges,
 }
 
-/// The first result is, for each axis, the sum of squares of the difference between the slopes of two stencils, of
-/// which the first is wider. The second result is the number of samples at which no value is missing.
+/// Difference between the slopes of a wide and of a narrow stencil. The first result is the sum of its squares for each
+/// axis. The second result is the number of samples at which no value is missing.
 struct Squares<'a> {
     sums: &'a Sums,
     runs: &'a [Run; 2],
@@ -334,8 +334,8 @@ impl Boxes {
         slope.xyz() / self.stride as f64
     }
 
-    /// Variance of the difference between the slopes of this stencil and of a narrower stencil. The data are noise of
-    /// unit variance.
+    /// Variance of the difference between the slopes of this stencil and of a narrower stencil, for data that are noise
+    /// of unit variance.
     fn noise_of_difference(&self, narrower: &Self) -> f64 {
         let of = |boxes: &Self, k: usize| {
             let place = k.checked_sub(boxes.first).map(|k| k / boxes.stride);
