@@ -98,14 +98,15 @@ pub struct Search {
     /// Name of each effect that is not observable in these recordings, and the data that would make it observable.
     pub not_observable: Vec<(String, String)>,
     /// Detection limit of each effect: the name, the smallest rms size per parameter that is detected with 90 %
-    /// probability, and the unit of this size. The limit is for adding the effect to the final model. If the final
-    /// model already contains the effect, the limit is for adding it to the model without effects.
+    /// probability, and the unit of this size. The limit is computed relative to the final model. If the final model
+    /// already contains the effect, the limit is computed relative to the model without effects.
     pub smallest_visible: Vec<(String, f64, String)>,
     /// For each effect, the residuals that it would cause at its typical size.
     pub traces: Vec<Trace>,
-    /// The kind of residuals at rests whose scatter under the final model exceeds noise by the largest factor; `None`
-    /// if no excess is significant. If effects were selected, only residuals of the sensors of these effects are
-    /// tested.
+    /// Residuals, at rests or relative to the stand, that scatter more than noise under the final model: the kind with
+    /// the largest ratio of scatter to noise. `None` if no ratio is significant. If effects were selected, only
+    /// residuals of their sensors and of the stand are tested. The name is `stand_and_sensors` if the effects estimated
+    /// with and without the stand's angles differ significantly.
     pub scattering_rests: Option<Scattering>,
     /// Whether the search ignores accelerometer samples inside moves. It ignores them if the unit was moved by hand,
     /// because the specific force then contains accelerations in addition to gravity. It also ignores them if the
@@ -127,7 +128,8 @@ pub struct Score {
     pub parameters: usize,
     /// Log Bayes factor of the model with the effect relative to the model without the effect, nats.
     pub log_bayes_factor: f64,
-    /// Likelihood ratio statistic: twice the increase of the maximum log likelihood.
+    /// Likelihood ratio statistic 2 ln(L_with / L_without): maximum likelihoods of the models with and without the
+    /// effect.
     pub statistic: f64,
     /// Number of observable directions of the effect's parameters.
     pub dof: usize,
@@ -144,7 +146,8 @@ pub struct Score {
 pub struct Trace {
     /// Name of the effect.
     pub name: String,
-    /// Each kind of residual, and the rms of the ratio of its residuals to their standard deviations from noise.
+    /// For each kind of residual: its name, and the rms of residual / sigma. Sigma is the standard deviation of a
+    /// residual from sensor noise.
     pub times_noise: Vec<(&'static str, f64)>,
     /// Share (0 to 1) of the effect's chi2 that the refit of the base parameters removes.
     pub taken_up: f64,
@@ -191,8 +194,9 @@ pub struct Linearised {
     pub residual: Vec<f64>,
     /// Derivatives with respect to the base parameters. Each row is one residual, and each column is one parameter.
     pub base: Vec<Vec<f64>>,
-    /// Name of each effect, and the derivatives with respect to the parameters of its form in the layout of `base`.
-    /// An effect with a time constant has one list entry for each trial value of the time constant.
+    /// For each effect: its name, and the derivatives with respect to the parameters of its largest form (for example
+    /// quadratic), in the layout of `base`. An effect with a time constant has one list entry for each trial value of
+    /// the time constant.
     pub candidates: Vec<(String, Vec<Vec<f64>>)>,
     /// Number that identifies the kind of each residual. Residuals of the same kind have the same number.
     pub groups: Vec<usize>,

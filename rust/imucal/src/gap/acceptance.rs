@@ -16,8 +16,8 @@ use crate::verdict::{GroupMisfit, ResidualGroup};
 /// worse.
 const SAME: f64 = 0.005;
 /// A prediction of unseen data counts as worse if its chi2 per degree of freedom increases by more than this fraction,
-/// or if a smaller increase is significant (see [`SIGNIFICANT`]). The fraction is larger if the unseen data contain so
-/// few rests and moves that noise can cause an increase of this size.
+/// or if a smaller increase is significant (see [`SIGNIFICANT`]). If the unseen data contain so few rests and moves
+/// that noise can cause such an increase, a larger fraction is used.
 const MAY_BE_CHANCE: f64 = 0.1;
 /// An effect with a log Bayes factor below this number of nats is accepted only if it improves the prediction of unseen
 /// data. 8 nats are odds of 3000 to 1.
@@ -25,8 +25,8 @@ const CERTAIN_NATS: f64 = 8.0;
 /// A prediction of unseen data counts as improved if its chi2 decreases by more than this number of standard deviations
 /// of the decrease. The threshold applies only to effects with a log Bayes factor below [`CERTAIN_NATS`].
 const LEAST_IMPROVEMENT: f64 = 0.5;
-/// Minimum ratio of chi2 of unseen data to its expected value. Below this ratio, the excess of chi2 over noise is too
-/// small to divide by, and [`EffectShare::closed`] is not computed.
+/// [`EffectShare::closed`] is computed only if chi2 / expected chi2 of unseen data is above this ratio. At smaller
+/// ratios, the excess of chi2 over noise is too small to divide by.
 const LEAST_EXCESS: f64 = 1.5;
 /// An effect is removed if the p-value of its parameters in the final fit is larger than this value. A p-value of 1 %
 /// corresponds to 2.6 standard deviations of one parameter.
@@ -104,11 +104,10 @@ pub enum Refusal {
 pub struct EffectShare {
     /// Name of the effect.
     pub name: String,
-    /// Share of the excess chi2 that this effect removes, for each kind of unseen residual. The excess is chi2 without
-    /// effects minus its expected value from noise. The share is the decrease of chi2 when this effect is added to the
-    /// effects accepted before it, divided by the excess. The kinds are norms at rest, gravity directions after moves,
-    /// and mean rates at rest. `None` if chi2 of the kind without effects is below 1.5 times its expected value, or if
-    /// the kind is not evaluated.
+    /// Share decrease / excess of chi2, for each kind of unseen residual. The excess is chi2 without effects minus its
+    /// expected value from noise. The decrease is the change of chi2 when this effect is added to the effects accepted
+    /// before it. The kinds are norms at rest, gravity directions after moves, and mean rates at rest. `None` if chi2
+    /// of the kind without effects is below 1.5 times its expected value, or if the kind is not evaluated.
     pub closed: [Option<f64>; 3],
 }
 
@@ -150,9 +149,9 @@ impl Fits<'_> {
                 Ok(fit) => fit,
                 Err(error) => {
                     accepted.refused.push(Refusal::NotFitted { name: name.clone(), error });
-                    // If an effect is rejected, the effects selected after it are not tried. They were selected from
-                    // the residuals of a model that contains the rejected effect. Without this effect, they could fit
-                    // the residuals that it causes.
+                    // If the fit with an effect fails, the effects selected after it are not tried. They were selected
+                    // from the residuals of a model that contains the failed effect. Without the failed effect, they
+                    // could fit the residuals that it causes.
                     break;
                 }
             };
@@ -241,8 +240,7 @@ impl Fit {
         terms.iter().map(|(_, chi2)| chi2).sum::<f64>() / count.max(1) as f64
     }
 
-    /// The figure of merit on unseen data that improves most, relative to its value, from this fit to the fit
-    /// `after`.
+    /// The figure of merit on unseen data with the largest ratio: value for this fit / value for the fit `after`.
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
             // Without accepted effects, the figure uses the biases of the calibration. It therefore contains any change
@@ -281,7 +279,7 @@ impl Fit {
             0 => 0.0,
             count => (values.iter().map(|value| value * value).sum::<f64>() / count as f64).sqrt(),
         };
-        // A direction error has two components with equal standard deviations, so its rms is sqrt(2) times that of a
+        // A direction error has two components with equal standard deviations, so its rms is sqrt(2) x the rms of one
         // component.
         let direction = Floor { value: std::f64::consts::SQRT_2 * rms(&moves), count: 2 * moves.len() };
         [(Metric::HeldOutDirection, direction), (Metric::HeldOutNorm, Floor { value: rms(&rests), count: rests.len() })]
@@ -300,7 +298,7 @@ impl Fit {
         let variance = change.iter().map(|value| (value - sum / count).powi(2)).sum::<f64>() / count;
         // Under the null hypothesis the change of chi2 has two parts. First, parameter errors shift the residuals of
         // all rests and moves together. This part is a chi2 variable with as many degrees of freedom as there are
-        // parameters. Second, each rest and each move changes independently.
+        // parameters. Second, the chi2 of each rest and of each move changes independently.
         let shared = 2.0 * self.outcome.names.len() as f64;
         let together = SIGNIFICANT * shared.sqrt();
         let all = SIGNIFICANT * (shared + if change.is_empty() { 0.0 } else { count * variance }).sqrt();
@@ -319,9 +317,9 @@ impl Fit {
         chi2.is_finite().then(|| p_value(chi2, count))
     }
 
-    /// Decrease of chi2 of unseen data from the fit `before` to this fit. The share and the significance are each the
-    /// largest among all kinds of residuals. The standard deviation of the decrease is estimated from the changes of
-    /// chi2 of the single rests and moves.
+    /// Decrease of chi2 of unseen data from the fit `before` to this fit. The result contains the largest share and the
+    /// largest significance among all kinds of residuals. The standard deviation of the decrease is estimated from the
+    /// changes of chi2 of the single rests and moves.
     pub(super) fn removed(&self, before: &Self) -> Removed {
         let mut removed = Removed { share: 0.0, significance: 0.0 };
         for (own, other) in self.unseen_items().iter().zip(&before.unseen_items()) {
@@ -358,9 +356,9 @@ impl Fit {
         (3.0 * least).min(1.0)
     }
 
-    /// The kinds of residuals whose chi2 exceeds noise significantly and by more than a factor of two. Only the norms
-    /// at rest and the directions after moves are tested. The residuals are those of the control recordings, or of the
-    /// calibration recordings if there are no control recordings.
+    /// The kinds of residuals that exceed noise significantly and by more than a factor of 2: sqrt(chi2 / dof) > 2.
+    /// Only the norms at rest and the directions after moves are tested. The residuals are those of the control
+    /// recordings, or of the calibration recordings if there are no control recordings.
     pub(super) fn unexplained(&self, is_as_recorded: bool) -> Vec<&GroupMisfit> {
         const JUDGED: [ResidualGroup; 2] = [ResidualGroup::RestNorms, ResidualGroup::MoveDirections];
         let groups = match &self.control {

@@ -19,8 +19,8 @@ use crate::recording::Recording;
 use crate::rests::noise_density::variance_by_axis;
 use crate::rounding::step::step_of;
 
-/// Threshold for reporting a fault: the change of chi2, or of twice the log likelihood. It corresponds to 5 sigma with
-/// one degree of freedom.
+/// Minimum change of chi2, or of 2 ln L with the likelihood L, for a fault to be reported. It corresponds to 5 sigma
+/// with one degree of freedom.
 const SIGNIFICANT: f64 = 25.0;
 /// Largest harmless effect of time-stamp errors: relative increase of the noise variance of the angular rate inside
 /// moves. Smaller increases are ignored.
@@ -39,8 +39,8 @@ const MEDIAN: f64 = 0.6745;
 /// Threshold for outliers, in standard deviations of a fourth difference. A larger fourth difference is excluded,
 /// because a single wrong sample causes it.
 const JUMP: f64 = 5.0;
-/// Smallest trial standard deviation of the time-stamp jitter, as the decimal logarithm of its ratio to the sample
-/// interval. The largest trial value is the sample interval.
+/// Smallest trial value of the jitter (standard deviation of the time stamps): log10(jitter / sample interval). The
+/// largest trial value is the sample interval.
 const SMALLEST_JITTER: f64 = -3.0;
 /// Number of trial standard deviations of the time-stamp jitter, equally spaced on a logarithmic scale.
 const JITTERS: usize = 60;
@@ -66,10 +66,10 @@ pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<
 /// Fourth differences of the angular rates inside the moves of one recording, for all three axes. They are scaled so
 /// that white noise keeps its standard deviation.
 struct Differences {
-    /// Fourth differences of the angular rate, without outliers, divided by sigma. Sigma combines their standard
-    /// deviation at rest and the rounding error in a move.
+    /// Fourth differences of the angular rate, without outliers, divided by sigma. Sigma combines the standard
+    /// deviation of fourth differences at rest with the rounding error in a move.
     noise: Vec<f64>,
-    /// Angular acceleration divided by the same sigma, 1/s.
+    /// Angular acceleration / sigma, with the sigma of `noise`, 1/s.
     slopes: Vec<f64>,
     /// Fourth differences of the time stamps, s.
     stamps_s: Vec<f64>,
@@ -109,11 +109,11 @@ impl Differences {
         all
     }
 
-    /// Reports time stamps that differ from the true sampling instants. They do if evenly spaced sampling instants
-    /// explain the angular rates better than the time stamps do.
+    /// Reports time stamps that differ from the true sampling instants. Such a fault is detected if evenly spaced
+    /// sampling instants explain the angular rates better than the time stamps.
     fn stamp_fault(&self, recording: &Recording<'_>) -> Option<Finding> {
-        // If the time stamps are correct, but uneven, each fourth difference changes by this amount, in standard
-        // deviations of the noise.
+        // Change of each fourth difference, in standard deviations of the noise, if the time stamps are uneven and
+        // correct.
         let late: Vec<f64> = self.slopes.iter().zip(&self.stamps_s).map(|(slope, stamp)| slope * stamp).collect();
         if late.is_empty() || mean_square(&late) < HARMLESS {
             return None;

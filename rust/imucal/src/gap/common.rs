@@ -10,11 +10,12 @@ use super::weighing::{Aside, Columns, Swept, Weighing};
 use crate::numerics::instructions::Instructions;
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// Gram matrices of a model and of many candidate columns. Only the products that involve a column of the model are
-/// stored. Products of two candidate columns are added by [`Common::weighing`], for a few candidates at a time.
+/// Gram matrices of a model and of many candidate columns. Only the products model column x any column are stored.
+/// [`Common::weighing`] adds the products candidate column x candidate column, for a few candidates at a time.
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
-    /// For each group of residuals: the normalised Gram matrix, without the products of two candidate columns.
+    /// For each group of residuals: the normalised Gram matrix, without the products candidate column x candidate
+    /// column.
     parts: Vec<SymmetricMatrix>,
 }
 
@@ -22,8 +23,8 @@ pub(crate) struct Common<'a> {
 /// Only the rows of the model's columns are computed, because these rows are needed for every candidate.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
-    /// Sums of the Gram matrices, each divided by its noise scale. `whole` is the sum before the elimination, and
-    /// `sums` is the sum after the elimination. `volume` is the log determinant of the model's part of `whole`.
+    /// `whole` is the sum over the groups of Gram matrix / noise scale, plus the prior precisions of the model. `sums`
+    /// is `whole` after the elimination. `volume` is the log determinant of the model's part of `whole`.
     whole: SymmetricMatrix,
     sums: SymmetricMatrix,
     volume: f64,
@@ -95,8 +96,7 @@ impl WithSimd for SweepCommon<'_> {
 struct SweepAs<'a> {
     weighing: &'a Weighing<'a>,
     common: &'a SweptCommon,
-    /// The rows of the eliminated Gram matrix that belong to the parameters of the model, restricted to the columns of
-    /// `weighing`.
+    /// The model's rows of the Gram matrix after the elimination, restricted to the columns of `weighing`.
     known: SymmetricMatrix,
     /// Index of each column of `weighing` among all candidate columns.
     columns: Vec<usize>,

@@ -5,7 +5,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 use statrs::function::gamma::ln_gamma;
 
 /// Nominal probability that the chi2 test of all candidates gives a false alarm. The actual probability is about three
-/// times larger, because the noise is estimated from the same rests. It is then about 1 %: one false alarm in a hundred
+/// times larger, because the noise is estimated from the same rests. It is about 1 %: one false alarm in a hundred
 /// recordings without effects.
 pub(crate) const FALSE_ALARM: f64 = 0.003;
 /// Probability of detection that defines the detection limit.
@@ -48,8 +48,8 @@ pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     }
 }
 
-/// Probability that a chi2 variable exceeds the limit, for 0, 2, 4, ... degrees of freedom more than `dof`. Each value
-/// is computed when first needed.
+/// Probabilities that a chi2 variable exceeds the limit, for `dof`, `dof` + 2, `dof` + 4, ... degrees of freedom. Each
+/// value is computed when first needed.
 struct Tails {
     dof: usize,
     limit: f64,

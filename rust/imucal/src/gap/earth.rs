@@ -11,8 +11,8 @@ use super::stage::Stage;
 
 /// Name, in the catalogue, of the effect that describes the Earth's rate.
 pub(super) const NAME: &str = "earth_rate";
-/// Threshold of two tests, in standard deviations of the estimated rate. The estimate agrees with the Earth's rate if
-/// the difference is at most this threshold. The Earth's rate is detectable if it is at least this threshold.
+/// Threshold of two tests, in standard deviations sigma of the estimated rate w. The estimate agrees with the Earth's
+/// rate W if |w - W| <= SURE x sigma. The Earth's rate is detectable if W >= SURE x sigma.
 const SURE: f64 = 3.0;
 /// Factor by which the standard deviation of the rate may be wrong during the search. The search assumes constant
 /// biases, but the final fit estimates slowly varying biases, so the final standard deviation differs.
@@ -23,7 +23,7 @@ pub(super) fn is_earth_rate(size_radps: f64, sigma_radps: f64) -> bool {
     may_be(size_radps, sigma_radps, 1.0)
 }
 
-/// The test of [`is_earth_rate`]. The true standard deviation may be larger than `sigma_radps` by the factor `slack`.
+/// The test of [`is_earth_rate`], for a true standard deviation of up to `slack` x `sigma_radps`.
 fn may_be(size_radps: f64, sigma_radps: f64, slack: f64) -> bool {
     let is_near = (size_radps - EARTH_RATE_RADPS).abs() <= SURE * slack * sigma_radps;
     is_near && sigma_radps <= slack * EARTH_RATE_RADPS / SURE

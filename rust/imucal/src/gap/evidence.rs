@@ -49,7 +49,7 @@ pub(crate) struct Evidence {
     /// Natural logarithm of the evidence, nats. A constant that is equal for all models of the same residuals is
     /// omitted.
     pub(crate) log: f64,
-    /// The maximum of the log likelihood over the parameters and the noise scales, times -2.
+    /// -2 ln L, where L is the maximum likelihood over the parameters and the noise scales.
     pub(crate) deviance: f64,
     /// chi2 of all residuals, with standard deviations from sensor noise only. The noise scales are not applied.
     pub(crate) chi2: f64,
@@ -94,9 +94,9 @@ impl Gram {
         Some(Mat::from_fn(own.len(), own.len(), |i, k| solved[(own[i], k)] / (size[own[i]] * size[own[k]])))
     }
 
-    /// Rows and columns selected from the sum of all Gram matrices, each divided by its noise scale s_g^2. Row or
-    /// column i of the selection is row or column `place(i)` of the Gram matrices, for i below `count`. Only the
-    /// columns in the range `columns` are computed.
+    /// Selected rows and columns of the sum over the groups of Gram matrix / noise scale s_g^2. Row or column i of the
+    /// result is row or column `place(i)` of the Gram matrices, for i below `count`. Only the columns in the range
+    /// `columns` are computed.
     pub(crate) fn at_scales(
         &self,
         scales: &[f64],

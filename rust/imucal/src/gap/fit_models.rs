@@ -105,7 +105,8 @@ impl<'a> ForwardSearch<'a> {
         Ok(Stage { design: Arc::new(design), evidence, members, model, sensors, places })
     }
 
-    /// The linearisation at the solution of a fit. Recent ones are kept, because several steps of the search use them.
+    /// The linearisation at the solution of a fit. Recent linearisations are kept, because several steps of the search
+    /// use them.
     fn fitted(
         &self,
         prepared: &Prepared<'_>,

@@ -45,7 +45,7 @@ impl ForwardSearch<'_> {
     }
 
     /// Evaluates generic hypotheses with the kinds of residuals in `self.kinds`. The second result is the model with
-    /// those selected effects that these residuals determine.
+    /// the selected effects, limited to the effects that these residuals determine.
     fn pattern(
         &self,
         prepared: &Prepared<'_>,

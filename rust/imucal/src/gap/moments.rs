@@ -44,9 +44,9 @@ pub(crate) struct Setting<'a> {
 }
 
 impl<'a> Setting<'a> {
-    /// `terms` are the effects of the model. If all effects are small, they may be omitted, because they hardly
-    /// change the Jacobian. Large effects must not be omitted. They may change the body axes from which the
-    /// directions of the tilt residuals are constructed, see [`has_axes`](Self::has_axes).
+    /// `terms` are the effects of the model. Small effects may be omitted, because they hardly change the Jacobian.
+    /// Large effects must not be omitted, because they may change the body axes from which the directions of the tilt
+    /// residuals are constructed, see [`has_axes`](Self::has_axes).
     pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, model: &Model) -> Result<Self, Error> {
         let values = if terms.count == 0 { Vec::new() } else { model.values.clone() };
         let plain = Model { values, stand: Vec::new(), ..model.clone() };
@@ -62,9 +62,10 @@ impl<'a> Setting<'a> {
         hypotheses(&self.moments, self.linear.sees_inside(), self.prepared.gravity_mps2, asked)
     }
 
-    /// Whether the rows of this linearisation can be compared with the rows of another linearisation. Both must have
-    /// tilt residuals along equal directions, which are perpendicular to gravity and constructed from a body axis.
-    /// `axes` contains the body axis for each tilt direction of the other linearisation.
+    /// Whether the residual rows of this linearisation can be compared with the rows of a second linearisation. Tilt
+    /// residuals are components along directions perpendicular to gravity, and each direction is constructed from a
+    /// body axis. The rows can be compared if these body axes are equal. `axes` are the body axes of the second
+    /// linearisation.
     pub(crate) fn has_axes(&self, axes: &[usize]) -> bool {
         axes_of(&self.linear) == axes
     }
@@ -84,8 +85,8 @@ impl<'a> Setting<'a> {
         self.problem.by_field(&self.linear, &self.segments, &field)
     }
 
-    /// The rests and moves (epochs) at which a sensor parameter may deviate, with whitened Jacobian columns. Each of
-    /// them has one column per axis. The columns of the x axis come first, then those of the y and z axes.
+    /// The rests and moves (epochs) at which a sensor parameter may deviate, with whitened Jacobian columns. Each epoch
+    /// has one column per axis. The columns of the x axis come first, then the columns of the y axis and of the z axis.
     /// Accelerometer parameters are observed only at rests, and the gyroscope scale only in moves.
     pub(crate) fn by_epoch(&self, block: Block) -> (Vec<Epoch>, Mat<f64>) {
         let Moments { used, rests, moves } = &self.moments;
@@ -129,9 +130,9 @@ impl<'a> Setting<'a> {
         (epochs.into_iter().map(|(epoch, ..)| epoch).collect(), columns)
     }
 
-    /// Deviation of the sensor parameter on each axis for the given coefficients of a hypothesis, with the index of a
-    /// rest. A hypothesis about rests gives the deviation at each rest that the fit uses. A hypothesis about moves
-    /// gives the deviation in the middle of each move, with the index of the rest before the move.
+    /// Deviations of the sensor parameter on each axis if the columns of a hypothesis have the coefficients `weights`.
+    /// For a hypothesis about rests: the index of each rest that the fit uses, and the deviation at the rest. For a
+    /// hypothesis about moves: the index of the rest before each move, and the deviation in the middle of the move.
     pub(crate) fn wrong(&self, hypothesis: &Hypothesis, weights: &[f64]) -> Vec<(usize, Vector3<f64>)> {
         let count = weights.len() / 3;
         let wrong = |shares: &[f64]| {

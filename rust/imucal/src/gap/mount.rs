@@ -25,8 +25,8 @@ use crate::recording::Recording;
 
 /// Minimum number of rests before a slip of the mount, and also after the slip.
 const FEWEST_RESTS: usize = 4;
-/// A step of the mount's attitude is reported as a slip if chi2 without the step is larger than this multiple of chi2
-/// with the step. The ratio is 4 for a steady drift that is fitted by a step, so the threshold must exceed 4.
+/// A step of the mount's attitude is reported as a slip if chi2(without step) / chi2(with step) > SLIP_FACTOR. If the
+/// attitude drifts steadily, this ratio is 4, so the threshold must exceed 4.
 const SLIP_FACTOR: f64 = 10.0;
 /// Maximum scatter of the measured gravity direction about the direction computed from the stand's angles, deg (1
 /// sigma). The value is the largest scatter of a rigid mount on a low-cost stand. A larger scatter is reported as play.
@@ -207,7 +207,7 @@ impl<'a> Residuals<'a> {
             let angle = &angles[k];
             let by_parameter = |p: usize| {
                 // The derivative with respect to the mount angles is analytic: a small rotation m of the mount changes
-                // the direction up by up x m.
+                // the direction `up` by the cross product up x m.
                 if p < MOUNT {
                     return mount * by_stand[k].cross(&Vector3::ith(p, 1.0));
                 }

@@ -107,8 +107,8 @@ impl Parameters {
     /// deviation of its parameter. `typical` are the typical sizes of the linear parameters of each effect.
     ///
     /// The prior width in the fit is at least the typical size of the effect (docs/model.md (23)). If the estimated
-    /// effect is smaller, the result is computed for a prior with the estimated size. This also applies in directions
-    /// that the data do not determine.
+    /// effect is smaller, the result is computed for a prior with the estimated size as its width. This prior is
+    /// narrower also in directions that the data do not determine.
     pub(super) fn expected_errors(&self, outcome: &Outcome, typical: &[Vec<f64>]) -> (Vec<f64>, Mat<f64>) {
         let (mut errors, mut covariance) = (vec![0.0; self.count()], self.correlation.clone());
         let mut first = 21;
@@ -132,8 +132,9 @@ impl Parameters {
     }
 }
 
-/// Expected errors and covariance of the parameters if the prior of an effect has the estimated size of the effect as
-/// its width. This width is one factor of at most 1 times the typical size of each parameter.
+/// Expected errors and covariance of the parameters for a narrower prior of one effect. The prior width of each of its
+/// parameters is s x typical size. The factor s, at most 1, is the estimated size of the effect and is the same for all
+/// its parameters.
 fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64]) -> (Vec<f64>, Mat<f64>) {
     let (n, p) = (covariance.nrows(), own.len());
     let (mut square, mut shift, mut narrowed) = (1.0f64, vec![0.0; n], covariance.clone());
@@ -266,7 +267,7 @@ fn catalogue_slopes(
 }
 
 /// The temperature history at each sample for an effect with this time constant; empty if the effect does not depend on
-/// it.
+/// the temperature history.
 fn temperature_history(
     corrected: &Recording<'_>,
     effect: &Effect<f64>,
@@ -398,7 +399,7 @@ mod tests {
     fn an_effect_smaller_than_typical_narrows_its_prior_in_all_directions() {
         let covariance = Mat::from_fn(3, 3, |i, j| if i == j { 1.0 } else { 0.0 });
         // The first parameter is observable, and its estimate is near zero. The second parameter is not observable, so
-        // its standard deviation is that of its prior.
+        // its standard deviation equals the prior width.
         let (shift, narrowed) = narrowed(&covariance, &[0, 1], &[0.1, 0.0], &[10.0, 1.0]);
         assert!(narrowed[(1, 1)] < 0.1 && narrowed[(2, 2)] == 1.0, "{}", narrowed[(1, 1)]);
         assert!(shift[0].abs() < 0.1 && shift[2] == 0.0, "{shift:?}");

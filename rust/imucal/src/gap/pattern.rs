@@ -30,14 +30,14 @@ const LEAST_GAIN: f64 = 2.0;
 /// A generic hypothesis is reported in addition to the selected effects only if its log Bayes factor is above this
 /// number of nats.
 const NOT_ALL: f64 = 12.0;
-/// A generic hypothesis is reported in addition to the selected effects only if its log Bayes factor exceeds this
-/// fraction of the log Bayes factor of the effects. Linearisation errors of large effects may cause a smaller log Bayes
-/// factor.
+/// A generic hypothesis is reported in addition to the selected effects only if ln B > REMAINDER x ln B_effects. B and
+/// B_effects are the Bayes factors of the hypothesis and of the effects. Linearisation errors of large effects may
+/// cause a smaller ln B.
 const REMAINDER: f64 = 0.02;
-/// Minimum decrease of chi2 by a reported generic hypothesis, as a fraction of the decrease by the selected effects. A
-/// hypothesis that replaces the effects must decrease chi2 by this fraction more than the effects do. Linearisation
-/// errors of large effects may cause smaller decreases. The limit [`REMAINDER`] is not sufficient, because the log
-/// Bayes factor grows only with the logarithm of an effect's size.
+/// A generic hypothesis is reported only if d > REMAINDER_OF_CHI2 x d_effects. d and d_effects are the decreases of
+/// chi2 by the hypothesis and by the selected effects. For a hypothesis that replaces the effects, d is replaced by d -
+/// d_effects. Linearisation errors of large effects may cause smaller decreases. The limit [`REMAINDER`] is not
+/// sufficient, because the log Bayes factor grows only with the logarithm of an effect's size.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 
 /// The generic hypothesis (unknown variation of a bias or scale) with the largest evidence, and its fit.
@@ -67,8 +67,8 @@ impl<'a> Judge<'a> {
         Self { known: stage.design.known(), model: &stage.design.model, before: &stage.evidence }
     }
 
-    /// Evidence of the model with a hypothesis of `width` columns, and the prior width. The prior width is the one that
-    /// maximises the evidence. `None` if the log evidence increases by at most [`LEAST_GAIN`].
+    /// Adds a hypothesis of `width` columns to the model. Returns the largest evidence over the trial prior widths, and
+    /// its prior width. `None` if the log evidence increases by at most [`LEAST_GAIN`].
     fn evaluate(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<(Evidence, f64)> {
         let Self { known, model, before } = self;
         let (gram, typical) = (known.with(others), hypothesis.typical());
@@ -76,7 +76,7 @@ impl<'a> Judge<'a> {
         let weighing = Weighing::new(&gram, model, own.collect());
         let swept = weighing.sweep(&before.scales)?;
         // The evidence is first computed with the noise scales s_g^2 of the model. If the hypothesis hardly increases
-        // this evidence, smaller noise scales cannot make it significant.
+        // this evidence, it is not significant with smaller noise scales either.
         let (mut best, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > LEAST_GAIN)?;
         let (mut evidence, swept) = weighing.evidence(best, swept)?;
         // A hypothesis that explains a large part of the residuals reduces the noise scales. With smaller noise scales,

@@ -66,7 +66,8 @@ impl Held<'_> {
         Some(Gain { nats, std: (n * variance).sqrt() })
     }
 
-    /// Log predictive density of each rest and move. Each is predicted by a fit to the folds that do not contain it.
+    /// Log predictive density of each rest and move, predicted by a fit to the folds that do not contain the rest or
+    /// move.
     fn log_densities(&self, (columns, scales): (&[Column], &[f64])) -> Option<Vec<Option<f64>>> {
         let n = columns.len();
         let scale_of = |group: usize| {

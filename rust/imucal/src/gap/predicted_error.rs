@@ -32,8 +32,8 @@ const DRAWS: usize = 1000;
 const SEED: u64 = 1;
 /// Probabilities of the quantiles at the ends of the 95 % interval.
 const INTERVAL: [f64; 2] = [0.025, 0.975];
-/// Relative variance of the estimated squared noise density, times the total duration of the rests, s. The squared
-/// density is half the mean square of the differences between consecutive means over 0.25 s, on three axes
+/// Variance of the estimated squared noise density N^2: var(N^2) / N^4 = NOISE_VARIANCE_S / T, with the total duration
+/// T of the rests, s. N^2 is estimated from the differences between consecutive means over 0.25 s, on three axes
 /// (docs/model.md (10)).
 const NOISE_VARIANCE_S: f64 = 0.25;
 /// Lower bound of the mean squared error and of the mean squared noise in a random draw, as a share of the expected
@@ -171,9 +171,8 @@ pub fn predicted_errors(
     user: Option<&UserCorrection<'_>>,
 ) -> Result<PredictedErrors, Error> {
     let parameters = Parameters::of(after);
-    // There is one column for each parameter: the change of the corrected signals in each window if the parameter
-    // changes by one standard deviation. The last column is the difference between the signals corrected by the two
-    // calibrations.
+    // The column of a parameter is the change of the corrected signals in each window if the parameter changes by one
+    // standard deviation. The last column is the difference between the signals corrected by the two calibrations.
     let mut columns: Vec<Vec<Signals>> = vec![Vec::new(); parameters.count() + 1];
     for (index, recording) in recordings.iter().enumerate() {
         let means = BriefMeans::of(recording);
@@ -281,7 +280,7 @@ struct Signal<'a> {
     covariance: &'a Mat<f64>,
     /// Number of one-second averages, over all windows and axes.
     count: usize,
-    /// Variance of the estimate `noise`, divided by the square of `noise`.
+    /// var(`noise`) / `noise`^2, where var is the variance of the estimate.
     relative_variance: f64,
 }
 
@@ -319,8 +318,8 @@ impl Signal<'_> {
         Ok(PredictedError { before, after, factor: before / after, factor_low, factor_high })
     }
 
-    /// Mean square of the signal change due to the parameter errors `errors`, plus `difference` (0 or 1) times the
-    /// difference between the signals corrected by the two calibrations.
+    /// Mean square of a sum of two signals. The first is the signal change due to the parameter errors `errors`. The
+    /// second is `difference` (0 or 1) x the difference between the signals corrected by the two calibrations.
     fn square(&self, errors: &[f64], difference: f64) -> f64 {
         let at = |i: usize| errors.get(i).copied().unwrap_or(difference);
         let all = 0..=errors.len();

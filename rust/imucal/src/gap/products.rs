@@ -36,10 +36,10 @@ impl Gram {
         Self::of_groups(sums, &groups, columns.ncols() - 1)
     }
 
-    /// Gram matrices with only the products that scoring needs: the model's columns with all columns, the columns of
-    /// each block of candidates with each other, and the residual with all columns. All other entries are NaN. The
-    /// model's columns come first, and the residual is the last column. `order` contains the position of each column
-    /// within a row. The second result contains the residuals inside moves.
+    /// Gram matrices with only the products that scoring needs: model column x any column, column x column within a
+    /// block of candidates, and residual x any column. All other entries are NaN. The model's columns come first, and
+    /// the residual is the last column. `order` contains the position of each column within a row. The second result
+    /// contains the residuals inside moves.
     pub(crate) fn beside(
         (rows, group_of_row): (&Lanes, &[usize]),
         insides: Option<&Insides>,
@@ -62,8 +62,9 @@ impl Gram {
         Self { sums, rows, groups: groups.iter().map(|rows| rows.group).collect(), residual }
     }
 
-    /// Gram matrices for the groups of rows of `self`, with all products of `columns` and the given residual. The
-    /// products of the columns are computed when first needed, and are stored in `products`.
+    /// Gram matrices A^T A, one for each group of rows in `self`. A contains the rows of the group in `columns` and
+    /// `residual`. The products column x column are computed only once and stored in `products`. The products column x
+    /// residual and residual x residual are computed in each call.
     pub(crate) fn with_residual(
         &self,
         products: &OnceLock<Vec<Mat<f64>>>,
@@ -132,7 +133,8 @@ impl Part<'_> {
         &self.columns.col_as_slice(j)[self.rows.clone()]
     }
 
-    /// Writes the products of all columns and a residual to row `place` and column `place` of a Gram matrix.
+    /// Writes the products column x residual and residual x residual to row `place` and column `place` of a Gram
+    /// matrix.
     fn put_residual(&self, residual: &[f64], place: usize, sum: &mut Mat<f64>) {
         for j in 0..self.columns.ncols() {
             let product = dot(self.column(j), residual);

@@ -57,7 +57,7 @@ pub enum Regressor {
     /// Angular acceleration, three components.
     AngularAcceleration,
     /// Direction of gravity in the body frame. For direction residuals after moves, the regressor is the attitude error
-    /// that a rate error proportional to a component of the specific force causes.
+    /// due to a rate error that is proportional to a component of the specific force.
     Gravity,
     /// Squares and products of the components of gravity.
     GravitySquared,

@@ -27,8 +27,8 @@ const LEAST_SHARE: f64 = 0.1;
 /// Threshold of the rank decision: singular values of a regressor's columns below this share of the largest one count
 /// as zero.
 const DEPENDENT_COLUMNS: f64 = 1e-6;
-/// Criterion for a common rotation axis of several moves. An axis is common if at least this share of the squared norm
-/// of each move's rotation vector lies along it.
+/// Body axis i is the common rotation axis of several moves if v_i^2 / |v|^2 > ALONG_ONE_AXIS for the rotation vector v
+/// of each move.
 const ALONG_ONE_AXIS: f64 = 0.8;
 
 /// Residuals of a calibration on its own recordings. They can be compared with the residuals of a second calibration.
@@ -36,8 +36,8 @@ const ALONG_ONE_AXIS: f64 = 0.8;
 pub struct ResidualsByPlace {
     /// Residuals by kind and body axis.
     pub channels: Vec<ChannelResidual>,
-    /// Significant dependences of those channels that are significant. For each channel, they are in descending order
-    /// of the explained share.
+    /// Significant dependences of the significant channels. The dependences of a channel are in descending order of the
+    /// explained share.
     pub dependences: Vec<Dependence>,
     /// Rests whose residuals are significant.
     pub rests: Vec<ItemResidual>,
@@ -56,10 +56,9 @@ pub struct ChannelResidual {
     pub axis: Option<usize>,
     /// Root mean square of the residuals, in the unit of the kind.
     pub rms: f64,
-    /// Root mean square of the standard deviations of the residuals from sensor noise, in the unit of the kind.
+    /// Root mean square of sigma, the standard deviation of each residual from sensor noise, in the unit of the kind.
     pub noise_rms: f64,
-    /// Root mean square of the ratio of each residual to its standard deviation from noise; 1 if noise is the only
-    /// error.
+    /// Root mean square of residual / sigma; 1 if noise is the only error.
     pub times_noise: f64,
     /// Whether chi2 of the channel exceeds the significance threshold.
     pub is_significant: bool,
@@ -178,7 +177,7 @@ fn explained_share(channel: &Channel, rows: &[Vec<f64>]) -> Option<(f64, usize)>
     let (n, width) = (rows.len(), rows.first()?.len());
     let weights: Vec<f64> = channel.sigma.iter().map(|sigma| sigma.powi(-2)).collect();
     let weight: f64 = weights.iter().sum();
-    // Differences from the weighted mean, in standard deviations. They do not depend on the origin of the values.
+    // (value - weighted mean) / sigma. A constant that is added to all values does not change the result.
     let centred = |value: &dyn Fn(usize) -> f64| -> Vec<f64> {
         let mean = weights.iter().enumerate().map(|(i, w)| w * value(i)).sum::<f64>() / weight;
         channel.sigma.iter().enumerate().map(|(i, sigma)| (value(i) - mean) / sigma).collect()

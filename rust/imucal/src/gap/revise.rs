@@ -20,13 +20,13 @@ const RIVAL_NATS: f64 = 3.0;
 /// Maximum p-value of the likelihood ratio between the models with and without an effect. An effect with a larger
 /// p-value is superfluous.
 const SUPERFLUOUS: f64 = 1e-3;
-/// A temperature lag is fitted again from a trial time constant if the logarithm of the ratio of this trial value to
-/// the estimate has a magnitude above this value.
+/// A temperature lag is fitted a second time, from a trial time constant, if trial and estimate differ by more than a
+/// factor of 2: |ln(trial / estimate)| > FAR.
 const FAR: f64 = 0.7;
-/// Above this log Bayes factor, nats, candidates are compared by their fits instead of their scores. The linearisation
-/// errors of the scores of such large effects exceed the differences between candidates.
+/// If the largest log Bayes factor is above this number of nats, candidates are fitted and compared by these fits. The
+/// scores of such large effects have linearisation errors that exceed the differences between candidates.
 const VERY_MUCH: f64 = 2000.0;
-/// Minimum log Bayes factor of a candidate for it to be fitted, as a share of the largest log Bayes factor.
+/// A candidate is fitted for this comparison if its log Bayes factor is above CLOSE x the largest log Bayes factor.
 const CLOSE: f64 = 0.9;
 
 impl Judged {
@@ -48,7 +48,7 @@ struct Replacement {
     effect: &'static Effect<f64>,
     /// Increase of the log evidence, nats.
     gain: f64,
-    /// Increase of the log posterior odds, nats: the gain, and the difference of the log prior odds.
+    /// Increase of the log posterior odds, nats: the gain + the difference of the log prior odds.
     odds: f64,
     /// Decrease of the deviance.
     statistic: f64,
@@ -58,8 +58,8 @@ struct Replacement {
 impl ForwardSearch<'_> {
     /// The candidate with the largest evidence among those that satisfy `good`, and the names of its rivals.
     ///
-    /// If the largest log Bayes factor exceeds [`VERY_MUCH`], all candidates above [`CLOSE`] times this value are
-    /// fitted. The candidate with the largest evidence after the fit is then returned.
+    /// If the largest log Bayes factor exceeds [`VERY_MUCH`], all candidates above [`CLOSE`] x this factor are fitted.
+    /// The candidate whose fit has the largest evidence is then returned.
     pub(super) fn best<'j>(
         &self,
         prepared: &Prepared<'_>,
@@ -101,8 +101,8 @@ impl ForwardSearch<'_> {
     /// with a time constant are compared because candidates are scored only at a few trial time constants. The effects
     /// of the temperature history (lag, rate and hysteresis) are compared because adding the temperature effect changes
     /// their evidence. Aliases whose log evidence is at most [`RIVAL_NATS`] smaller than the largest one become rivals.
-    /// A lag is also fitted from another start value of its time constant, because the lag was selected when the model
-    /// did not yet contain all effects. Returns whether an effect was replaced.
+    /// A temperature lag is also fitted from a second start value of its time constant, because the model did not yet
+    /// contain all effects when the lag was selected. Returns whether an effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,
@@ -182,8 +182,8 @@ impl ForwardSearch<'_> {
             let mut members = stage.members.clone();
             let shape = lag_s.filter(|_| other.shape.is_some());
             members[k] = Member { parameters, shape, ..Member::plain(other) };
-            // The first fit determines the size of the alias. This size becomes the width of its prior in the second
-            // fit.
+            // The first fit determines the size of the alias. In the second fit, this size is the width of the alias's
+            // prior.
             let mut fit = || {
                 let found = self.stage(prepared, near, open, &members, Beside::Nothing).ok()?;
                 let sizes = found.members[k].values.iter().zip(typical).map(|(v, p)| (v / p.typical).powi(2));
@@ -195,7 +195,7 @@ impl ForwardSearch<'_> {
             let at_best = if is_of_history(own) {
                 found.evidence.clone()
             } else {
-                // The time constant of the alias is fixed for the comparison, because candidates are also scored at a
+                // The time constant of the alias is fixed for the comparison, because candidates too are scored at a
                 // fixed time constant.
                 let shape = found.place(other.name).map_or(0, |place| place.end - 1);
                 let mut columns = found.design.model.clone();
@@ -218,9 +218,9 @@ impl ForwardSearch<'_> {
     }
 
     /// Selects the form of each effect in the model that has several forms, such as the degree of a temperature effect.
-    /// A form with more parameters is selected if its log evidence is larger by more than [`RIVAL_NATS`]. When a
-    /// candidate is scored, other effects may still be missing from the model, so its form may change after they have
-    /// been added. Returns whether a form was changed.
+    /// A form with more parameters is selected if its log evidence is larger by more than [`RIVAL_NATS`]. The form that
+    /// was selected with the score of the effect may change when further effects have been added to the model. Returns
+    /// whether a form was changed.
     pub(super) fn choose_forms(
         &self,
         prepared: &Prepared<'_>,

@@ -24,9 +24,8 @@ use crate::numerics::workers::{in_order, processors};
 const WIDTHS: [f64; 8] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
 /// Standard deviation of a prior, in multiples of the typical size, at which the prior has no influence on the fit.
 const NO_PRIOR: f64 = 1e4;
-/// A direction in parameter space is observable if chi2 changes by at least this value. The change refers to a
-/// parameter vector along this direction with a length of one typical size. With this threshold, a vector of a hundred
-/// typical sizes changes chi2 by at least 1.
+/// A direction in parameter space is observable if a parameter vector of one typical size along it changes chi2 by at
+/// least this value. A vector of a hundred typical sizes then changes chi2 by at least 1.
 const LEAST_CHANGE: f64 = LEAST_CHANGE_PARTLY * LEAST_CHANGE_PARTLY;
 /// Sensor noise explains the residuals of a group if the p-value of their chi2 is above this value. If noise explains
 /// all groups, cross-validation is skipped.
@@ -36,8 +35,8 @@ const SCATTER_CHANCE: f64 = 1e-6;
 /// The scatter of the residuals at rests is reported if their standard deviation is larger than this multiple of the
 /// white noise. Coloured noise and bias instability may cause smaller ratios.
 const WIDE: f64 = 2.5;
-/// Linearisation errors of a large effect may cause this share of the residual variance of the model without effects.
-/// Smaller scatter is not reported.
+/// Linearisation errors of a large effect may leave this share of the residual variance under the model without
+/// effects. Scatter up to this share is not reported.
 const REMAINDER: f64 = 0.05;
 
 /// A candidate's score at the prior width and the trial time constant with the largest evidence.
@@ -114,7 +113,7 @@ struct Look {
     /// Number of observable directions in the space of the candidate's parameters. The noise variances are not scaled
     /// (all noise scales s_g^2 are one).
     dof: usize,
-    /// Sum over the parameters of the change of chi2 if the parameter changes by its typical size.
+    /// Sum over the parameters p of the change of chi2 if only p changes, by its typical size.
     trace: f64,
     judged: Option<Judged>,
 }
@@ -236,9 +235,9 @@ pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
     traces
 }
 
-/// Expected chi2 in each group of residuals, caused by an effect of typical size that the model does not contain. The
-/// parameters of the model are refitted before chi2 is computed. The second value is the chi2 of all groups without
-/// this refit. The signs of the effect's parameters are random, and the expectation is over these signs.
+/// Expected chi2 in each group of residuals if an effect of typical size is missing from the model. The expectation is
+/// over random signs of the effect's parameters. The parameters of the model are refitted before chi2 is computed. The
+/// second value is the expected chi2 of all groups together without this refit.
 fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Option<(Vec<f64>, f64)> {
     let n = model.len();
     let p = candidate.typical.len();
@@ -271,9 +270,9 @@ fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Optio
 
 /// The kind of residuals with the largest significant excess over noise. Only residuals at rests and residuals relative
 /// to the stand are tested. Residuals of moves are not tested, because gyroscope noise may increase in motion without a
-/// missing effect. If effects were selected, only residuals of the sensors of these effects are tested, because a real
-/// unit has several small deviations from the model. An excess up to the linearisation error [`REMAINDER`] of large
-/// effects is tolerated. `before` are the noise scales of the model without effects.
+/// missing effect. If effects were selected, only residuals of their sensors and of the stand are tested, because a
+/// real unit has several small deviations from the model. An excess up to the linearisation error [`REMAINDER`] of
+/// large effects is tolerated. `before` are the noise scales of the model without effects.
 pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scattering> {
     const NAMES: [(usize, Sensor, &str); 6] = [
         (0, Sensor::Accelerometer, "accel_norm"),

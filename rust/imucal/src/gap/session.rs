@@ -19,13 +19,13 @@ use crate::numerics::stats::p_value;
 use crate::recording::Recording;
 use crate::rests::noise_density::variance_by_axis;
 
-/// The changes are estimated only if the control recordings contain at least this number of rests. It is twice the
-/// number of unknowns of each sensor.
+/// The changes are estimated only if the control recordings contain at least this number of rests: twice the number of
+/// unknowns of a sensor.
 const LEAST_RESTS: usize = 6;
 /// Maximum p-value of a significant change of one sensor's biases.
 const SIGNIFICANCE: f64 = 1e-6;
-/// A change of the bias is reported only if it exceeds this multiple of the scatter of the bias between the rests of
-/// one session. Biases scatter that much within a recording anyway, so a smaller change hardly affects the errors.
+/// A change of the bias is reported only if |change| > LEAST_SIZE x scatter of the bias between the rests of one
+/// session. A smaller change hardly affects the errors, because biases scatter by a similar amount within a recording.
 const LEAST_SIZE: f64 = 3.0;
 /// Minimum value of the smallest eigenvalue of the mean of `u u^T` over the rests, where u is the direction up. Below
 /// this value, not all components of a change are observable. The eigenvalue is 1/3 for directions distributed

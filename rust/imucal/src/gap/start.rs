@@ -16,12 +16,12 @@ use crate::joint::{BLOCK_S, Kinds, Prepared, Terms, is_unobservable_hand_held};
 /// Averaging time of the specific force inside moves for the detection of hand motion, s. Accelerations by a hand last
 /// longer than this time, so the average still contains them.
 const STRETCH_S: f64 = 4.0 * BLOCK_S;
-/// Hand motion is detected if the scatter of the averaged specific force is larger than this multiple of noise, and if
-/// effects do not explain this scatter.
+/// Hand motion is detected only if the averaged specific force scatters more than HAND x noise, and if effects do not
+/// explain this scatter.
 const HAND: f64 = 10.0;
-/// If the unit is moved by hand, effects of the angular acceleration (for example the lever arm of the accelerometer)
-/// leave at least this share of the variance of the averaged specific force unexplained. Without hand motion, the
-/// unexplained share is smaller. It is largest with a long lever arm and a noisy gyroscope.
+/// Hand motion is detected only if effects of the angular acceleration (for example the lever arm of the accelerometer)
+/// leave more than this share of the averaged specific force's variance unexplained. Without hand motion, a long lever
+/// arm and a noisy gyroscope leave the largest share unexplained, which is below this value.
 const UNEXPLAINED: f64 = 0.003;
 
 impl ForwardSearch<'_> {
@@ -77,8 +77,8 @@ impl ForwardSearch<'_> {
     ) -> Result<bool, Error> {
         let inside = |gram: &Gram, group: usize, columns: &[Column]| {
             let Some(place) = gram.groups.iter().position(|own| *own == group) else { return Ok(0.0) };
-            // A lower bound of the noise scale is faster to compute than the scale. If the bound exceeds the threshold,
-            // it is sufficient.
+            // A lower bound of the noise scale (chi2 per degree of freedom) is computed first, because this takes less
+            // time. If the bound exceeds the threshold, the noise scale itself is not needed.
             let least = gram.least_scale(group, columns).filter(|least| *least > HAND * HAND);
             let scale = least.or_else(|| gram.evidence(columns).map(|evidence| evidence.scales[place]));
             scale.ok_or_else(|| Error::Fit(NO_EVIDENCE.into()))

@@ -14,13 +14,12 @@ use super::stage::{Beside, Member, Stage};
 use crate::calibrate::EffectChoice;
 use crate::joint::Prepared;
 
-/// Log prior odds, nats, of an effect without memory relative to an effect of the temperature history. If the model
-/// contains the history effect of a bias, the temperature effect of this bias has the same odds relative to other
-/// effects. 3 nats are odds of 20 to 1.
+/// Log prior odds, nats, of an effect without memory relative to an effect of the temperature history. If the history
+/// effect of a bias is in the model, these are also the log prior odds of the bias's temperature effect relative to
+/// other effects. 3 nats are odds of 20 to 1.
 const PRIOR_NATS: f64 = 3.0;
 /// Maximum p-value of the temperature effect of a bias if the history effect of this bias is in the model. It is larger
-/// than the maximum for other effects, because without the temperature effect the time constant of a lag would be
-/// biased.
+/// than for other effects, because the time constant of a lag would be biased without the temperature effect.
 const PARTNER_CHANCE: f64 = 0.01;
 
 pub(super) fn is_of_history(effect: &Effect<f64>) -> bool {
@@ -88,8 +87,8 @@ impl ForwardSearch<'_> {
         Some((own, score))
     }
 
-    /// The model with the candidate `pick`, if the prediction of held-out data improves when its partner is added as
-    /// well.
+    /// The model with the candidate `pick`. `None` unless the prediction of held-out data improves when the partner of
+    /// `pick` is also added.
     pub(super) fn with_partner(
         &self,
         prepared: &Prepared<'_>,

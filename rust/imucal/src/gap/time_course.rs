@@ -14,9 +14,9 @@
 //! ```
 //!
 //! Every time course also contains white scatter from epoch to epoch. The evidence of each course is maximised over the
-//! sizes. The evidence of a switching course is computed for its most likely states s. The information in these states
-//! is subtracted from it. This information consists of the number of changes, their places, and the share of an epoch
-//! in which a change lies.
+//! sizes. The evidence of a switching course is computed for its most likely states s. It is reduced by the
+//! information, nats, that is needed to describe these states: the number of changes, the epochs of the changes, and
+//! the intermediate state of an epoch that contains a change.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -46,7 +46,8 @@ const SIZES: [f64; 5] = [0.5, 0.7, 1.0, 2.0, 4.0];
 const SCATTERS: [f64; 4] = [1e-3, 0.1, 0.3, 1.0];
 /// Trial correlation lengths of a smooth time course, as shares of the duration.
 const LENGTHS: [f64; 4] = [0.025, 0.05, 0.1, 0.2];
-/// Trial states of an epoch that contains a switch. All other epochs have the state 0 or 1.
+/// Trial states of an epoch: 0 or 1 at one of the two levels, and a value between them if the level switches within the
+/// epoch.
 const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 /// Maximum number of passes over all epochs in the search for the most likely states.
 const MOST_PASSES: usize = 12;
@@ -109,8 +110,9 @@ impl ForwardSearch<'_> {
     }
 }
 
-/// Quadratic log likelihood of the deviation in each epoch, in multiples of the typical deviation of the parameter. The
-/// deviations on the x axis in all epochs come first, then those on the y and z axes.
+/// Log likelihood slope^T x - 1/2 x^T information x of the deviations x. x contains the deviation of the parameter in
+/// each epoch, in multiples of its typical deviation. All epochs of the x axis come first, then all epochs of the y
+/// axis and of the z axis.
 struct Observed {
     epochs: Vec<Epoch>,
     information: Mat<f64>,
@@ -269,12 +271,12 @@ impl Scattered {
         Vector3::from_fn(|a, _| self.slope[a * n + k])
     }
 
-    /// Largest log evidence of a switching course relative to white scatter only. States are changed one at a time as
-    /// long as the evidence increases.
+    /// Largest log evidence of a switching course with white scatter, relative to white scatter only. One state at a
+    /// time is changed as long as the evidence increases.
     fn most_likely_states(&self, states: &[f64], size: f64) -> f64 {
         let n = states.len();
         let mut states = states.to_vec();
-        // For each epoch k: the sum over all epochs j of the information between k and j, times the state of j.
+        // For each epoch k: the sum over all epochs j of between(k, j) x state of j.
         let mut beside: Vec<Matrix3<f64>> =
             (0..n).map(|k| (0..n).map(|j| self.between(k, j) * states[j]).sum()).collect();
         let mut information: Matrix3<f64> = (0..n).map(|k| beside[k] * states[k]).sum();
@@ -309,8 +311,8 @@ impl Scattered {
     }
 }
 
-/// Log evidence of the difference between the two levels, three axes together. Its prior has the standard deviation
-/// `size`.
+/// Log evidence of a difference between the two levels, on three axes together. The prior of the difference has the
+/// standard deviation `size` on each axis.
 fn log_of_levels(information: &Matrix3<f64>, slope: &Vector3<f64>, size: f64) -> f64 {
     let Some(factor) = (information + Matrix3::identity() / (size * size)).cholesky() else {
         return f64::NEG_INFINITY;

@@ -27,13 +27,14 @@ const CERTAIN_NATS: f64 = 8.0;
 /// fit used). The limit applies if the fit with the effects is poor, or if residuals of unseen data exceed noise. If
 /// the effects remove a smaller share, unseen data contradict them.
 const LEAST_REMOVED: f64 = 0.1;
-/// Share of chi2 of unseen data that decides three questions. If residuals at rest scatter more than noise explains,
-/// the effects must remove at least this share from one kind of residuals. Unexplained residuals do not limit the use
-/// of the calibration if the effects remove at least this share. A change of the biases between sessions explains the
-/// residuals if it removes more than this share.
+/// Share of chi2 of unseen data, the threshold of three tests. If residuals at rest scatter more than noise, the
+/// effects are confirmed only if they remove at least this share from one kind of residuals. Residuals that the effects
+/// leave unexplained do not limit the use of the calibration if the effects remove at least this share. A change of the
+/// biases between sessions explains the residuals if the change removes more than this share.
 const MOST_REMOVED: f64 = 0.5;
 /// Decrease of chi2 of unseen data, in standard deviations, that confirms the effects even if they remove a smaller
-/// share than [`LEAST_REMOVED`]. This criterion is not used if the fit is poor.
+/// share than [`LEAST_REMOVED`]. This criterion is not used if the fit is poor, or if residuals at rest scatter more
+/// than noise.
 const SIGNIFICANT: f64 = 4.0;
 /// Codes of findings that prevent conclusions about effects.
 const FAULTS: [&str; 8] = [
@@ -92,8 +93,8 @@ impl Verdict {
 pub struct Rivals {
     /// Name of the accepted effect.
     pub name: String,
-    /// Names of effects that were not accepted, but whose log evidence is within three nats of that of the accepted
-    /// effect.
+    /// Names of effects that were not accepted although they explain the residuals equally well. Their log evidence is
+    /// less than three nats below the log evidence of the accepted effect.
     pub rivals: Vec<String>,
 }
 
@@ -231,7 +232,7 @@ impl Basis<'_> {
     }
 
     /// A contradiction between unseen data and the effects. It exists if the residuals of the fit with effects exceed
-    /// noise and the effects reduce chi2 by too small a share.
+    /// noise and the effects remove too small a share of chi2.
     fn contradiction(&self) -> Option<Contradiction> {
         let Self { search, path, before, after, .. } = self;
         let removed = after.removed(before);

@@ -9,12 +9,12 @@
 //! log E(s) - log E = 1/2 (z^T (S + I/s^2)^-1 z - ln det(I + s^2 S))      for a prior N(0, (s typical_p)^2)
 //! ```
 //!
-//! N, C and D are blocks of the Gram matrix: products of the model's columns (N, including the prior precisions), of
-//! the model's columns with the additional columns (C), and of the additional columns (D). r and r_own are the products
-//! of the model's columns and of the additional columns with the residuals. In all these sums, the contribution of a
-//! group is divided by its noise scale. The additional columns are multiplied by the typical sizes of their parameters.
-//! If the noise scales maximise the evidence, this expression is the increase of the maximum evidence. At other noise
-//! scales it is an approximation, which is used to select the prior widths that are evaluated exactly.
+//! N, C, D, r and r_own are blocks of the Gram matrix. N: model column x model column, plus the prior precisions. C:
+//! model column x additional column. D: additional column x additional column. r: model column x residual. r_own:
+//! additional column x residual. In all these sums, the contribution of a group is divided by its noise scale. The
+//! additional columns are multiplied by the typical sizes of their parameters. If the noise scales maximise the
+//! evidence, this expression is the increase of the maximum evidence. At other noise scales it is an approximation,
+//! which is used to select the prior widths that are evaluated exactly.
 
 mod left;
 
@@ -55,8 +55,8 @@ pub(crate) struct Weighing<'a> {
     pub(super) parts: Vec<SymmetricMatrix>,
 }
 
-/// Normal matrix (sum of the Gram matrices, each divided by its noise scale) after elimination of the model's
-/// parameters.
+/// Normal matrix after elimination of the model's parameters. Before the elimination, it is the sum over the groups of
+/// Gram matrix / noise scale, plus the prior precisions of the model.
 #[derive(Clone)]
 pub(crate) struct Swept {
     pub(super) scales: Vec<f64>,
@@ -100,8 +100,8 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Sets the rows of `to` from row `from` on to the sum of the Gram matrices, each divided by its noise scale,
-    /// plus the prior precisions of the model.
+    /// Computes the rows of `to` from row `from` on: the sum over the groups of Gram matrix / noise scale, plus the
+    /// prior precisions of the model.
     #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn add_up<S: Simd>(
         &self,
@@ -152,14 +152,14 @@ impl<'a> Weighing<'a> {
     }
 
     /// Evidence of the model with the additional columns. The prior of these columns has a standard deviation of
-    /// `width` typical sizes. The iteration starts at the noise scales of `swept`. The second result is the eliminated
-    /// normal matrix at the converged scales. `None` if the normal matrix is singular.
+    /// `width` typical sizes. The iteration starts at the noise scales of `swept`. The second result is the normal
+    /// matrix after the elimination, at the converged noise scales. `None` if the normal matrix is singular.
     pub(crate) fn evidence(&self, width: f64, swept: Swept) -> Option<(Evidence, Swept)> {
         Instructions::Best.run(Settle(self, width, swept))
     }
 
-    /// Sum of the Gram matrices before any elimination. Each matrix is divided by its noise scale. Only the rows from
-    /// row `from` on are computed.
+    /// Normal matrix before the elimination: the sum over the groups of Gram matrix / noise scale, plus the prior
+    /// precisions of the model. Only the rows from row `from` on are computed.
     #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn whole<S: Simd>(&self, simd: S, scales: &[f64], from: usize) -> Swept {
         let (n, all) = (self.columns.model.len(), self.columns.count());
@@ -189,8 +189,8 @@ impl<'a> Weighing<'a> {
             let mut normal = swept.sums.clone();
             (model.len()..n).for_each(|i| *normal.at(i, i) += precision[i] + RIDGE);
             let volume = swept.volume + normal.sweep(simd, model.len()..n)?;
-            // Coefficients of the columns and of the residual (1). The sum of the columns and the residual, each
-            // multiplied by its coefficient, is the residual after the fit.
+            // Coefficients of the columns and of the residual. The coefficient of the residual is 1. The sum of
+            // coefficient x column, over all columns and the residual, is the residual after the fit.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
             // `held` is the sum of the terms `n_g ln s_g^2 + chi2_g / s_g^2` at the noise scales s_g^2 before this

@@ -29,8 +29,8 @@ use crate::numerics::stats::p_value;
 /// Minimum log Bayes factor, nats, for an effect to be selected with generic hypotheses (unknown variations of a bias
 /// or scale) in the model. 8 nats are odds of 3000 to 1.
 const LEAST: f64 = 8.0;
-/// Minimum likelihood ratio statistic of an effect, as a share of the statistic of the generic hypotheses. The columns
-/// of the hypotheses describe the variation only approximately, and an effect below this share may only fit the
+/// Minimum of the ratio: likelihood ratio statistic of an effect / statistic of the generic hypotheses. The columns of
+/// the hypotheses describe the variation only approximately. An effect with a smaller ratio may only fit the
 /// approximation error.
 const SHARE: f64 = 0.02;
 /// Another candidate is a rival of the best candidate if its log evidence is smaller by less than this number of nats.
@@ -43,8 +43,8 @@ const OF_FIELDS: [&str; 3] = ["gyro_g_sensitivity", "gyro_g2_sensitivity", "eart
 const OF_TIME: [&str; 4] = ["gyro_bias_drift", "gyro_bias_warmup", "accel_bias_drift", "accel_bias_warmup"];
 /// Trial widths of the prior of a random walk, in multiples of the typical size of the bias.
 const WALK_WIDTHS: [f64; 3] = [0.1, 0.5, 2.5];
-/// Factor by which the prior precision exceeds the information of the data about a parameter, so that the prior fixes
-/// the parameter at zero.
+/// Ratio: prior precision of a removed parameter / information of the data about the parameter. Such a prior fixes the
+/// parameter at zero.
 const REMOVED: f64 = 1e6;
 
 /// A generic hypothesis (unknown variation of a bias or scale) whose columns are part of a model.
@@ -56,10 +56,10 @@ pub(super) struct Varying {
     width: f64,
 }
 
-/// The significant hypotheses in `patterns`, without duplicates. A hypothesis may be significant in addition to the
-/// selected effects, or only instead of these effects. If any hypothesis is significant in addition to the effects, all
-/// hypotheses instead of effects are omitted, because they may describe the same errors as a selected effect. For
-/// example, a smooth function of the rate can describe a cubic scale error.
+/// The significant hypotheses in `patterns`, without duplicates. If hypotheses are significant in the model with the
+/// selected effects, only these hypotheses are returned. Otherwise, hypotheses that explain the residuals better than
+/// the selected effects are returned. These hypotheses may describe the same errors as a selected effect. For example,
+/// a smooth function of the rate can describe a cubic scale error.
 fn varying(patterns: &[Pattern]) -> Vec<Varying> {
     let mut all: Vec<Varying> = Vec::new();
     let mut add = |block: Block, kernel: Kernel, width: f64| {
@@ -86,10 +86,10 @@ pub(super) struct KnownEffects {
     log: f64,
 }
 
-/// A model with the columns of generic hypotheses (unknown variations of a bias or scale), and their statistic.
+/// A model that contains the columns of generic hypotheses (unknown variations of a bias or scale).
 struct Extended {
     stage: Stage,
-    /// Likelihood ratio statistic of the hypotheses.
+    /// Likelihood ratio statistic of the model with the hypotheses relative to the model without them.
     statistic: f64,
 }
 
@@ -97,9 +97,9 @@ impl ForwardSearch<'_> {
     /// The effects that are significant if the generic hypotheses of `patterns` are in the model; `None` if no
     /// hypothesis is significant.
     ///
-    /// A random walk is tried instead of these hypotheses in two cases. First, if the hypotheses explain the residuals
-    /// better than all selected effects, because the hypotheses may then describe one of the effects. Second, if
-    /// effects that are functions of time were selected, because a random walk resembles such effects.
+    /// A random walk is tried instead of these hypotheses in two cases. In the first case, the hypotheses explain the
+    /// residuals better than all selected effects, and may therefore describe one of the effects. In the second case,
+    /// selected effects are functions of time, and a random walk resembles such effects.
     pub(super) fn known_effects(
         &mut self,
         prepared: &Prepared<'_>,
@@ -259,8 +259,8 @@ impl ForwardSearch<'_> {
             for other in open.iter().filter(is_other).map(|choice| choice.effect).collect::<Vec<_>>() {
                 let mut instead = members.to_vec();
                 instead[k] = Member::plain(other);
-                // The first fit determines the size of the alias. The size becomes the width of its prior in the second
-                // fit.
+                // The first fit determines the size of the alias. In the second fit, this size is the width of the
+                // alias's prior.
                 let Ok(Some(first)) = extended(&instead) else { continue };
                 let Some(member) = first.stage.members.get(k) else { continue };
                 let typical = &other.parameters[..other.plain];
@@ -351,7 +351,7 @@ fn score_of(stage: &Stage, member: &Member, score: &Score) -> Option<Score> {
     for (k, column) in without[place].iter_mut().enumerate() {
         let seen: f64 = design.gram.sums.iter().map(|sum| sum[(column.place, column.place)]).sum();
         column.precision = REMOVED * seen.max(column.precision);
-        // If the effect is removed, its time constant has no influence, so it keeps its value.
+        // The time constant of a removed effect has no influence on the residuals, so its value is kept.
         column.value = if k < linear { column.value } else { 0.0 };
     }
     let alone = design.gram.evidence_near(&without, &stage.evidence.scales)?;

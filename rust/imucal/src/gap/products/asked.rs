@@ -4,15 +4,15 @@ use std::ops::Range;
 
 use faer::Mat;
 
-/// The column products that the scoring of candidates needs. They are the products of the model's columns with all
-/// columns, the products within each block of candidate columns, and the products of each block with the last column,
-/// the residual. The model's columns come first.
+/// The column products that the scoring of candidates needs. They are model column x any column, column x column within
+/// a block of candidate columns, candidate column x residual, and residual x residual. The model's columns come first,
+/// and the residual is the last column.
 pub(super) struct Asked<'a> {
     pub(super) model: usize,
     pub(super) last: usize,
     pub(super) blocks: &'a [Range<usize>],
-    /// Needed products of columns that are not in the model. Each entry contains the index of a column and the indices
-    /// of the later columns with which it is multiplied.
+    /// Needed products of columns that are not in the model. Each entry contains the index i of a column, and the
+    /// indices j >= i of the columns for the products i x j.
     pairs: Vec<(usize, Vec<usize>)>,
     /// Initial Gram matrix, with zeros for needed products and NaN for all other products.
     nothing_yet: Mat<f64>,

@@ -88,8 +88,8 @@ struct Plan {
 }
 
 impl Plan {
-    /// Plans three sets of products: the model's columns with all columns, each block of candidate columns with itself,
-    /// and the residual with each block and with itself.
+    /// Plans three sets of products: model column x any column, column x column within each block of candidate columns,
+    /// and residual x column of each block and residual x residual.
     fn new(lanes: &Lanes, order: &[usize], asked: &Asked<'_>) -> Self {
         let register = Instructions::Best.run(Register);
         let places: Vec<Option<usize>> = order.iter().map(|column| lanes.place(*column)).collect();
@@ -122,8 +122,7 @@ impl Plan {
         Self { columns, of_model, of_others, register }
     }
 
-    /// The sums of all jobs before the first row, which are zero. Each column of a job needs as many sums as a SIMD
-    /// register has numbers.
+    /// Initial sums of all jobs: zeros. Each column of a job needs as many sums as a SIMD register has numbers.
     fn nothing_yet(&self) -> Vec<f64> {
         vec![0.0; (self.of_model.len() * OF_MODEL + self.of_others.len() * OF_OTHERS) * self.register]
     }
@@ -182,7 +181,7 @@ impl<'r, R: Iterator<Item = &'r [f64]> + Clone> WithSimd for Add<'_, R> {
     }
 }
 
-/// Adds the products of the first `N` columns of a job and its register to `sums`, row by row.
+/// For each row, adds the products of the first `N` columns of a job x the values in the job's register to `sums`.
 #[inline(always)]
 fn add<'r, S: Simd, const N: usize>(simd: S, rows: impl Iterator<Item = &'r [f64]>, job: &Job, sums: &mut [S::f64s]) {
     let (places, first) = (&job.places, job.first);

@@ -7,12 +7,12 @@ use pulp::{Simd, WithSimd};
 use crate::numerics::instructions::Instructions;
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// Upper bound of the rounding error of a column's squared length after the elimination, as a share of its squared
-/// length before the elimination.
+/// Upper bound of the ratio: rounding error of a column's squared length after the elimination / squared length before
+/// the elimination.
 const ROUNDING: f64 = 1e-9;
 
-/// Products of the additional columns and of the residual, from which the columns of the model have been eliminated
-/// (Schur complement). The residual is the last column. The columns are scaled to typical sizes of their parameters.
+/// Gram matrix of the additional columns and the residual after elimination of the model's columns (Schur complement).
+/// The residual is the last column. The columns are scaled to typical sizes of their parameters.
 pub(crate) struct Left {
     pub(super) sums: SymmetricMatrix,
     /// Squared length of each column before the elimination.
@@ -49,9 +49,9 @@ impl Left {
         Some(0.5 * (residual - *sums.at(k, k) - volume))
     }
 
-    /// Number of observable directions in parameter space. A direction is observable if a parameter vector along it,
-    /// with a length of one typical size, changes chi2 by at least `least`. The change must also exceed the rounding
-    /// errors of the elimination.
+    /// Number of observable directions in parameter space. A direction is observable if a parameter vector of one
+    /// typical size along it changes chi2 by at least `least`. The change must also exceed the rounding errors of the
+    /// elimination.
     pub(crate) fn directions(&self, least: f64) -> usize {
         let least = least.max(ROUNDING * self.whole.iter().sum::<f64>());
         // Fast path: all eigenvalues usually exceed the threshold, and a factorisation can test this.
@@ -65,7 +65,7 @@ impl Left {
         normal.symmetric_eigenvalues().into_iter().filter(|value| **value >= least).count()
     }
 
-    /// Sum over all columns of the change of chi2 if the column's parameter changes by its typical size.
+    /// Sum over the columns of the change of chi2 if only the column's parameter changes, by its typical size.
     pub(crate) fn trace(&self) -> f64 {
         (0..self.columns()).map(|a| self.sums.row(a)[0].max(0.0)).sum()
     }
