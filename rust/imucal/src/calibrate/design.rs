@@ -20,15 +20,15 @@ const STEPS: usize = 3;
 /// parameter by more, the data are faulty, and the step is not applied.
 pub(super) const FAR_OFF: f64 = 0.3;
 
-/// The design matrix: the Jacobian of the residuals with respect to the parameters `OBSERVED`. Each row is divided by
-/// the typical model error of a real unit in this residual. Each column is multiplied by a hundredth of the size of its
-/// parameter (`sizes`).
+/// The design matrix: the Jacobian of the residuals with respect to the parameters `OBSERVED`. A row is divided by the
+/// error that the model of a real unit typically has in this residual. A column is multiplied by a hundredth of the
+/// size of its parameter (`sizes`). The rows of priors are divided by the standard deviation of the prior.
 #[derive(Default)]
 pub(super) struct Design {
     /// Rows of the matrix, with one column for each entry of [`OBSERVED`]. First come the rows of the residuals, then
     /// the rows of the parameters with a prior.
     rows: Vec<[f64; 18]>,
-    /// Residuals, each divided by the typical model error of a real unit.
+    /// Residuals, divided like the rows.
     residuals: Vec<f64>,
     /// The residuals with their derivatives, as [`Line`]s.
     lines: Vec<Line>,
@@ -50,11 +50,10 @@ impl Design {
         Ok(Self { rows, residuals, lines })
     }
 
-    /// The design at the least-squares values of the determined parameters and the nominal values of all others. The
-    /// nominal values of all parameters are not suitable, because sensor errors of a few per cent would rotate the
-    /// unobservable directions by a few hundredths of a radian.
-    ///
-    /// The second result contains these parameter values.
+    /// Returns the design matrix, and the parameters at which it is computed. Determined parameters have their
+    /// least-squares values, and all others their nominal values. Nominal values for all parameters would not be
+    /// suitable, because sensor errors of a few per cent would rotate the unobservable directions by a few hundredths
+    /// of a radian.
     pub(super) fn near(
         prepared: &Prepared<'_>,
         terms: &Terms<'_>,

@@ -19,11 +19,11 @@ use crate::held::{GROUPS, HeldParameter, PriorCost, PriorSource};
 use crate::joint::force_by_parameters;
 use crate::parameters::{ACCEL, GYRO_SENSITIVITY};
 
-/// A held parameter is reported as not determined by the recordings if its prior causes more than this share of its
-/// variance. The recordings then contain less information than the prior.
+/// A held parameter is reported as not determined by the recordings if (variance due to the priors) / (its variance) is
+/// above this value. The recordings then contain less information than the priors.
 const MAX_PRIOR_SHARE: f64 = 0.5;
-/// A contradiction between prior and recordings is reported if the parameter differs between them by more than this
-/// number of standard deviations of the difference. Noise exceeds this limit with a probability of 6e-7.
+/// A contradiction is reported if |value from the recordings - prior| is above this number of standard deviations of
+/// this difference. Noise exceeds this limit with a probability of 6e-7.
 const MAX_CONTRADICTION: f64 = 5.0;
 
 /// One held parameter with its prior and its estimate.
@@ -62,9 +62,8 @@ impl HeldEstimate {
 }
 
 /// Estimates of the held parameters, and the part B of the covariance that is due to their priors. Both are computed
-/// from the parameters and the covariance of a fit with these held parameters. `residuals` may be empty. Otherwise it
-/// contains, for each held parameter, the residual of its prior in standard deviations, and one minus the leverage of
-/// this residual.
+/// from the parameters and the covariance of a fit with these held parameters. `residuals` is empty or has one entry
+/// for each held parameter: the residual of its prior in standard deviations, and 1 - leverage of this residual.
 pub(super) fn held_estimates(
     (parameters, covariance): (&[f64], &Mat<f64>),
     held: &[HeldParameter],
@@ -91,16 +90,16 @@ pub(super) fn held_estimates(
     ((0..held.len()).map(estimate).collect(), &by_prior * by_prior.transpose())
 }
 
-/// Difference between prior and recordings in standard deviations. `None` if the recordings hardly determine the
-/// parameter. Their information then comes only from the nonlinearity of the model, and is no evidence against the
-/// prior.
+/// Difference between prior and recordings in standard deviations. `None` if the recordings alone determine the
+/// parameter less accurately than its typical spread over MEMS sensors. So little information comes only from the
+/// nonlinearity of the model, and is no evidence against the prior.
 fn contradiction(held: &HeldParameter, (residual, free): (f64, f64)) -> Option<f64> {
     let of_recordings = held.sigma * ((1.0 - free) / free).sqrt();
     held.usual.is_none_or(|usual| of_recordings < usual).then_some(residual)
 }
 
-/// Standard deviations of the gravity direction and of a rotation by 90 deg that follow from this covariance of the
-/// parameters (symmetric frame). They are root mean squares over `directions`.
+/// Standard deviations of a gravity direction and of a rotation by 90 deg, if the parameters (symmetric frame) have
+/// this covariance. They are root mean squares over `directions`.
 pub(super) fn prior_cost(covariance: &Mat<f64>, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>) -> PriorCost {
     let block = |first: usize| SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(first + i, first + j)]);
     let (force, rate) = (block(ACCEL.start), block(GYRO_SENSITIVITY.start));
@@ -128,8 +127,8 @@ fn directions() -> Vec<Vector3<f64>> {
     all.filter(|v| v.norm() > 0.0).map(|v| v.normalize()).collect()
 }
 
-/// List of the names of the parameters in `held`, which are a part of `all`. The name of a group is listed instead of
-/// the names of its members if `held` contains all members of the group in `all`, and at least two.
+/// The names of the parameters in `held`, as a list for a message. `all` contains all held parameters. If every
+/// parameter of a group in `all` is also in `held`, and the group has at least two, the list names the group instead.
 pub(super) fn listed(held: &[&HeldEstimate], all: &[HeldEstimate]) -> String {
     let mut names = Vec::new();
     for group in GROUPS {

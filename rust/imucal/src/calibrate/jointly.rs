@@ -180,7 +180,7 @@ impl UnitData<'_> {
         })
     }
 
-    /// Directions of gravity and rotations of the moves that the joint fit does not use.
+    /// For each move that the joint fit does not use: the gravity directions at its ends, and its rotation.
     pub(super) fn predict(
         &self,
         fit: &JointFit,

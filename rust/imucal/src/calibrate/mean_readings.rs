@@ -21,11 +21,12 @@ use crate::rests::unit_rest::rests_of_means;
 use crate::two_stage::accelerometer::{self, AccelerometerFit};
 use crate::two_stage::ellipsoid::Start;
 
-/// Standard deviation of the means in the first fit if their noise is not known, as a fraction of the largest semi-axis
-/// of the ellipsoid of the readings. It is so large that no row is excluded as an outlier. With a larger value, noise
-/// could explain the whole ellipsoid, and the fit would be refused.
+/// Standard deviation of the means in a first fit, unless the table contains their noise. It is a fraction of half the
+/// largest range of the readings on an axis. The value is so large that no row is excluded as an outlier. With a larger
+/// value, noise could explain the whole ellipsoid of the readings, and the fit would be refused.
 const FIRST_GUESS: f64 = 0.015;
-/// Standard deviation of the means in a trial of a model for which the user must give it, m/s^2.
+/// Some models with fewer parameters need the noise of the means from the user. Before such a model is offered, it is
+/// tried with this standard deviation, m/s^2.
 const ASSUMED_NOISE_MPS2: f64 = 0.01;
 
 /// Mean readings at rest, one row for each rest.
@@ -83,8 +84,8 @@ pub fn calibrate_means(
     }
 }
 
-/// The text of a refusal, with the offer of a model with fewer parameters. If the noise of the means is not known,
-/// models are offered that need it. Nothing is offered if only the noise is missing, because `words` ask for it.
+/// The text of a refusal, with the offer of a model with fewer parameters. If the user did not give the noise of the
+/// means, the offer may require it. Nothing is offered if only this noise is missing, because `words` ask for it.
 fn with_way_out(table: &MeanReadings<'_>, options: &Options<'_>, words: String) -> String {
     let of_noise_given = |options: &Options<'_>| {
         let noise = MeanNoise::Common(ASSUMED_NOISE_MPS2);

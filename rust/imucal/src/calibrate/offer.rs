@@ -33,8 +33,8 @@ impl<'a> Checked<'a> {
     }
 }
 
-/// The checked recordings, which must determine all parameters that have no prior. With the model `orthogonal`, in
-/// which biases and scales have no prior, the gyroscope scales of axes without rotation get a prior here.
+/// The checked recordings, which must determine all parameters that have no prior. The model `orthogonal` has no priors
+/// of biases and scales. If the unit was not rotated about an axis, the gyroscope scale of this axis gets a prior here.
 fn determined<'a>(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Checked<'a>, Error> {
     let checked = Checked::of_determined(recordings, options);
     if options.priors.model != ParameterModel::Orthogonal || !matches!(checked, Err(Error::NotEnoughMotion(_))) {
@@ -65,10 +65,10 @@ pub(super) struct Reduced {
     pub(super) condition: Option<&'static str>,
 }
 
-/// The text of a refusal, followed by an offer of a model with fewer free parameters than the requested model. Among
-/// the models that the data determine, the one with the most free parameters is offered. The text also states the
-/// error of this model that is due to its priors. `fit` performs a complete calibration with the given options and
-/// returns `None` if it has no usable result.
+/// The text of a refusal, followed by an offer of a model with fewer free parameters. Of all models that the data
+/// determine, the offered model has the most free parameters. The text also states the error that the priors of this
+/// model cause. `fit` performs a complete calibration with the given options and returns `None` if it has no usable
+/// result.
 pub(super) fn with_offer(
     options: &Options<'_>,
     words: &str,

@@ -63,7 +63,7 @@ pub struct Outcome {
     /// Goodness of fit of each kind of residuals, relative to noise. The kinds of the two-stage fit are the norms of
     /// the specific force at the rests and the gravity directions after the moves.
     pub groups: Vec<GroupMisfit>,
-    /// Factors by which the joint fit increases the standard deviations of each kind of residual (model.md (19)).
+    /// Factor by which the joint fit multiplies the standard deviations of each kind of residual (model.md (19)).
     pub joint_scales: Option<ResidualScales>,
     /// Bias instability of the gyroscope in the weights of the joint fit, rad/s. It is given by the options, or
     /// estimated from the scatter of the mean rates at the rests. `None` if the weights assume constant biases.

@@ -88,8 +88,8 @@ struct Scene {
 }
 
 impl UnitData<'_> {
-    /// The prediction for rests and moves together. The second result is a model with the least-squares values of the
-    /// determined parameters and the nominal values of all others. All refusals for missing motion are based on this
+    /// The prediction for rests and moves together. The second result is a model: determined parameters have their
+    /// least-squares values, and all others their nominal values. All refusals for missing motion are based on this
     /// prediction.
     pub(super) fn joint_information(&self, options: &Options<'_>) -> Result<(Prospect, Model), Error> {
         self.prospect(self.scene(options)?, options)
@@ -141,8 +141,8 @@ impl UnitData<'_> {
         let mut predicted_sigma = [None; BASE];
         let problem = Joint::new(&prepared, &terms, &model.parameters())?;
         let (_, whitened) = problem.whitened(&model.parameters())?;
-        // Every parameter has a prior with a standard deviation of a tenth of its size. The covariance is then finite
-        // even if some parameters are not determined.
+        // Each parameter in [`OBSERVED`] has a prior with a standard deviation of a tenth of its size. The covariance
+        // is then finite even if some parameters are not determined.
         let held = Mat::from_fn(whitened.nrows() + 18, BASE, |i, p| match i.checked_sub(whitened.nrows()) {
             None => whitened[(i, p)],
             Some(k) if OBSERVED[k] == p => 1.0 / (FARTHEST * sizes[p]),

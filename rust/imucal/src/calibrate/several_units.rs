@@ -14,23 +14,21 @@ use crate::parameters::{ACCEL, BASE, GYRO_BIAS, WORDS};
 use crate::recording::Recording;
 use crate::verdict::Verdict;
 
-/// Difference of a parameter between two recordings, in standard deviations of this difference, above which the
-/// parameter counts as different. With 15 parameters and ten recordings, noise exceeds this limit in one of a million
-/// calibrations.
+/// A parameter counts as different between two recordings if |difference| / (its standard deviation) is at least this
+/// value. With 15 parameters and ten recordings, noise exceeds this limit in one of a million calibrations.
 const DIFFERENT: f64 = 6.0;
 /// Two sensitivities count as different if they differ by at least this fraction of the mean scale. A smaller
 /// difference has no practical effect, even if it is significant.
 const LEAST_SHARE: f64 = 2e-4;
-/// Recordings fit together if chi2 per degree of freedom of the fit to all recordings is at most this multiple of the
-/// value for the separate fits. An effect that the model lacks increases both values equally, so the ratio stays near
-/// one.
+/// Recordings fit together if (chi2 per degree of freedom of the fit to all recordings) / (the same for the separate
+/// fits) is at most this value. An effect that the model lacks increases both equally, so the ratio stays near one.
 const WORSE_TOGETHER: f64 = 4.0;
 /// Recordings fit together only if the fit to all recordings excludes at most this share of the rests that the separate
-/// fits use. This limit is needed because the rests of a second unit may be excluded as outliers, so that chi2
-/// describes one unit only.
+/// fits use. Without this limit, the rests of a second unit could be excluded as outliers, and chi2 would describe only
+/// the first unit.
 const EXCLUDED: f64 = 0.1;
-/// Difference of the mean temperatures of two recordings, K, above which different scales are no evidence of different
-/// units. Scales of MEMS sensors change by up to 0.05 %/K, whereas misalignments hardly change.
+/// Different scales are no evidence of different units if the mean temperatures of the recordings differ by more than
+/// this value, K. Scales of MEMS sensors change by up to 0.05 %/K, whereas misalignments hardly change.
 const WARMER_K: f64 = 5.0;
 /// Maximum number of parameters that the message names for a pair of recordings.
 const NAMED: usize = 3;

@@ -79,9 +79,9 @@ impl UnitData<'_> {
     }
 
     /// Fits the accelerometer if the directions at the rests are not sufficient, for example on the six faces of a box.
-    /// The rotations between the rests replace the missing directions. Rests and moves together must therefore
-    /// determine all parameters. A parameter that the rests do not determine keeps its value from a linearised joint
-    /// fit, which starts at zero misalignment (model.md (5)).
+    /// The rotations between the rests replace the missing directions, so rests and moves together must determine all
+    /// parameters. The fit starts from a linearised joint fit at zero misalignment (model.md (5)). A parameter that the
+    /// rests do not determine keeps its start value.
     ///
     /// # Errors
     /// [`Error::NotEnoughMotion`] if the rests and moves together do not determine all parameters. `of_rests` is the
@@ -150,8 +150,8 @@ impl UnitData<'_> {
         accelerometer.used = ranges_of_rests(&self.rests).into_iter().flat_map(of).collect();
     }
 
-    /// For each move: the gravity directions at its ends with the standard deviation of its residual, and the standard
-    /// deviation without the noise of the means of the adjacent rests, rad.
+    /// For each move: the gravity directions at its ends, with the standard deviation of the move's residual. The
+    /// second result is this standard deviation without the noise of the adjacent rests' means, rad.
     pub(super) fn ends(
         &self,
         moves: &[Move],

@@ -225,9 +225,9 @@ impl<'a> UnitData<'a> {
 }
 
 impl UnitData<'_> {
-    /// Reports of all rests. For each rest, or for each epoch (part) of a long rest, `used` states whether the fit
-    /// uses it. `norms` contains the error of the norm of its specific force in a joint fit, and the standard
-    /// deviation of this error.
+    /// Reports of all rests. `used` states for each rest, or for each epoch (part) of a long rest, whether the fit uses
+    /// it. `norms` is from a joint fit: the error of the norm of the specific force, and the standard deviation of this
+    /// error.
     pub(super) fn rest_reports(
         &self,
         accelerometer: &Triad<f64>,
@@ -252,10 +252,10 @@ impl UnitData<'_> {
     }
 }
 
-/// Whether the mean rate of a long rest differs from the mean rates of the other rests because of a different bias, and
-/// not because of a rotation. A rotation would have to be about the vertical, because a rotation about a horizontal
-/// axis would have changed the gravity direction. A rate difference in any other direction is therefore a bias. For
-/// readings in counts, the vertical may be unknown because of offsets.
+/// Whether the mean rate of a long rest differs from the mean rates of the other rests because of a different bias. The
+/// other possible cause is a rotation about the vertical, because a rotation about a horizontal axis would have changed
+/// the gravity direction. A rate difference in any other direction is therefore a bias. For readings in counts, the
+/// vertical may be unknown because of offsets.
 fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -> bool {
     /// A rate difference counts as a bias if its angle to the vertical is above 18 deg. The cosine of the angle is then
     /// below this limit. The margin is needed because the axes of the two sensors may differ by some degrees.
@@ -265,8 +265,7 @@ fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -
     recording.accel_unit == RawUnit::Si && along < VERTICAL * difference.norm()
 }
 
-/// Variance of the mean rates over the epochs (parts) of a long rest, squared raw units; zero for a rest without
-/// epochs.
+/// Variance of a long rest's mean rates over its epochs (parts), squared raw units; zero for a rest without epochs.
 fn rate_wander(epochs: &[Rest]) -> Vector3<f64> {
     let count = epochs.len().max(1) as f64;
     let mean = epochs.iter().map(|epoch| epoch.angular_rate.mean).sum::<Vector3<f64>>() / count;

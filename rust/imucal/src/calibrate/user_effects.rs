@@ -11,10 +11,10 @@ use crate::error::Error;
 use crate::numerics::lsq::Termination;
 use crate::verdict::RecordingSet;
 
-/// Maximum number of fits until the fields converge. Each repetition multiplies the change of a field by about the
-/// relative size of the effects, which is a few per cent.
+/// Maximum number of fits until the fields converge. From one fit to the next, the change of a field is multiplied by
+/// about the relative size of the effects, which is a few per cent.
 const MAX_FITS: usize = 20;
-/// A field has converged if the last repetition changed no value of the field by more than this fraction of the largest
+/// A field has converged if the last repetition changed each value by at most this fraction of the field's largest
 /// value. The relative change of the parameters is then of the same order.
 const SETTLED: f64 = 1e-7;
 
@@ -43,7 +43,7 @@ pub struct BriefCorrection {
     pub before: Vec<CorrectedSamples>,
     /// Corrected by the second calibration.
     pub after: Vec<CorrectedSamples>,
-    /// Fields of the user-defined effects of the second calibration at these means, in the order of the effects in this
+    /// Fields of the second calibration's user-defined effects at these means, in the order of the effects in this
     /// calibration.
     pub fields: Vec<SampledField>,
 }

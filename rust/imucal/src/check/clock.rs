@@ -16,15 +16,15 @@ const MIN_DURATION_S: f64 = 5.0;
 const RATES_HZ: [f64; 2] = [5.0, 50_000.0];
 /// Relative tolerance of [`RATES_HZ`]. Rounded time stamps give inexact time steps, so a tolerance is needed.
 const ROUNDING: f64 = 1e-6;
-/// Limits of the relative spread of the time steps: standard deviation (estimated from the 10 % and 90 % quantiles)
-/// divided by median. Above the first limit, the finding `clock_irregular` is a warning. Above the second limit, it is
-/// an error.
+/// Limits of the relative spread of the time steps, which is standard deviation / median. The standard deviation is
+/// computed from the 10 % and 90 % quantiles. Above the first limit, the finding `clock_irregular` is a warning. Above
+/// the second limit, it is an error.
 const SPREAD: [f64; 2] = [0.2, 0.5];
 /// A clock counts as regular if no time step deviates from the median by more than this fraction. With a regular clock,
 /// the slower checks of spread and gaps are skipped.
 const REGULAR: f64 = 0.2;
-/// Limit of the share of samples whose time stamp equals the time stamp of the previous sample. Above this limit, the
-/// finding is an error, otherwise a warning.
+/// Limit of the share of samples that repeat the time stamp of the previous sample. Above this limit, the finding is an
+/// error, otherwise a warning.
 const MAX_EQUAL_SHARE: f64 = 0.01;
 
 /// Time steps between consecutive finite time stamps.

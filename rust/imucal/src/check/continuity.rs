@@ -44,9 +44,9 @@ const FEWEST: usize = 5;
 /// A fault is reported only if the number of values of `k` in [`LOST`] is at least this multiple of their number in
 /// [`BETWEEN`].
 const PEAK: usize = 3;
-/// Limit of the mean of `k`, the ratio of a change of the rate to the mean of the adjacent changes, across repeated
-/// rows. The mean is 1 for rows that were written additionally, and 2 for samples that the sensor repeated. Below the
-/// limit, the rows are reported as additional rows.
+/// Repeated rows are additional rows if the mean of `k` over them is below this limit. `k` is (rate change across the
+/// repeated row) / (mean of the adjacent changes). It is 1 if a row was written in addition to the samples, and 2 if
+/// the sensor repeated a sample.
 const ADDITIONAL: f64 = 1.5;
 
 /// Reports lost samples and additional rows in a recording whose time stamps were computed from the sample number.

@@ -19,14 +19,13 @@ const GAIN: [f64; 2] = [0.75, 1.25];
 /// ratio of the limits of [`GAIN`].
 const MOST_APART: f64 = GAIN[1] / GAIN[0];
 
-/// A gain that all axes of a gyroscope have in common is reported if it deviates from 1 by more than this value. The
-/// error of a quartz clock is far smaller. The error of a sensor's internal oscillator, or of a guessed sampling rate,
-/// can be larger.
+/// A gain that all axes of a gyroscope have in common is reported if |gain - 1| is above this value. The error of a
+/// quartz clock is far smaller. The error of a sensor's internal oscillator, or of a guessed sampling rate, can be
+/// larger.
 const COMMON_GAIN: f64 = 0.01;
 
-/// The axes have a common gain if the gain of each axis is close to the mean gain. Its deviation from the mean must be
-/// at most this multiple of the deviation of the mean from 1. The scale errors of the axes of a sensor are independent,
-/// and rarely agree so well by coincidence.
+/// The axes have a common gain if |gain of the axis - mean gain| <= COMMON_SHARE x |mean gain - 1| for each axis. The
+/// scale errors of the axes of a sensor are independent, and rarely agree so well by coincidence.
 const COMMON_SHARE: f64 = 1.0 / 3.0;
 
 /// Reports four findings. `accel_units` and `gyro_units` (errors): an axis in SI units has an implausible gain.

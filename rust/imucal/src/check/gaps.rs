@@ -8,8 +8,8 @@ use super::{Tally, names, stamps};
 use crate::finding::{Finding, Place};
 use crate::recording::Recording;
 
-/// The time steps after a late time stamp are shorter than the usual time step. A time step counts as shorter if it is
-/// below this multiple of the usual time step.
+/// A late time stamp is followed by short time steps. A time step counts as short if it is below this multiple of the
+/// usual time step.
 const CATCHES_UP: f64 = 0.95;
 
 /// Long time steps of a recording.

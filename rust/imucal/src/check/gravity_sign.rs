@@ -21,12 +21,11 @@ const STAND_ZERO_RAD: f64 = 0.02;
 /// An axis counts as pointing up if the unit up vector has at least this component along the axis. The limit is the
 /// cosine of 20 deg.
 const NEARLY_UPRIGHT: f64 = 0.94;
-/// A hypothesis is accepted only if its agreement with the measurements is above this limit. There are two hypotheses
-/// for a reading of -g on z: the z axis points down, or the accelerometer has the reversed sign of gravity. Each
-/// hypothesis predicts the up direction at each rest from the motor angles. The agreement is the mean cosine of the
-/// angle between predicted and measured direction. The limit is the cosine of 20 deg.
+/// There are two hypotheses for a reading of -g on z: the z axis points down, or the accelerometer has the reversed
+/// sign of gravity. Each hypothesis predicts the up direction at each rest from the motor angles. It is accepted only
+/// if the mean cosine of the angle between predicted and measured direction is above this limit, the cosine of 20 deg.
 const FITS_STAND: f64 = 0.94;
-/// One of the two hypotheses is chosen only if their agreements differ by more than this value. The predicted
+/// One of the two hypotheses is chosen only if their mean cosines differ by more than this value. The predicted
 /// directions differ only in the sign of the x component, so rests with a horizontal x axis do not distinguish the
 /// hypotheses.
 const TOLD_APART: f64 = 0.1;

@@ -2,9 +2,9 @@
 //! altered.
 //!
 //! A control recording must not be an altered copy of a calibration recording. The copy contains the noise to which the
-//! model was fitted, so its control figures are too good. The noise at rest identifies a recording. Correlations are
-//! given in standard deviations of the correlation of independent noise. The largest correlation over all lags is below
-//! 10 for independent recordings and above 20 for altered copies (docs/results/copies.md).
+//! model was fitted, so its control figures are too good. The noise at rest identifies a recording. A correlation is
+//! given in units of the standard deviation that it has for independent noise. The largest correlation over all lags is
+//! below 10 for independent recordings and above 20 for altered copies (docs/results/copies.md).
 
 use std::ops::Range;
 
@@ -14,12 +14,11 @@ pub use super::noise_tape::{AtRest, at_rest};
 use super::noise_tape::{Tape, is_same_rate};
 use crate::finding::Finding;
 
-/// Two recordings have the same noise if their correlation is at least this number of standard deviations. The standard
-/// deviation is that of the correlation of independent noise.
+/// Two recordings have the same noise if their correlation is at least this value. The unit is the standard deviation
+/// of the correlation for independent noise.
 const COPY_SIGMAS: f32 = 14.0;
-/// Two recordings count as copies only if their largest correlation is at least this multiple of the largest
-/// correlation at distant lags. Periodic vibration in both recordings correlates at many lags, and this limit excludes
-/// it.
+/// Two recordings count as copies only if (largest correlation) / (largest correlation at distant lags) is at least
+/// this value. Periodic vibration in both recordings correlates at many lags, and this limit excludes it.
 const UNIQUE: f32 = 2.0;
 /// Number of templates of a recording, one in each third. If another recording contains at least half of this
 /// recording, it contains at least one of the templates.
@@ -139,9 +138,9 @@ fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool,
     found
 }
 
-/// End of the part of a tape (concatenated recordings) in which the recording `index` is searched for. It is the end
-/// of the last recording on the tape that comes before `index` in `order` and is compared with it; 0 if there is
-/// none.
+/// The recording `index` is searched for only in the part of the tape (concatenated recordings) before this sample. The
+/// part ends with the last recording that precedes `index` in `order` and is compared with it. The result is 0 if there
+/// is none.
 fn searched_until(tape: &Tape, order: &[usize], index: usize, is_compared: impl Fn(usize, usize) -> bool) -> usize {
     let before: Vec<usize> = order.iter().copied().take_while(|&other| other != index).collect();
     let is_searched = |part: &&(usize, Range<usize>)| before.contains(&part.0) && is_compared(part.0, index);

@@ -20,11 +20,11 @@ use crate::recording::{RawUnit, Recording};
 /// Limits of the scale |det P|^(1/3) of the matrix P in true rate = P (raw - bias), for a gyroscope in the correct unit
 /// (ideal: 1). The scale errors of sensors are far smaller.
 const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
-/// The rates are too large by the reciprocal of the scale of P. A unit is recommended if this reciprocal differs by
-/// less than this fraction from the conversion factor of the unit, for example 57.3 for deg/s read as rad/s.
+/// The rates are too large by the factor 1 / (scale of P). A unit is recommended if this factor differs by less than
+/// this fraction from the unit's conversion factor, for example 57.3 for deg/s read as rad/s.
 const KNOWN: f64 = 0.25;
-/// The motion determines P only if the smallest singular value of P is at least this multiple of the largest one.
-/// Otherwise, no finding is reported.
+/// The motion determines P only if smallest / largest singular value of P is at least this value. Otherwise, no finding
+/// is reported.
 const WELL_DETERMINED: f64 = 0.1;
 /// A finding names a signed permutation only if the correlation of P with it is at least this value (1: identical;
 /// 0.97: rotated by 18 deg).

@@ -53,8 +53,8 @@ pub(super) struct Template {
     spectra: [Spectrum; SIGNALS],
 }
 
-/// The largest correlation of a template. All correlations are in standard deviations of the correlation of independent
-/// noise.
+/// The largest correlation of a template. The unit of all correlations is the standard deviation of the correlation for
+/// independent noise.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Peak {
     pub(super) sigmas: f32,
@@ -186,7 +186,7 @@ impl Transform {
     }
 
     /// The largest correlation of a block with a template at the first `lags` lags. `first` is the sample of the tape
-    /// at which the block begins. `None` if, for every signal, the block or the template is zero.
+    /// at which the block begins. `None` if, in each signal, the block or the template is zero.
     fn correlate(
         &mut self,
         (block, template): (&[Spectrum], &[Spectrum]),

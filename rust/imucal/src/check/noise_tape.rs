@@ -26,8 +26,8 @@ const SCALE_OF_NORMAL: f64 = 1.28;
 /// An axis is used only if its scale is larger than this multiple of its largest reading. Smaller differences are
 /// rounding errors of the arithmetic.
 const MIN_SCALE: f64 = 1e-9;
-/// The scale of an axis is estimated from at least this number of samples at rest (all, if there are fewer) and less
-/// than twice as many. The error of the scale is then below 3 %.
+/// Minimum number of samples at rest from which the scale of an axis is estimated. All samples are used if there are
+/// fewer, and less than twice this number otherwise. The error of the scale is then below 3 %.
 const SCALE_SAMPLES: usize = 4096;
 /// Two sampling rates count as equal if their relative difference is at most this value. Clocks of one unit agree to
 /// about 1e-4, and different nominal sampling rates differ by more.

@@ -15,8 +15,8 @@ pub(super) struct Part<'a> {
     pub(super) samples: Range<usize>,
     /// Whether the time and all channels of the recorded sensors are finite in all samples.
     pub(super) is_finite: bool,
-    /// Value of [`Part::equal`] for a row in which all channels equal those of the previous row. The bits of an absent
-    /// sensor are never set.
+    /// Value of [`Part::equal`] for a row that equals the previous row in all channels. Bits of an absent sensor are
+    /// not set.
     pub(super) all_equal: u8,
     equal: [u8; PART],
     /// Rows of the accelerometer and rows of the gyroscope. If there is a sample before the block, its row is the

@@ -12,13 +12,13 @@ const EDGE_STEPS: f64 = 3.0;
 /// During the plateau, another axis of the triad must change by at least this number of its converter steps. This
 /// condition excludes rests without noise.
 const SIBLING_STEPS: f64 = 2.0;
-/// Minimum difference, in steps of the converter, between the plateau and the samples one plateau length before its
-/// start and after its end. This limit detects a clipped channel that changes slowly next to the plateau, which
-/// [`EDGE_STEPS`] misses at high sampling rates and with coarse steps. A rounded peak stays below the limit: if n
-/// samples at the top of a parabola are within one step, the parabola is only nine steps lower n samples beyond them.
+/// Minimum change of the channel, in steps of the converter, from the plateau to the samples one plateau length before
+/// its start and after its end. This limit detects a clipped channel that changes slowly next to the plateau, which
+/// [`EDGE_STEPS`] misses at high sampling rates and with coarse steps. A rounded peak stays below the limit. If n
+/// samples at the top of a parabola are within one step, the samples n farther out are only nine steps below the top.
 const FAR_STEPS: f64 = 12.0;
-/// Minimum change of another axis during a plateau that is detected by [`FAR_STEPS`], as a share of the range of that
-/// axis.
+/// For a plateau that [`FAR_STEPS`] detects, another axis must change during the plateau by at least this share of its
+/// range.
 const SIBLING_SHARE: f64 = 0.05;
 
 /// Plateaus at an extreme value are reported only if noise causes them with at most this probability. With this limit,
@@ -119,8 +119,8 @@ pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], ste
     found
 }
 
-/// Whether the extreme value occurs at least twice as often as the values one step below the maximum or above the
-/// minimum. Otherwise, the extreme value is the tail of a noise distribution.
+/// Whether the extreme value occurs at least twice as often as the values one step inside it. Otherwise, the extreme
+/// value is the tail of a noise distribution.
 pub(super) fn piles_up(rows: Samples<'_>, axis: usize, end: f64, step: f64) -> bool {
     let (mut at_end, mut inside) = (0, 0);
     for value in rows.axis(axis) {

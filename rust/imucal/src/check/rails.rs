@@ -10,15 +10,16 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
-/// A rail is the value at which an axis is clipped. Its distance from the zero reading is at least this share of the
-/// largest such distance in its triad. The axes of a triad have the same range, so their rails differ only by the
-/// scales of the axes.
+/// A rail is the value at which an axis is clipped. An extreme value can be a rail only if its distance from the zero
+/// reading is at least this share of the largest such distance in its triad. The axes of a triad have the same range,
+/// so their rails differ only by the scales of the axes.
 const SHARE_OF_REACH: f64 = 0.8;
 
 /// An accelerometer rail is at least this multiple of the median norm of the specific force, which is 1 g. No
 /// accelerometer has a smaller range.
 const LOWEST_RAIL_G: f64 = 1.3;
-/// Two rails belong to one measurement range if their distances from the zero reading differ by at most this fraction.
+/// Two rails belong to one measurement range if the relative difference of their distances from the zero reading is at
+/// most this value.
 const ONE_RANGE: f64 = 1e-4;
 
 /// The lowest and the highest value of one axis if the axis is clipped there. `None` stands for an end of the range at

@@ -13,11 +13,11 @@ const FEWEST: usize = 5;
 /// Reports rows whose values all equal the values of the previous row, while the time differs.
 ///
 /// At rest, rows of coarsely quantised data repeat without any fault. Two rules exclude such natural repeats. First, a
-/// repeated row counts only if the rows before and after it change: at most one value of each of them repeats. Second,
-/// repeated rows must outnumber rows with five repeated values by more than 2 to 1. Natural repeats are less frequent
-/// than rows with five repeated values: if each channel repeats with probability q, five of six values repeat with
-/// probability 6 q^5 (1 - q), and all six with probability q^6. A rest without noise is a long sequence of equal rows
-/// and is excluded by [`LONGEST_REPEAT`]. If the recording has only one sensor, rows have three values instead of six.
+/// repeated row counts only if the rows before and after it change: each of them repeats at most one value. Second,
+/// repeated rows must outnumber rows with five repeated values by more than 2 to 1. Natural repeats do not: if
+/// each channel repeats with probability q, the probability is q^6 that all six values repeat, and 6 q^5 (1 - q) that
+/// five repeat. A rest without noise is a long sequence of equal rows and is excluded by [`LONGEST_REPEAT`]. If the
+/// recording has only one sensor, rows have three values instead of six.
 pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding> {
     let count = repeats.reported()?;
     let share = 100.0 * count as f64 / recording.len() as f64;

@@ -13,8 +13,7 @@ const TEMPERATURE_STEP_K: f64 = 5.0;
 /// reading error.
 pub const TEMPERATURE_DEGC: [f64; 2] = [-60.0, 150.0];
 /// Usual temperatures of a sensor during a calibration, degC: the operating range of consumer and industrial sensors.
-/// For implausible values, other units are tried. The finding recommends a unit if the values, taken in this unit and
-/// converted to degC, are in this range.
+/// For implausible values, the finding recommends a unit in which the values, converted to degC, are in this range.
 const USUAL_DEGC: [f64; 2] = [-40.0, 85.0];
 
 /// Reports implausible temperatures, jumps between consecutive samples, and values that are not finite.

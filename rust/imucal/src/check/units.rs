@@ -21,13 +21,11 @@ const WITH_MOVES: [f64; 2] = [0.5, 2.0];
 const FASTEST_RADPS: f64 = 140.0;
 /// Largest plausible bias of a MEMS gyroscope, rad/s (57 deg/s).
 const LARGEST_BIAS_RADPS: f64 = 1.0;
-/// Limit of the unsteadiness of the rate within a rest. The unsteadiness is the standard deviation of the rate divided
-/// by the norm of the mean rate. Below this limit, the mean rate counts as a bias. If the unit is moved to and fro, the
-/// unsteadiness is above the limit.
+/// Within a rest, the mean rate counts as a bias if (standard deviation of the rate) / (norm of the mean rate) is below
+/// this limit. If the unit is moved to and fro, the ratio is above the limit.
 const STEADY: f64 = 0.3;
-/// Limits of the lower and of the upper quartile of a triad's norm, as multiples of the median norm. If both quartiles
-/// are within the limits, the triad may be measuring gravity. The norm of angular rates varies far more, because a
-/// recording contains rests and moves.
+/// A triad may be measuring gravity if the lower and the upper quartile of its norm are within these multiples of the
+/// median norm. The norm of angular rates varies far more, because a recording contains rests and moves.
 const STEADY_NORM: [f64; 2] = [0.85, 1.15];
 /// Units of accelerometer columns: the name, the size in m/s^2, and the recommendation if a file in this unit was read
 /// in another unit. Columns without a known unit were read as m/s^2.

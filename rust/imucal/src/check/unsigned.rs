@@ -20,8 +20,8 @@ const BITS: std::ops::RangeInclusive<u32> = 8..=32;
 const END: f64 = 0.125;
 /// A finding is reported only for at least this number of jumps. Fewer jumps may be single wrong samples.
 const FEWEST_JUMPS: u64 = 3;
-/// Minimum ratio of the number of jumps in the counts as they are (unsigned) to the number of jumps in the same counts
-/// read as signed numbers. With a smaller ratio, no finding is reported.
+/// A finding is reported only if (jumps in the counts as they are, unsigned) / (jumps in the counts read as signed
+/// numbers) is at least this value.
 const LEFT: u64 = 10;
 /// Number of samples in a block that fits into the processor's cache.
 const PART: usize = 256;

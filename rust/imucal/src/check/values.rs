@@ -14,8 +14,7 @@ const LARGEST_FORCE_MPS2: f64 = 1e5;
 const LARGEST_RATE_RADPS: f64 = 1e4;
 /// Largest magnitude of a raw count: the range of a signed integer of 32 bits, the widest output of converters.
 const LARGEST_COUNT: f64 = 2_147_483_648.0;
-/// The recommendation names a wrong unit of the channel as the cause if at least this share of its samples is
-/// impossible.
+/// If at least this share of a channel's samples is impossible, the recommendation names a wrong unit as the cause.
 const WRONG_UNIT_SHARE: f64 = 0.01;
 /// The two sensors have separate time stamps if, for each sensor, at least this share of the rows has values of this
 /// sensor only.
@@ -250,7 +249,7 @@ impl Extremes {
 
 /// Resolution of the converter, in the unit of the samples; infinite for a constant channel. It is the 5 % quantile of
 /// the nonzero differences between consecutive samples. The quantile ignores rare smaller differences, for example from
-/// clipping between two steps. Differences of the size of floating-point rounding are excluded.
+/// clipping between two steps. Differences as small as floating-point rounding errors are excluded.
 pub(super) fn converter_step(rows: Samples<'_>, axis: usize) -> f64 {
     let rounding = 1e-9 * range(rows, axis);
     let mut steps = Vec::new();

@@ -14,8 +14,8 @@ use crate::rests::noise_density::{NoiseDensity, random_walk_rad, variance_per_ax
 use crate::rests::tremor::{Hand, Sensors};
 use crate::rests::unit_rest::{UnitRest, touches};
 
-/// A move is used only if its time steps are at most this multiple of the median sampling interval (model.md (7)). Over
-/// a longer time step, the rotation cannot be integrated accurately.
+/// A move is used only if each of its time steps is at most this multiple of the median sampling interval (model.md
+/// (7)). Over a longer time step, the rotation cannot be integrated accurately.
 const LONGEST_STEP: f64 = 2.5;
 
 /// Duration of the part of an unsteady rest from which the gravity direction is computed, s (model.md (13)). This part
@@ -24,14 +24,14 @@ const SPAN_S: f64 = 1.0;
 /// Number of sub-means over the last or first second of an unsteady rest. The variance of the gravity direction is
 /// computed from their scatter (model.md (13)).
 const TENTHS: usize = 10;
-/// A rest counts as hand-held if the scatter of the rates within 0.1 s is larger than this multiple of the noise of the
-/// gyroscope. The ratio has a margin for the uncertainty of the estimated noise.
+/// A rest counts as hand-held if, within 0.1 s, scatter of the rates > this factor x noise of the gyroscope. The factor
+/// is above 1 because the estimated noise is uncertain.
 const TREMBLING: f64 = 1.5;
 /// A rest does not count as hand-held if the scatter of its rates within 0.1 s is below this limit, rad/s. Hand tremor
 /// causes larger rates. The limit prevents false detections in recordings without noise.
 const STILL_RADPS: f64 = 1e-3;
-/// Lower bound of the standard deviation of the direction error of a move, rad. It is the integration error of a
-/// sampled rate, which is the only error in simulated data without noise.
+/// Lower bound of the standard deviation of a move's direction error, rad. It is the integration error of a sampled
+/// rate, which is the only error in simulated data without noise.
 pub(crate) const FINEST_RAD: f64 = 2e-5;
 
 /// A move: the samples from the last sample of a rest to the first sample of the next rest.
@@ -174,24 +174,25 @@ pub(crate) struct Directions<'a> {
     pub(crate) gyroscope: &'a Triad<f64>,
 }
 
-/// Reading of gravity at one end of a move, and the variance of each component of the gravity direction.
+/// Accelerometer reading of gravity at one end of a move. The variance of each component of the gravity direction is
+/// the sum of two parts.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct End {
     /// Reading of the accelerometer, raw units.
     pub(crate) raw: Vector3<f64>,
     /// Whether the reading is the mean over the whole rest.
     pub(crate) steady: bool,
-    /// Variance from the noise of the mean over the whole rest, rad^2. Other residuals depend on the same mean, so
-    /// this error is common to them.
+    /// First part of the variance, rad^2: noise of the mean over the whole rest. Other residuals depend on this mean,
+    /// too, so their errors are correlated.
     pub(crate) shared_variance: f64,
-    /// Variance from noise that is only in the reading at this end of this move, rad^2.
+    /// Second part of the variance, rad^2: noise that no other residual contains.
     pub(crate) own_variance: f64,
 }
 
 impl Directions<'_> {
-    /// The gravity directions at the ends of each move, and the standard deviation of its residual. The second result
-    /// is the part of each standard deviation that is not due to the means of the rests, rad. This part is
-    /// independent between moves.
+    /// For each move: the gravity directions at both ends, with the standard deviation of the move's residual. The
+    /// second result is the same standard deviation without the noise of the rests' means, rad. The error that remains
+    /// is independent between moves.
     pub(crate) fn ends_of(&self, moves: &[Move]) -> (Vec<Ends>, Vec<f64>) {
         moves
             .iter()
@@ -219,8 +220,8 @@ impl Directions<'_> {
         [self.reading(m.from, true, steady(m.from)), self.reading(m.to, false, steady(m.to))]
     }
 
-    /// Whether the gyroscope shows that the unit is hand-held at rest `k`. The scatter of its rates within 0.1 s then
-    /// exceeds its noise.
+    /// Whether the gyroscope shows that the unit is hand-held at rest `k`, because the rates scatter by more than
+    /// sensor noise within 0.1 s.
     fn trembles(&self, k: usize) -> bool {
         let UnitRest { recording, rest, .. } = &self.rests[k];
         let rates = self.recordings[*recording].angular_rate.part(rest.first..rest.end);
@@ -260,8 +261,8 @@ impl Directions<'_> {
         }
         let (force, scatter, span_s) = self.tremor_free(k, at_end);
         let walk = random_walk_rad(&self.noise[*recording].angular_rate, self.gyroscope.inverse(), span_s);
-        // The error of the rotation is a random walk that is zero at this end of the rest and grows with the distance
-        // in time. Its mean over the span has a third of the variance at the other end of the span.
+        // The integrated rotation has a random-walk error. It is zero at this end of the rest and has the variance
+        // walk^2 at the other end of the span. Its mean over the span has the variance walk^2 / 3.
         let raw = self.accelerometer.measure(force);
         End { raw, steady: false, shared_variance: 0.0, own_variance: scatter + walk * walk / 3.0 + rounding }
     }

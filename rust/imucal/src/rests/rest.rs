@@ -35,8 +35,7 @@ impl RestMean {
 }
 
 /// Two rests count as rests in the same pose if their readings on each axis differ by at most this number of
-/// quantisation steps. Rests in the same pose have equal rounding errors, even if the readings do not determine these
-/// errors.
+/// quantisation steps. The rounding errors of two such rests are equal, even if their size is unknown.
 const SAME_POSE: f64 = 0.5;
 
 /// Covariance of the rounding errors of the rests' means on one axis, squared raw units. `None` if there are no
@@ -67,9 +66,9 @@ pub struct Rest {
     pub start_s: f64,
     /// Time of the last sample, s.
     pub end_s: f64,
-    /// Unsteadiness (model.md (11)), a ratio of variances. It is the larger of two ratios. The first is the variance
-    /// within half a second divided by the noise floor. The second is the squared drift of the mean force divided by 15
-    /// times the variance of this drift from noise. The unsteadiness is near 1 on a table and above 2 in a hand.
+    /// Unsteadiness (model.md (11)): the larger of two ratios. The first is (variance within half a second) / (noise
+    /// floor). The second is (squared drift of the mean force) / (15 x variance of this drift from noise). The
+    /// unsteadiness is near 1 on a table and above 2 in a hand.
     pub unsteadiness: f64,
     /// Mean of the accelerometer.
     pub specific_force: RestMean,
@@ -84,8 +83,8 @@ impl Rest {
     }
 }
 
-/// Lower bound of the standard deviation of the norm of the mean force of a rest, m/s^2. It prevents a standard
-/// deviation of zero in simulated data without noise.
+/// Lower bound of the standard deviation of a mean force's norm at a rest, m/s^2. It prevents a standard deviation of
+/// zero in simulated data without noise.
 pub(crate) const FINEST_MPS2: f64 = 1e-5;
 
 /// Standard deviation of the norm of a rest's mean force, m/s^2. It contains the scatter of the samples and their

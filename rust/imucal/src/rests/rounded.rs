@@ -13,9 +13,9 @@ use crate::recording::{RawUnit, Recording, Samples};
 use crate::rests::rest::Rest;
 use crate::rounding::{Levels, Rounding};
 
-/// Rests whose mean readings differ by less than this number of quantisation steps count as rests with one true mean.
-/// The readings of a gyroscope are nearly equal at all rests. With a separate unknown true mean for each rest, a wide
-/// transition between two levels would seem too likely, and the estimated noise would be too large.
+/// Rests count as rests with one true mean if their mean readings differ by less than this number of quantisation
+/// steps. The readings of a gyroscope are nearly equal at all rests. A separate unknown true mean for each rest would
+/// make large noise seem too likely, so the estimate of the noise would be too large.
 const SAME_READING: f64 = 0.15;
 /// A level that is more than 1.5 steps from the mean is omitted if it has at most this share of the samples. Its
 /// samples are due to a jolt or a transmission error, and a single such sample would dominate the estimated noise.
@@ -26,16 +26,15 @@ const FOREIGN: f64 = 1e-3;
 /// this part lasts 0.2 s.
 const EDGE: f64 = 0.15;
 
-/// The correlation of the noise increases the variance of a mean by the factor c of model.md (10). Rounding reduces the
-/// excess c - 1. This constant is the excess before rounding divided by the excess after it. The value is for a channel
-/// whose mean is midway between two levels. Rounding then keeps only the sign of the noise, and the sign is less
-/// correlated than the noise. For any other mean, the ratio is larger.
+/// Ratio (c - 1 before rounding) / (c - 1 after rounding). c is the factor by which correlated noise increases the
+/// variance of a mean (model.md (10)). The value holds for a mean midway between two levels. Rounding then keeps only
+/// the sign of the noise, and the sign is less correlated than the noise. For any other mean, the ratio is larger.
 const SIGN: f64 = 1.28;
 
-/// The factor c of model.md (10) of each channel: the factor by which the correlation of the noise before rounding
-/// increases the variance of a mean. For channels whose noise is below the step, c is estimated from the rounded
-/// samples. Their correlation decreases with the distance of the mean from the middle between two levels. All axes of a
-/// triad have equal filters, so the largest estimate among the axes is the best one.
+/// Factor c of each channel before rounding (model.md (10)): the factor by which the correlation of the noise increases
+/// the variance of a mean. If the noise is below the step, c is estimated from the rounded samples. The farther the
+/// mean is from the middle between two levels, the smaller the correlation of rounded samples. All axes of a triad have
+/// equal filters, so the largest estimate among the axes is the best one.
 pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6<f64> {
     let coarse = |channel: &usize| steps[*channel] > 0.0;
     Vector6::from_fn(|channel, _| {
@@ -137,8 +136,8 @@ pub(super) fn noise_below_lsb(recording: &Recording<'_>, rests: &[Rest], roundin
     let of = |column: usize| rounding[(column + 3) % 6];
     let decides = |column: &usize| {
         let Rounding { step, noise, error_variance, .. } = of(*column);
-        // The variance of the rounding error is compared with the larger of two variances of a mean: that of white
-        // noise, and that of uniformly distributed rounding errors.
+        // A mean of n samples has the variance noise^2 / n from white noise, and step^2 / (12 n) from uniformly
+        // distributed rounding errors. The larger of both is the limit for the variance of the actual rounding error.
         error_variance > (noise * noise).max(step * step / 12.0) / samples
     };
     let columns: Vec<usize> = (0..6).filter(decides).collect();

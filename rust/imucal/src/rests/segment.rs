@@ -43,10 +43,10 @@ pub struct Threshold {
     /// The threshold. A window is at rest if its statistic, the mean ratio of the variance to the noise floor, is below
     /// this value.
     pub factor: f64,
-    /// Lower end of the range of thresholds that give the same number of rests. The chosen range has the largest
-    /// logarithmic width, weighted by the logarithm of the number of rests.
+    /// Lower end of the chosen range. All thresholds in this range give the same number n of rests. Among all such
+    /// ranges, the chosen range has the largest ln(upper end / lower end) x ln n, approximately.
     pub stable_from: f64,
-    /// Upper end of the range of thresholds that starts at `stable_from`.
+    /// Upper end of the chosen range.
     pub stable_to: f64,
     /// Noise floor: standard deviation of one sample, raw units, in the order gyroscope x, y, z, accelerometer x, y, z.
     pub noise_floor: Vector6<f64>,
@@ -106,8 +106,8 @@ impl Segments {
         };
         let (statistic, floor, coarse) = window_statistic(variances, &(steps / averaged.sqrt()), step_of);
         let threshold = choose_threshold(&statistic, min_blocks);
-        // Without an accelerometer, a tilt of gravity cannot be detected. With an infinite magnitude of gravity,
-        // every interval passes this check.
+        // Without an accelerometer, a tilt of gravity cannot be detected. An infinite magnitude of gravity disables the
+        // tilt check.
         let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };
         let block_s = block_samples as f64 * dt_s;
         // At very low sampling rates, a block may last minutes. A lower limit of the number of blocks is therefore

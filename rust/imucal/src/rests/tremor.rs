@@ -8,12 +8,11 @@
 //! f_i is the force at sample i, f and phi are the means of f_i and phi_i over the rest, u is the direction of gravity,
 //! and dt is the sampling interval.
 //!
-//! Both sensors measure the same tremor, and their noise is independent. The mean product of the deviations of force
-//! and rotation from their means, as above, is therefore the variance of the tremor. The unit is hand-held if this
-//! variance exceeds the variance of a gravity direction that is averaged along the gyroscope attitude. In a hand-held
-//! rest, the mean force is not the gravity direction at the start of the next move, and the scatter of the samples is
-//! not sensor noise. Sensor noise is estimated from fourth differences of consecutive samples, because tremor is too
-//! slow to change these differences.
+//! Both sensors measure the same tremor, and their noise is independent. The first expression above is therefore the
+//! variance of the tremor, without noise. The unit is hand-held if this variance exceeds the error variance of a
+//! gravity direction that is averaged along the gyroscope attitude. In a hand-held rest, the mean force is not the
+//! gravity direction at the start of the next move, and the scatter of the samples is not sensor noise. Sensor noise is
+//! estimated from fourth differences of consecutive samples, because tremor is too slow to change these differences.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -38,8 +37,8 @@ const SQUARES: f64 = 70.0;
 const REACH: f64 = 5.0;
 /// Maximum share of rests without measurable tremor in a hand-held recording (model.md (27)).
 const FEW: f64 = 0.1;
-/// The averaging time constant is at most the duration of the rest divided by this number (model.md (27)). This limit
-/// applies in short rests.
+/// The averaging time constant is at most (duration of the rest) / ROOM (model.md (27)). This limit applies in short
+/// rests.
 const ROOM: f64 = 6.0;
 
 /// Model of the tremor in a hand-held recording.
@@ -116,9 +115,9 @@ impl Hand {
         (self.turn_rad2 / 2.0).sqrt()
     }
 
-    /// Time constant of the exponential weights with which the direction at the end of a rest is averaged along the
-    /// gyroscope attitude, s. It is the steady-state time constant `sqrt(r / q)` of a Kalman filter for the noise of
-    /// both sensors. In short rests, it is limited.
+    /// Time constant of the gravity direction at an end of a rest, s. This direction is an average along the gyroscope
+    /// attitude with exponential weights. A Kalman filter for the noise of both sensors has the steady-state time
+    /// constant `sqrt(r / q)`. In short rests, the time constant is limited.
     fn averaging_s(&self, rest: &Rest) -> f64 {
         (self.tilt_rad2_s / self.walk_rad2_per_s).sqrt().min((rest.end_s - rest.start_s) / ROOM)
     }
@@ -130,9 +129,10 @@ impl Hand {
         (self.tilt_rad2_s / averaging_s + self.walk_rad2_per_s * averaging_s) / 2.0
     }
 
-    /// Variance of the rotation error perpendicular to gravity over a rest, rad^2: `q (T - 3 a) + r / a`. The rotation
-    /// between the directions at both ends has been subtracted. T is the duration of the rest, and a, q and r are those
-    /// of [`variance_rad2`](Self::variance_rad2). The variance includes the errors of both directions.
+    /// Error variance of the rotation over a rest about an axis perpendicular to gravity, rad^2: `q (T - 3 a) + r / a`.
+    /// The error is that of the integrated gyroscope minus the rotation between the gravity directions at both ends. T
+    /// is the duration of the rest, and a, q and r are those of [`variance_rad2`](Self::variance_rad2). The variance
+    /// includes the errors of both directions.
     fn turn_variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         let between_s = rest.end_s - rest.start_s - 3.0 * averaging_s;
@@ -213,8 +213,8 @@ pub(crate) fn hands(
         if own.is_empty() {
             return None;
         }
-        // If most rests of a recording are excluded, isolated slow rotations are not the reason. Then the bias
-        // differs from the biases in the other recordings, and all rests contribute.
+        // Slow rotations exclude only a few rests. If most rests of a recording are excluded, the cause is a bias that
+        // differs from the biases in the other recordings. All rests then contribute.
         if 2 * own.iter().filter(|own| own.contributes).count() < own.len() {
             own.iter_mut().for_each(|own| own.contributes = true);
         }
@@ -222,9 +222,9 @@ pub(crate) fn hands(
         let mut hand = Hand::of(recording, &contributing, sensors)?;
         noise[index] = hand.noise;
         own.iter_mut().for_each(|own| own.rest.bias = *sensors.gyroscope.bias());
-        // The rotation about gravity is unknown. It is assumed to have the same variance as the rotation about each of
-        // the two perpendicular axes. The variance of the direction errors is subtracted from the variance of that
-        // rotation.
+        // `turn` is the rotation about the two axes perpendicular to gravity. The variance per axis is its mean square
+        // minus the error variance of both directions. The rotation about gravity is unknown and is assumed to have the
+        // same variance.
         let turned = |own: &mut OwnRest<'_>| {
             let errors = 2.0 * hand.variance_rad2(&own.rest.rest);
             let turn = hand.remove_tremor(recording, own.rest, sensors);
@@ -256,9 +256,9 @@ struct OwnRest<'a> {
 }
 
 /// Estimates the gyroscope bias at each rest. The bias may depend on the pose, but the mean rate of a rest also
-/// contains rotation of the hand. Therefore the mean rate of each rest is shrunk towards the mean of all rests. The
-/// share of the shrinkage is computed from the scatter between rests in excess of noise. Returns the mean bias of all
-/// rests, raw units, and the share of each rest.
+/// contains rotation of the hand. Therefore the mean rate of each rest is shrunk towards the mean of all rests by the
+/// share v / (b + v). v is the variance of this mean rate. b is the variance of the true biases between rests,
+/// estimated from their scatter minus noise. Returns the mean bias of all rests, raw units, and the share of each rest.
 fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>>) {
     let mut shrunk = vec![Vector3::repeat(1.0); rests.len()];
     let bias = Vector3::from_fn(|axis, _| {

@@ -60,9 +60,8 @@ impl Attitude {
     /// p = vector / 2 = axis tan(angle / 2),   R = (1, p) / |(1, p)|,   w = 2 (p' - p x p') / (1 + p^2)
     /// ```
     ///
-    /// p is the Rodrigues vector of the rotation R, and w its angular rate. The length of `vector` exceeds the angle by
-    /// about one twelfth of the cube of the angle. The derivatives of `vector` are simpler than those of a rotation
-    /// vector.
+    /// p is the Rodrigues vector of the rotation R, and w its angular rate. For a small angle a, |vector| is about
+    /// `a + a^3 / 12`. Rate and acceleration have simpler formulas with `vector` than with a rotation vector.
     #[inline]
     pub(super) fn small(vector: &[Course; 3]) -> Self {
         let half = |part: fn(&Course) -> f64| Vector3::from([0, 1, 2].map(|axis| part(&vector[axis]) / 2.0));

@@ -155,9 +155,8 @@ impl Flicker {
             }
             decay /= RATIO;
         }
-        // Poles with smaller decays are omitted. Each of their coefficients c is the previous one divided by the
-        // square root of RATIO, so the coefficients form a geometric series. The sum of this series is added to the
-        // last c.
+        // Poles with smaller decays are omitted. Each of their coefficients c would be the previous one / sqrt(RATIO),
+        // so they form a geometric series. The sum of this series is added to the last c.
         if let Some(last) = poles.last_mut() {
             last.c /= 1.0 - RATIO.sqrt().recip();
         }

@@ -35,8 +35,8 @@ impl Step {
         self.turn_rad != [0.0; 3]
     }
 
-    /// For each motor, the sign of its last turn after this step. `before` contains the signs before this step; a
-    /// motor that does not turn keeps its sign.
+    /// For each motor, the sign of its last turn until the end of this step. `before` contains the signs before this
+    /// step. A motor that does not turn keeps its sign.
     fn direction_after(&self, before: &Vector3<f64>) -> Vector3<f64> {
         before.zip_map(&self.turn_rad.into(), |before, turn: f64| if turn == 0.0 { before } else { turn.signum() })
     }

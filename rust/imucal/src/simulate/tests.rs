@@ -179,7 +179,7 @@ fn warming() -> Temperature {
     Temperature::try_new(vec![0.0, 10.0, 30.0], vec![20.0, 35.0, 30.0]).unwrap()
 }
 
-/// The plain form of the effect with all parameters at their typical size.
+/// The shortest form of the effect, with the fewest parameters, all at their typical size.
 fn typical(effect: &'static Effect<f64>) -> EffectValues<f64> {
     let values: Vec<f64> = effect.parameters[..effect.plain].iter().map(|parameter| parameter.typical).collect();
     EffectValues::try_new(effect, &values, effect.shape.map(|shape| shape.typical)).unwrap()

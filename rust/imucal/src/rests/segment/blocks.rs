@@ -201,12 +201,13 @@ pub(super) fn mean(blocks: &[Block]) -> Vector6<f64> {
 /// almost always smaller.
 const FILTERED: f64 = 1.7;
 
-/// Data for the factor c of model.md (10): the variance of a mean divided by the variance of a mean of white noise. The
-/// factor is the Allan variance of consecutive 0.25 s means, divided by the value expected for white noise with the
-/// variance of single samples.
+/// Sums from which the factor c of model.md (10) is estimated. c = (variance of a mean) / (variance that the mean would
+/// have with white noise). The estimate is the Allan variance of consecutive 0.25 s means, divided by its expected
+/// value for white noise with the variance of single samples.
 #[derive(Clone, Copy)]
 pub(super) struct Colour {
-    /// Sum over all pairs of means: Allan variance divided by the variance expected for white noise.
+    /// Sum over all pairs of consecutive means a, b of (b - a)^2 / 2, each divided by the variance that white noise
+    /// would give a mean.
     sum: Vector6<f64>,
     /// Number of pairs of consecutive means whose samples are not all equal.
     pairs: Vector6<f64>,
@@ -245,10 +246,9 @@ impl Colour {
     /// Factor c by which the correlation of the noise increases the variance of long means. `factor` is its estimate
     /// from means over 0.25 s.
     ///
-    /// Low-pass filtered noise is correlated across the boundary of consecutive means, so the differences of short
-    /// means are too small. Therefore `factor = c (1 - 1.5 / (pi^2 tau B))` with `1 / B = 2 c dt`. tau is the averaging
-    /// time of 0.25 s, dt is the sampling interval, and B is the noise bandwidth. Factors of nearly white noise are not
-    /// changed.
+    /// Low-pass filtered noise is correlated across the boundary of consecutive means, so short means differ too
+    /// little. Therefore `factor = c (1 - 1.5 / (pi^2 tau B))` with `1 / B = 2 c dt`. tau is the averaging time of 0.25
+    /// s, dt is the sampling interval, and B is the noise bandwidth. Factors of nearly white noise are not changed.
     fn without_edges(&self, factor: f64) -> f64 {
         let edges = 3.0 / (std::f64::consts::PI.powi(2) * self.samples);
         if factor < FILTERED {

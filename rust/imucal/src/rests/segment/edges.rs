@@ -16,9 +16,8 @@ pub(super) fn trim(blocks: &Range<usize>, windows: usize) -> Range<usize> {
     start..end.max(start)
 }
 
-/// Removes blocks at both ends as long as their statistic exceeds three times the unsteadiness of the rest, because
-/// they contain the slow settling of a hand. The limit is proportional to the unsteadiness, so it adapts to the
-/// tremor of the rest.
+/// Removes blocks at both ends while their statistic is above 3 x unsteadiness of the rest, because a hand settles
+/// slowly there. The limit is proportional to the unsteadiness, so it adapts to the tremor of the rest.
 pub(super) fn calm(mut blocks: Range<usize>, statistic: &[f64]) -> Range<usize> {
     if blocks.len() <= WINDOW_BLOCKS {
         return blocks;
@@ -185,9 +184,9 @@ mod tests {
             for begin in [-2.2, -1.7, -0.9, 0.0, 0.3] {
                 let blocks = blocks(|time| strength * (time - begin).max(0.0).powi(2));
                 let end = found_end(STILL, &blocks) as f64 - STILL as f64;
-                // The rest may keep a sixth of the time in which the angle grows to ten times its noise. The angle in
-                // this sixth is a twentieth of the noise over about 20 blocks, which is 0.22 times the noise of one
-                // block.
+                // The rest may keep a sixth of the time in which the angle grows to 10 x its noise. After this sixth,
+                // the angle is 10 / 6^3, about a twentieth of its noise, which is the noise over about 20 blocks. In
+                // units of the noise of one block, the angle is 0.05 x sqrt(20) = 0.22.
                 let kept = (end - begin).max(0.0);
                 let turn = strength * kept.powi(3) / 3.0;
                 assert!(turn < 0.25 * NOISE, "{strength} {begin}: {end}");

@@ -49,9 +49,9 @@ impl Stretch {
         self.scatter < UNSTEADY
     }
 
-    /// Drift of the mean force from the first to the last third of a rest. It is the squared change divided by its
-    /// variance from noise (chi2), divided by 15. With this divisor, a rest that contains only noise exceeds the limit
-    /// of 2 with a probability of 1e-6.
+    /// Drift statistic of a rest: chi2 / 15. chi2 is the squared change of the mean force from the first to the last
+    /// third of the rest, divided by the variance of this change from noise. If a rest contains only noise, the
+    /// statistic exceeds the limit of 2 with a probability of 1e-6.
     fn drift(&self, colour: &Vector6<f64>) -> f64 {
         let Some([first, last]) = &self.thirds else { return 0.0 };
         let change = last.mean() - first.mean();
@@ -65,8 +65,8 @@ impl Stretch {
 /// corresponds to a tilt of 3 deg.
 const MAX_TILT: f64 = 0.05;
 
-/// The factors c by which the correlation of the noise increases the variance of a mean (model.md (10)), for a
-/// recording. Steady and hand-held rests have different spectra.
+/// The factors c of a recording, by which the correlation of the noise increases the variance of a mean (model.md
+/// (10)). Steady and hand-held rests have separate factors, because their spectra differ.
 pub(super) struct Steadiness {
     /// Factor c of each channel, for rests without tremor.
     pub(super) steady_colour: Vector6<f64>,
@@ -103,8 +103,8 @@ impl Steadiness {
         median(&mut epochs.iter().map(|epoch| self.unsteadiness(epoch)).collect::<Vec<f64>>())
     }
 
-    /// Variance of one sample of white noise that has the same density at low frequencies as the noise of the steady
-    /// rests; `None` if there are no steady rests.
+    /// Equivalent white noise of the steady rests: the variance of one sample of white noise with the same density at
+    /// low frequencies. `None` if there are no steady rests.
     pub(super) fn noise_variance<'a>(&self, rests: impl Iterator<Item = &'a Stretch>) -> Option<Vector6<f64>> {
         let variances: Vec<Vector6<f64>> =
             rests.filter(|rest| rest.is_steady()).map(|rest| rest.whole.variance()).collect();
@@ -116,8 +116,7 @@ impl Steadiness {
 
 /// Median of the statistic over the windows inside a rest.
 pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
-    // An interval of one window at the end of the recording may start after the last window once its ends have been
-    // removed.
+    // After its ends have been removed, a short interval at the end of the recording may start after the last window.
     let first = blocks.start.min(statistic.len().saturating_sub(1));
     let end = (blocks.end + 1).saturating_sub(WINDOW_BLOCKS).max(first + 1).min(statistic.len());
     median(&mut statistic[first..end].to_vec())

@@ -99,11 +99,12 @@ impl WithSimd for Ratios<'_> {
     }
 }
 
-/// Returns the threshold and the two ends of the range from which it was chosen. In this range, the number of rests is
-/// constant. On a logarithmic scale, it is the widest range with a constant number.
+/// Returns the threshold, and the two ends of the range from which it was chosen. All thresholds in this range give the
+/// same number n of rests. Among all such ranges, it has the largest weighted width, which is
+/// ln(upper end / lower end) x ln(n + 0.1).
 ///
-/// The widths are weighted by the logarithm of the number of rests, and a range without rests has a negative weight.
-/// Consider a unit that first lies on a table and is then hand-held, with a thousand times the variance. Without the
+/// The weight is negative for n = 0. Consider a unit that first lies on a table and is then hand-held, with a thousand
+/// times the variance. Without the weight, this recording would give a single rest.
 /// weights, this recording would give a single rest.
 pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f64, f64) {
     // Lowest trial threshold, a ratio of variances. Most windows at rest have a statistic near 1, which is below this
@@ -115,9 +116,8 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
     // infinite.
     const HIGHEST: f64 = 1e300;
     let maximum = statistic.iter().copied().fold(1.0, f64::max).min(HIGHEST);
-    // Highest trial threshold, a ratio of variances. Higher thresholds would classify motion as rest. It is the largest
-    // of three values: a hundredth of the variance of the fastest motion, the square root of this variance (both
-    // relative to the noise), and twice the lowest trial threshold.
+    // Highest trial threshold, a ratio of variances. Higher thresholds would classify motion as rest. It is
+    // max(v / 100, sqrt(v), 2 x LOWEST), where v is (variance of the fastest motion) / (variance of the noise).
     let highest = (maximum / 100.0).max(maximum.sqrt()).max(2.0 * LOWEST);
     let mut pending: Vec<(f64, usize)> = statistic.iter().copied().zip(0..).collect();
     pending.retain(|(level, _)| (LOWEST..highest).contains(level));

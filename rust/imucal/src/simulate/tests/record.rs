@@ -15,7 +15,8 @@ fn a_wrong_clock_samples_at_other_instants_and_does_not_say_so() {
     }
     assert!((fast.rests[1].0 - 1.01 * motion.rests()[1].0).abs() < 1e-12);
 
-    // A delay of n times the jitter changes the rate of a sample by n times the jitter times the angular acceleration.
+    // If a sample is late by dt, its rate changes by dt x angular acceleration. dt / jitter is a standard normal
+    // number.
     let jitter_s = 1e-5;
     let shaken = run(&Setup { faults: Faults { clock_jitter_s: jitter_s, ..Faults::none() }, ..setup }).unwrap();
     let steady = run(&setup).unwrap();
