@@ -150,8 +150,8 @@ mod tests {
         )
     }
 
-    /// The state of a unit that rotates at 250 deg/s and accelerates. Its temperature is 17 K below that of the
-    /// calibration.
+    /// The state of a unit that rotates at 250 deg/s and accelerates. Its temperature is 17 K below the reference
+    /// temperature.
     fn fast_state() -> State<f64> {
         State {
             angular_rate: Vector3::new(2.9, -2.6, 1.9),

@@ -72,8 +72,8 @@ pub(crate) struct SessionStep {
 /// the base parameters removes.
 type Trace = (String, Vec<(&'static str, f64)>, f64);
 
-/// Result of a search for effects: the score of each candidate effect, the result of the hypotheses that are not in the
-/// catalogue (`generic`), and the detection limits. See `imucal::gap::Search`.
+/// Result of a search for effects: the score of each candidate effect, the variations of biases and scales that no
+/// effect describes (`generic`), and the detection limits. See `imucal::gap::Search`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Search {
     path: Vec<Py<EffectScore>>,

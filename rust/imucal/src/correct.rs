@@ -164,9 +164,9 @@ pub fn temperature_history_of<'t>(
 
 /// Derivative of the angular rate with respect to time, rad/s^2, one row per sample; empty for a single sample.
 ///
-/// The derivative is that of a polynomial through the mean rates in five consecutive time intervals. The intervals are
-/// as long as the motion permits, between 2 ms (at least one sample) and 0.1 s (`docs/model.md` (16)). Time steps may
-/// be uneven. Samples with equal time stamps count as one sample and get equal derivatives.
+/// It is the derivative of a polynomial through the mean rates in five consecutive time intervals. The intervals are as
+/// long as the motion permits, between 2 ms (at least one sample) and 0.1 s (`docs/model.md` (16)). Time steps may be
+/// uneven. Samples with equal time stamps count as one sample and get equal derivatives.
 pub fn angular_acceleration(time_s: &[f64], angular_rate: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let rate: Vec<Vector3<f64>> = angular_rate.iter().map(|row| Vector3::from(*row)).collect();
     Derivative::smooth(time_s, &rate).of(&rate).into_iter().map(<[f64; 3]>::from).collect()

@@ -67,8 +67,8 @@ pub struct HeldParameter {
     quantity: Quantity,
 }
 
-/// Errors due to the uncertainty of the held parameters: standard deviations, as root mean squares over the directions
-/// to the faces, edges and corners of a cube.
+/// Errors due to the uncertainty of the held parameters. Each is a standard deviation, averaged (rms) over the
+/// directions to the faces, edges and corners of a cube.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PriorCost {
     /// Error of the direction of gravity from the accelerometer, deg.
@@ -180,8 +180,8 @@ impl<'a> StageRows<'a> {
         })
     }
 
-    /// For each held scale: its index, counted from the first parameter of the stage, and the mean of its prior as an
-    /// entry of the sensitivity, in raw units per SI unit.
+    /// Index and prior mean of each held scale. The index is counted from the first parameter of the stage. The mean is
+    /// an entry of the sensitivity, in raw units per SI unit.
     pub(crate) fn scales(&self) -> impl Iterator<Item = (usize, f64)> {
         let start = self.stage.start;
         self.held.iter().filter_map(move |held| match held.quantity {

@@ -4,7 +4,7 @@
 //! table, each used field is a decimal number, and all lines have equal numbers of fields. Any other text (quotes,
 //! empty fields, dates) gives the error [`NotPlain`]. A more general reader must then read the file.
 //!
-//! Numbers are rounded correctly, like those of [`str::parse`].
+//! Numbers are rounded correctly, as by [`str::parse`].
 
 mod cursor;
 

@@ -84,8 +84,8 @@ impl Rounding {
         })
     }
 
-    /// Rounding of the three axes of a sensor. `axes` contains the quantisation step and the levels at the rests of
-    /// each axis, or `None` if the noise of the axis is not below its step.
+    /// Rounding of the three axes of a sensor. For each axis, `axes` contains the quantisation step and the levels at
+    /// the rests. It contains `None` if the noise of the axis is not below its step.
     ///
     /// The noise of each axis is estimated from the levels that occur at rest. Its variance is the mean of all trial
     /// variances, weighted by their likelihood. The true means are unknown and are eliminated. The levels of the other

@@ -104,8 +104,8 @@ impl<F: RealField + Copy> Default for BlockSums<F> {
 /// statistic = (1 / 6) sum_c (variance_c / noise_variance_c)
 /// ```
 ///
-/// `noise_variance` is the variance of a single sample at rest for each channel, in the channel order of the samples
-/// and in the square of their unit. The result is NaN if a sample is NaN.
+/// `noise_variance` contains the variance of a single sample at rest for each channel, in squared units of the samples.
+/// The result is NaN if a sample is NaN.
 #[inline]
 pub fn rest_statistic<F: RealField + Copy>(window: &BlockSums<F>, noise_variance: &Vector6<F>) -> F {
     statistic_of(&window.variance(), noise_variance)

@@ -73,8 +73,8 @@ impl Judged<'_> {
         }
     }
 
-    /// Change of the norm of the specific force at each rest if the accelerometer of the calibration is replaced by
-    /// `triad`, divided by the standard deviation of the norm from noise.
+    /// For each rest: change of the norm of the specific force / standard deviation of the norm from noise. The change
+    /// is computed with `triad` in place of the accelerometer of the calibration.
     fn norm_changes(&self, triad: &Triad<f64>) -> Vec<f64> {
         let change = |rest: &&RestReport| {
             let mean = rest.mean_specific_force;
@@ -84,7 +84,7 @@ impl Judged<'_> {
     }
 
     /// Residuals of the moves, divided by their standard deviations from noise. They are computed with the
-    /// accelerometer `accelerometer` and the rotations `rotations`, which may differ from those of the calibration.
+    /// accelerometer `accelerometer` and the rotations `rotations`, which may differ from the calibration.
     fn move_residuals(&self, [accelerometer, _]: [&Triad<f64>; 2], rotations: &[Matrix3<f64>]) -> Vec<f64> {
         let again = |up: &Vector3<f64>| {
             let measured = self.triads[0].sensitivity() * up * GRAVITY_MPS2 + self.triads[0].bias();

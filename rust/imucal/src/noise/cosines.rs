@@ -27,8 +27,8 @@ const WINDOWS_PER_CHECKPOINT: usize = 1024;
 /// Relative width of the frequency bands over which the powers of the last window are averaged.
 const POOLED_SHARE: f64 = 0.03;
 
-/// A mean power of the spectrum. `dof` times this power, divided by the power of the model, has a chi-square
-/// distribution with `dof` degrees of freedom.
+/// A mean power of the spectrum. `dof` x power / power of the model has a chi-square distribution with `dof` degrees of
+/// freedom.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Power {
     pub(super) value: f64,
@@ -247,8 +247,8 @@ mod tests {
 
     #[test]
     fn powers_of_a_random_walk_are_those_of_its_steps() {
-        // By summation by parts, the z_j of a random walk equal a sine sum of the steps of the walk, divided by 2
-        // sin(pi j / 2W). Their powers can therefore be computed from the independent steps.
+        // By summation by parts, z_j of a random walk = (sine sum of its steps) / (2 sin(pi j / 2W)). The steps are
+        // independent, so the powers of the z_j can be computed from them.
         let width = 100;
         for (j, power) in expected_powers(1.0, width).iter().enumerate() {
             let sine = 2.0 * (PI * (j + 1) as f64 / (2.0 * width as f64)).sin();

@@ -31,7 +31,7 @@ const MIN_BLOCKS: usize = 64;
 /// Trial time constants of a warm-up, as multiples of the duration of the record. The last one is so long that the
 /// mean changes at a constant rate.
 const TIME_CONSTANTS: [f64; 9] = [0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2, 2.5, LINEAR];
-/// With a time constant of this multiple of the duration of the record, the rate of change is practically constant.
+/// Time constant / duration of the record for a warm-up whose rate of change is practically constant.
 const LINEAR: f64 = 1e3;
 /// Maximum duration of a change that counts as a step, s. After a bump, a unit settles within this time. No unit warms
 /// up so fast.
@@ -141,8 +141,8 @@ impl Blocks {
         let scale = (2.0 / width as f64).sqrt();
         (1..width)
             .map(|j| {
-                // The table contains sines in steps of pi / (2 W), with W = `width`. The cosine of an angle is read
-                // as the sine of this angle plus a quarter of a period, which is W steps further in the table.
+                // The table contains sines in steps of pi / (2 W), with W = `width`. Because cos(a) = sin(a + pi / 2),
+                // the cosine of an angle is W steps further in the table than its sine.
                 let mut at = (j + width) % (4 * width);
                 let mut sum = 0.0;
                 for value in window {

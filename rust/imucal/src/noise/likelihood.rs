@@ -9,10 +9,10 @@
 //! parameter of noise kind k, expected_k is the expected power for theta_k = 1, and w is white noise. rounding is the
 //! variance of the rounding error of a sample. -2 log L is the deviance.
 //!
-//! theta is estimated by Fisher scoring with the constraint theta >= 0. For each value of theta_k, the deviance is
-//! minimised over the other parameters. The confidence band of theta_k contains all values at which this minimum
-//! exceeds the global minimum by at most the 95 % quantile of chi-square with one degree of freedom. Such bands remain
-//! valid with few degrees of freedom, where the distribution of an estimate is far from normal.
+//! theta is estimated by Fisher scoring with the constraint theta >= 0. D(theta_k) is the deviance, minimised over the
+//! other parameters. The confidence band of theta_k contains all values with D(theta_k) - min D <= q. q is the 95 %
+//! quantile of chi-square with one degree of freedom. Such bands remain valid with few degrees of freedom, where the
+//! distribution of an estimate is far from normal.
 
 use nalgebra::{Matrix4, Vector4};
 
@@ -215,8 +215,8 @@ impl Likelihood<'_> {
 }
 
 /// Fisher information of the estimated parameters, scaled so that all diagonal entries are one, and the scale factors.
-/// The parameter of a random walk is smaller than that of white noise by ten orders of magnitude, so scaling is needed.
-/// The rows and columns of constant parameters are replaced by those of the identity matrix.
+/// Scaling is needed because the parameter of a random walk is smaller than the parameter of white noise by ten orders
+/// of magnitude. For constant parameters, the rows and columns of the identity matrix are used.
 fn scaled(matrix: &Matrix4<f64>, free: &[bool; KINDS]) -> (Matrix4<f64>, Vector4<f64>) {
     let scale = Vector4::from_fn(|k, _| if matrix[(k, k)] > 0.0 { matrix[(k, k)].sqrt().recip() } else { 1.0 });
     let scaled = Matrix4::from_fn(|i, j| match (free[i] && free[j], i == j) {

@@ -128,7 +128,7 @@ mod tests {
         }
     }
 
-    /// The variogram of flicker noise must equal that of half-order integrated white noise, which is computed here from
+    /// The variogram of flicker noise must equal the variogram of half-order integrated white noise, computed here from
     /// the power spectrum: `(1 / pi) integral of (1 - cos k w) / (2 sin(w / 2)) dw` from 0 to pi.
     #[test]
     fn flicker_has_the_variogram_of_its_power() {

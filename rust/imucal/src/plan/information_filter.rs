@@ -145,7 +145,7 @@ mod tests {
             let Some(step) = steps.get(k) else { break };
             filter.propagate(step);
             // The residual of the propagation is d' - d + C theta. d and d' are the gravity directions before and after
-            // it, C is `step.jacobian`, and theta contains the two parameters.
+            // the propagation, C is `step.jacobian`, and theta contains the two parameters.
             let weight = inverse(&step.covariance);
             let noise = |i: usize, c: usize| match c {
                 _ if c == 2 * k + 2 + i => 1.0,

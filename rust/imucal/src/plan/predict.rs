@@ -88,8 +88,8 @@ fn rests(motion: &Motion, min_rest_s: f64, settle_s: f64) -> Vec<RestSpan> {
     motion.rests().into_iter().map(span).filter(|rest| rest.used_s >= min_rest_s).collect()
 }
 
-/// Inverse of the sum of the information matrix and the diagonal matrix of the prior precisions `prior`; `None` if the
-/// sum is not positive definite.
+/// Inverse of `information + diag(prior)`, where `prior` contains the prior precisions; `None` if this sum is not
+/// positive definite.
 pub(super) fn covariance(information: &Mat<f64>, prior: &[f64]) -> Option<Mat<f64>> {
     let n = prior.len();
     let size: Vec<f64> = (0..n).map(|p| (information[(p, p)] + prior[p]).sqrt()).collect();
@@ -98,8 +98,8 @@ pub(super) fn covariance(information: &Mat<f64>, prior: &[f64]) -> Option<Mat<f6
     Some(Mat::from_fn(n, n, |i, j| solved[(i, j)] / (size[i] * size[j])))
 }
 
-/// Logarithm of the determinant of the sum of the information matrix and the diagonal matrix of the prior precisions
-/// `prior`; `None` if the sum is not positive definite.
+/// `ln det(information + diag(prior))`, where `prior` contains the prior precisions; `None` if this sum is not positive
+/// definite.
 pub(super) fn log_determinant(information: &Mat<f64>, prior: &[f64]) -> Option<f64> {
     let n = prior.len();
     let size: Vec<f64> = (0..n).map(|p| (information[(p, p)] + prior[p]).sqrt()).collect();
@@ -108,7 +108,8 @@ pub(super) fn log_determinant(information: &Mat<f64>, prior: &[f64]) -> Option<f
     Some(2.0 * (diagonal + size.iter().map(|size| size.ln()).sum::<f64>()))
 }
 
-/// Information matrix plus the diagonal matrix of the prior precisions, scaled so that all diagonal entries are one.
+/// The matrix `information + diag(prior)`, where `prior` contains the prior precisions, scaled so that all diagonal
+/// entries are one.
 fn scaled(information: &Mat<f64>, prior: &[f64], size: &[f64]) -> Mat<f64> {
     Mat::from_fn(prior.len(), prior.len(), |i, j| {
         (information[(i, j)] + if i == j { prior[i] } else { 0.0 }) / (size[i] * size[j])

@@ -97,7 +97,7 @@ impl Scene<'_> {
             self.sensors.too_fast(&moment(from, &turn, move_s, share * move_s).angular_rate)
         };
         // All rates are inversely proportional to the duration of the move. If a rate exceeds the usable range of the
-        // gyroscope, the duration is therefore multiplied by the ratio of the largest rate to this range.
+        // gyroscope, the duration is therefore multiplied by largest rate / usable range.
         move_s = whole_ticks(move_s * (0..RATE_INSTANTS).map(look).fold(1.0, f64::max));
         let at = |time_s: f64| moment(from, &turn, move_s, time_s - start_s);
         Some((move_s, Rc::new(MoveInformation::new(self.sensors, start_s, move_s, self.limits.settle_s, at))))

@@ -93,9 +93,9 @@ pub(crate) fn fit(
     fit_from(rests, gravity_mps2, &start, held, true)
 }
 
-/// Fits the accelerometer to rests that do not determine some of its parameters. These parameters stay at the values
-/// of `start`, and all others are fitted. For this purpose, every parameter has a prior with a standard deviation of
-/// a hundredth of its size, which hardly changes a parameter that the rests determine.
+/// Fits the accelerometer to rests that do not determine some of its parameters. These parameters stay at the values of
+/// `start`, and all others are fitted. For this purpose, every parameter has a prior with a standard deviation of 1 %
+/// of its size. This prior hardly changes a parameter that the rests determine.
 ///
 /// All rests are used. With a few rests on the faces of a box, a wrong rest cannot be detected. The joint fit excludes
 /// outliers.

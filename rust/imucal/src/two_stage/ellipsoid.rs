@@ -51,8 +51,8 @@ pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<St
     }))
 }
 
-/// The sphere through `means`. It is computed by the minimum-norm least-squares solution, so its centre is near their
-/// midpoint if the poses do not determine a unique sphere. Returns `None` for a single pose.
+/// The sphere through `means`. It is the minimum-norm least-squares solution. If the poses do not determine a unique
+/// sphere, its centre is near the midpoint of the means. Returns `None` for a single pose.
 pub(crate) fn smallest_sphere(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
     let Some((centre, size)) = extent(means) else { return Ok(None) };
     let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();

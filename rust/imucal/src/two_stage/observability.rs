@@ -5,9 +5,9 @@
 //! ```
 //!
 //! J is the design matrix. Its rows are divided by model errors that every real unit has: half a mg at a rest, and 0.2
-//! deg in a move. Its columns are multiplied by a hundredth of the size of each parameter. The rows are not divided by
+//! deg in a move. Each of its columns is multiplied by 1 % of the size of its parameter. The rows are not divided by
 //! sensor noise, because with small noise, three nearly equal poses would seem sufficient. The term 1 / 10^2 is a
-//! prior: the standard deviation of a parameter about its nominal value is a tenth of its size, which is 10 units of
+//! prior. The standard deviation of each parameter about its nominal value is a tenth of its size, which is 10 units of
 //! its column.
 
 use faer::Mat;
@@ -53,8 +53,8 @@ pub(crate) struct Open {
 }
 
 impl Open {
-    /// The undetermined parameters of `design`. The rows of `design` are divided by the model errors of a real unit,
-    /// and its columns are multiplied by a hundredth of the size of each parameter.
+    /// The undetermined parameters of `design`. The rows of `design` are divided by the model errors of a real unit.
+    /// Each column is multiplied by 1 % of the size of its parameter.
     pub(crate) fn of(design: &Mat<f64>) -> Result<Self, Error> {
         let (values, vectors) = lsq::singular(design)?;
         let loosest = LARGEST_SHIFT / FARTHEST;

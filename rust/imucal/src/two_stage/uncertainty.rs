@@ -18,7 +18,8 @@ use crate::two_stage::gyroscope::{GyroscopeBias, GyroscopeFit, residual_gradient
 /// Covariance of all parameters in the symmetric frame, 21 x 21, raw units. The order is: accelerometer bias, the six
 /// entries of its sensitivity, gyroscope bias, the nine entries of its sensitivity.
 ///
-/// `random_walk_rad` is the standard deviation of the part of each move's error that is not due to its rests, rad.
+/// `random_walk_rad` contains, for each move, the standard deviation of the error that is not due to the rests at its
+/// ends, rad.
 pub(crate) fn covariance(
     rests: &[&Rest],
     moves: &[Move],
@@ -39,8 +40,8 @@ pub(crate) fn covariance(
     }
     gyroscope_rows(&mut map, rests, moves, ends, accelerometer, gyroscope);
 
-    // If the residuals of a stage are significantly larger than noise, the standard deviations of the errors in this
-    // stage are multiplied by the inflation factor of the fit.
+    // The inflation factor of a stage is above 1 if its residuals are significantly larger than noise. It multiplies
+    // the standard deviations of the errors in this stage.
     let (widen_rests, widen_moves) = (accelerometer.report.inflation, gyroscope.report.inflation);
     let deviation = |column: usize| {
         let (item, axis) = (column / 3, column % 3);

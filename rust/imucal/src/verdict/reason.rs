@@ -99,9 +99,9 @@ pub enum Reason {
         /// Number of all moves.
         all: usize,
     },
-    /// Many rests have mean angular rates that are far from those of the other rests.
+    /// At many rests, the mean angular rate is far from the mean rates at the other rests.
     MovingRests {
-        /// Number of rests whose mean angular rate is far from those of the other rests.
+        /// Number of rests with such a mean angular rate.
         count: usize,
         /// Number of all rests.
         all: usize,
@@ -195,9 +195,9 @@ impl Reason {
         )
     }
 
-    /// The reason for an incomplete verdict if the residuals of any group exceed their noise, otherwise `None`. If
-    /// there is a finding about time stamps or about missing or repeated samples, and only residuals of moves exceed
-    /// their noise, the reason is an irregular clock.
+    /// The reason for an incomplete verdict if the residuals of any group exceed their noise, otherwise `None`. The
+    /// reason is an irregular clock if two conditions hold: only residuals of moves exceed their noise, and there is a
+    /// finding about time stamps or about missing or repeated samples.
     pub(crate) fn above_noise(set: RecordingSet, groups: &[GroupMisfit], findings: &[Finding]) -> Option<Self> {
         let groups: Vec<GroupMisfit> = groups.iter().filter(|group| group.exceeds_noise()).copied().collect();
         let is_of_move = |misfit: &GroupMisfit| {

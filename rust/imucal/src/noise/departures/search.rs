@@ -27,8 +27,8 @@ pub(super) struct Search<'a> {
     pub(super) shapes: Vec<Shape>,
 }
 
-/// The steps and drifts that were added so far, with their amplitudes, and the noise parameters of the record from
-/// which these steps and drifts were subtracted.
+/// The steps and drifts added so far, with their amplitudes. The noise parameters describe the record after these steps
+/// and drifts are subtracted.
 struct Explained {
     shapes: Vec<Shape>,
     columns: Vec<Vec<f64>>,

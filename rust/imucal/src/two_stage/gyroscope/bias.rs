@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use crate::numerics::stats::{MEDIAN_SIZE, median, random_effects_mean};
 use crate::rests::rest::Rest;
 
-/// If the mean rate of a rest deviates from the median by more than this number of robust standard deviations, the
-/// interval contains a slow rotation and is not a rest.
+/// Maximum deviation of the mean rate of a rest from the median, in robust standard deviations. With a larger
+/// deviation, the interval contains a slow rotation and is not a rest.
 const LIMIT: f64 = 6.0;
 
 /// The gyroscope bias and the weights of the rests, for each axis separately.
@@ -59,13 +59,12 @@ pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> Gyros
     result
 }
 
-/// Indices of the rests whose score is at most [`LIMIT`]. The score is the deviation from the median, divided by the
-/// noise of the rest and by the common scatter.
+/// Indices of the rests with score <= [`LIMIT`] x scale. The score is |mean - median| / standard deviation of the mean
+/// of the rest. The scale is the robust scatter of all scores.
 fn kept(means: &[f64], variances: &[f64]) -> Vec<usize> {
     let centre = median(&mut means.to_vec());
     let scores: Vec<f64> = means.iter().zip(variances).map(|(m, v)| (m - centre).abs() / v.sqrt()).collect();
-    // Robust scale: the median of the deviations divided by the median of |z| of a normal distribution, and at least
-    // one.
+    // Median of the scores / median of |z| for a standard normal variable z, and at least 1.
     let scale = (median(&mut scores.clone()) / MEDIAN_SIZE).max(1.0);
     (0..means.len()).filter(|&k| scores[k] <= LIMIT * scale).collect()
 }
