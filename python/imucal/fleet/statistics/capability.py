@@ -66,7 +66,7 @@ class Capability:
 class CapabilityResult:
     """Capability of all parameters, and of the figures that have a limit.
 
-    units     number of units, of which the first calibrations are used
+    units     number of units; the first calibration of each unit is used
     poor      number of units omitted because their calibration is poor
     rows      one per parameter and limit
     """

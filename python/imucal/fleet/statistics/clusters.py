@@ -37,9 +37,9 @@ def clusters_of(effect: str, serials: tuple[str, ...], values: FloatArray) -> li
 
     values   (n, k) coefficients
 
-    The number of clusters minimises the Bayesian information criterion of normal clusters of equal widths.
-    The halves of a normal group do not become clusters, because the labels increase the criterion by more
-    than the smaller width decreases it.
+    The number of clusters minimises the Bayesian information criterion of normal clusters of equal widths. A
+    single normal group is not split into halves, because the labels of its units increase the criterion by
+    more than the smaller widths decrease it.
     """
     if len(values) < 2 * FEWEST_UNITS:
         return []

@@ -21,8 +21,8 @@ LOG_FIGURES: Final = tuple(
     for of in ("", "control_")
     for name in ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
 )
-# Minimum number of units that must have a value of a quantity for it to become a column, and minimum number
-# of pairs of measurements for an estimate of the repeatability.
+# A quantity becomes a column only if at least this number of units have a value of it. An estimate of the
+# repeatability needs at least this number of pairs of measurements.
 FEWEST: Final = 10
 
 
@@ -32,8 +32,8 @@ class Columns:
 
     names, units   names and units of the parameters, then of the figures, whose unit is "ln" (logarithm)
     values         (n, c), NaN for a missing value
-    variances      (n, c) of the measurement noise: the stated variance, plus the variance of repeated
-                   calibrations in excess of it
+    variances      (n, c) of the measurement noise: the stated variance, plus an excess variance, which is
+                   estimated from repeated calibrations
     """
 
     names: tuple[str, ...]
@@ -82,7 +82,7 @@ def columns_of(measurements: Measurements, *, figures: bool = True) -> Columns:
 
 
 def repeatability(numbers: np.ndarray, values: FloatArray, sigmas: FloatArray) -> float:
-    """Repeatability of a unit in excess of the stated standard deviation; 0 with few repetitions.
+    """Square root of (variance of a unit's repeats - stated variance); 0 with few repeats.
 
     The result is computed from the differences of consecutive measurements, so a steady drift common to all
     units has no effect. The caller removes trends of single units.

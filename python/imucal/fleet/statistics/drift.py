@@ -2,11 +2,11 @@
 
     y_it = value_i + slope_i t + e_it
 
-y_it is the measurement of unit i at time t. The variance of e_it is the stated variance plus the variance of
-the fleet's repeated calibrations in excess of it.
+y_it is the measurement of unit i at time t, and e_it its noise. The variance of e_it is the stated variance
+plus an excess variance, which is estimated from repeated calibrations of the fleet.
 
 Shifts common to all units of a station on a day are removed first. A unit is reported as drifting if its
-p-value is significant among those of all units, by the false discovery rate of Benjamini and Hochberg.
+p-value is significant among the p-values of all units (false discovery rate of Benjamini and Hochberg).
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ FALSE_DISCOVERIES: Final = 0.002
 # A parameter of a drifting unit is reported if its p-value, corrected for the number of parameters, is below
 # this threshold.
 NAMED_BELOW: Final = 0.01
-# A step is reported instead of a slope if chi2 of a fit with a step is smaller by at least this number than
-# chi2 of a fit with a slope.
+# A step is reported instead of a slope if chi2(fit with a slope) - chi2(fit with a step) is at least this
+# number.
 STEP_IS_BETTER: Final = 6.0
 
 

@@ -2,10 +2,10 @@
 
     theta_i = mean + deviation_i + e_i      e_i ~ N(0, C_i), the covariance of the fit of unit i
 
-theta_i are the parameters of the effect that were estimated for unit i. The statistic is twice the log
-likelihood ratio between a model with a mean and a spread of the effect and a model without the effect. In a
-large fleet, standard deviations that are slightly too small would make every effect significant. The median
-statistic of all effects is therefore the reference for the noise.
+theta_i are the parameters of the effect that were estimated for unit i. The statistic is 2 ln(L / L_0). L is
+the likelihood of a model in which the effect has a mean and a spread over the units. L_0 is the likelihood of
+a model without the effect. In a large fleet, standard deviations that are slightly too small would make every
+effect significant. The stated variances are therefore multiplied by a factor, estimated from all effects.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ __all__ = ["EffectEvidence", "FleetGap", "MeanParameter", "effect_search", "sear
 SCHEMA: Final = "imucal.fleet-gap/1"
 # Probability that any effect is reported as significant if there is no effect.
 FALSE_ALARM: Final = 0.001
-# A significant effect is a rival of the best effect if their test statistics (chi2) differ by less than this
-# number, which corresponds to 5 nats of log likelihood.
+# A significant effect is a rival of the best effect if their statistics 2 ln(L / L_0) differ by less than
+# this number.
 RIVAL_WITHIN: Final = 10.0
 # Maximum number of effects that are accepted one after the other.
 MOST_ROUNDS: Final = 3
@@ -69,8 +69,7 @@ class EffectEvidence:
 
     units            number of units in which the effect is determined
     alone            number of units in which the effect is significant without the other units
-    statistic        twice the log likelihood ratio, with `dof` degrees of freedom: mean and spread of each
-                     parameter
+    statistic        2 ln(likelihood ratio), with `dof` degrees of freedom: mean and spread of each parameter
     p_value          p-value corrected for the number of effects
     is_significant   whether p_value is below 0.1 %
     rivals           effects that explain the units equally well
@@ -96,7 +95,7 @@ class FleetGap:
 
     units      number of units whose recordings were searched
     unread     number of units whose recordings could not be fitted
-    inflation  median chi2 per degree of freedom of all effects: 1 if the stated standard deviations are right
+    inflation  factor on the stated variances, estimated from the chi2 of all effects; 1 if they are right
     effects    significant effects, in the order in which they were accepted
     ranking    all effects of the first round, the most significant first
     clusters   groups of units with different coefficients, for each temperature effect with such groups
@@ -169,7 +168,7 @@ def _ranked(
     inflation: float | None = None,
     beside: tuple[str, ...] = (),
 ) -> tuple[float, tuple[EffectEvidence, ...]]:
-    """The noise inflation factor, and the evidence for each effect that enough units determine."""
+    """The factor on the stated variances, and the evidence for each effect that enough units determine."""
     of_effect = {}
     for name in effects:
         own = [of_unit[name] for of_unit in fits.values() if name in of_unit]
@@ -228,8 +227,9 @@ def _evidence(
         - _squares(values - mean, total).sum()
         - np.linalg.slogdet(total)[1].sum()
     )
-    # The degrees of freedom are those for a variance of the spread without bounds. Because a variance cannot
-    # be negative, the test is slightly conservative.
+    # Each parameter has two degrees of freedom: its mean and its variance between units. This number is right
+    # for an estimate of the variance that may be negative. The estimate here is not negative, so the test is
+    # slightly conservative.
     p_value = min(tests * float(stats.chi2.sf(statistic, 2 * dof)), 1.0)
     single = stats.chi2.sf(squares / inflation, dof) * units * tests
     return EffectEvidence(

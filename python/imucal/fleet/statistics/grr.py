@@ -71,7 +71,7 @@ class SigmaTest:
     factor      ratio of the repeatability to the rms of the stated standard deviations; 1 if these are
                 correct
     low, high   95 % interval of the factor
-    p_value     probability of a factor at least as far from 1 if the stated standard deviations are correct
+    p_value     two-sided p-value under the null hypothesis that the stated standard deviations are correct
     stated      rms of the stated standard deviations
     """
 
@@ -231,8 +231,8 @@ def grr(
     by           "operator" or "station"
     tolerances   width of the limits, by parameter
 
-    Only units that every operator has measured at least twice are used, with the same number of first repeats
-    each. Raises InputError if no balanced study remains.
+    Only units that every operator has measured at least twice are used. If the numbers of repeats differ, the
+    first repeats up to the smallest number are used. Raises InputError if no balanced study remains.
     """
     factors = {"operator": measurements.operators, "station": measurements.stations}
     if by not in factors:

@@ -215,19 +215,19 @@ def _distances(
 def _p_values(squared: FloatArray, removed: FloatArray, marginal: FloatArray) -> tuple[FloatArray, float]:
     """p-values of d^2, and the degrees of freedom of the tail of its distribution.
 
-    removed, marginal  squared deviations of each column, conditional on the other columns and marginal
+    removed, marginal  squared deviation in each column, with the other columns known and without them
 
-    d^2 / c, where c is the number of columns, is compared with an F distribution, scaled to the median of the
-    units. Its second degrees of freedom are chosen to reproduce the ratio of the upper 5 % point to the
-    median, so that a fleet with wide tails has few false alarms. For a normally distributed fleet, the second
-    degrees of freedom are infinite, and the distribution is chi-square. The largest deviation of a single
-    column, marginal and conditional on the other columns, is tested in the same way and corrected for the
-    number of columns. This test detects deviations in a single column that are small in the sum over many
-    columns.
+    The first test compares d^2 / c, for c columns, with an F distribution that is scaled to the median of the
+    units. The second degrees of freedom of this distribution reproduce the observed ratio of the upper 5 %
+    point to the median, so that a fleet with wide tails has few false alarms. For a normally distributed
+    fleet, they are infinite, and the distribution is chi-square.
 
-    If more than 5 % of the units of a small fleet are outliers, the outliers themselves widen this tail. The
-    marginal deviations are therefore also compared with the tail of the deviations of all columns together,
-    of which outlying units are a small part.
+    The second test detects a deviation in a single column, which is small in the sum over many columns. It
+    uses the largest deviation of a unit in any column, and the same tail.
+
+    If more than 5 % of the units of a small fleet are outliers, the outliers themselves widen this tail. A
+    third test therefore compares the marginal deviations with the tail of the deviations of all columns
+    together, of which outlying units are a small part. All p-values are corrected for the number of tests.
     """
     columns = marginal.shape[1]
     largest = np.maximum(removed, marginal).max(axis=1)
@@ -256,7 +256,7 @@ def _tail_of(squared: FloatArray, dof: int, widened: float = 1.0) -> tuple[float
 
 
 def _scatter(squared: FloatArray) -> float:
-    """1 plus the relative sampling error of the ratio of the upper 5 % point to the median of n values."""
+    """1 + relative sampling error of the ratio (upper 5 % point) / median of these values."""
     return 1.0 + 2.0 / float(np.sqrt(len(squared)))
 
 

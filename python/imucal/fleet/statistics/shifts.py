@@ -25,8 +25,8 @@ __all__ = ["Shift", "Shifts", "common_shifts", "days_of"]
 # Probability that any shift is reported, over all stations, days and columns, if there is no shift.
 FALSE_ALARM: Final = 0.001
 # Tukey's biweight gives no weight to residuals that are more than this number of standard deviations from the
-# location of the group. With this number, the efficiency of the biweight estimate for normal values is 95 %
-# of the efficiency of the mean (Maronna et al., Robust Statistics, 2006).
+# location of the group. With this number, the variance of the mean is 95 % of the variance of the biweight
+# estimate if the values are normal (Maronna et al., Robust Statistics, 2006).
 BIWEIGHT: Final = 4.685
 EFFICIENCY: Final = 0.95
 BIWEIGHT_STEPS: Final = 15
@@ -68,7 +68,7 @@ class Shift:
 
 @dataclass(frozen=True, eq=False)
 class Shifts:
-    """The common shifts, and for each value the sum of the shifts that it contains, (n, c)."""
+    """The common shifts, and the sum of the shifts that each value contains, (n, c)."""
 
     found: tuple[Shift, ...]
     added: FloatArray
@@ -130,7 +130,7 @@ class _Partition:
         self.names, self._labels = names, labels
 
     def largest(self, residual: FloatArray, std: FloatArray) -> _Group:
-        """The group whose common shift is the largest multiple of its standard deviation."""
+        """The group with the largest |common shift / its standard deviation|."""
         labels, size = self._labels, len(self.names)
         known = np.isfinite(residual) & (labels >= 0)
         own, y, precision = labels[known], residual[known], 1.0 / std[known] ** 2

@@ -148,7 +148,7 @@ def _joint(
 def _inverse(
     dated: Measurements, columns: Columns, values: FloatArray, rows: np.ndarray, picked: np.ndarray
 ) -> FloatArray:
-    """Inverse covariances, with the repeatability in excess of the stated noise; 0 for missing values."""
+    """Inverse covariances of calibrations with excess variance; rows and columns of missing values are 0."""
     assert dated.covariances is not None
     covariances = dated.covariances[rows[:, None, None], picked[:, None], picked[None, :]].copy()
     stated = np.einsum("nii->ni", covariances)

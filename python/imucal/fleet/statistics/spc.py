@@ -96,7 +96,7 @@ class Chart:
 class SpcResult:
     """Control charts of all stations and columns.
 
-    units    number of units, of which the first calibrations are used
+    units    number of units; the first calibration of each unit is used
     poor     number of calibrations omitted because they are poor
     shifts   shifts of a station, or of a station on one day, which are the alarms
     charts   one chart for each station and column
