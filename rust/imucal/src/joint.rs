@@ -137,8 +137,8 @@ pub(crate) fn is_unobservable_hand_held(name: &str) -> bool {
     effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !OBSERVABLE_AT_RESTS.contains(&name)
 }
 
-/// Estimates all parameters. The fit starts from `warm_start` if this model has the effects of `terms`. Otherwise it
-/// starts from the given sensor models `triads` with zero effects.
+/// Estimates all parameters. The fit starts from `warm_start` if the warm start has the same effects as `terms`.
+/// Otherwise it starts from the given sensor models `triads` with zero effects.
 pub(crate) fn fit(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,

@@ -110,7 +110,7 @@ const LEAST: f64 = 1e-6;
 pub(crate) struct HeldOut {
     /// Angle between propagated and measured gravity direction of each move, rad.
     pub(crate) direction_rad: Vec<Option<f64>>,
-    /// Index of each rest that the fit uses, and the predicted norm of its specific force minus gravity, m/s^2.
+    /// Index of each rest that the fit uses, and its predicted residual |f| - g, m/s^2.
     pub(crate) norm_mps2: Vec<(usize, Option<f64>)>,
 }
 

@@ -44,8 +44,8 @@ const SIGNIFICANCE: f64 = 1e-5;
 /// A direction is tested only if one minus its leverage is above this limit (model.md (25)). One minus the leverage is
 /// the share of the variance along the direction that the fit leaves in the residual.
 const MIN_RESIDUAL_SHARE: f64 = 0.05;
-/// A column of the scaled Jacobian is linearly dependent on the other columns if its diagonal entry of R in the QR
-/// decomposition is below this limit. The limit is far above rounding errors.
+/// Column k of the scaled Jacobian is linearly dependent on the other columns if |R_kk| is at most this limit, for R of
+/// the QR decomposition. The limit is far above rounding errors.
 const LINEAR_DEPENDENCE: f64 = 1e-9;
 /// The residual of a prior is tested only if one minus its leverage is above this limit. With a smaller value, rounding
 /// errors dominate the standardised residual.

@@ -20,8 +20,8 @@
 //! base parameters, model.md (6).
 //!
 //! For smooth motion, the integration error decreases with the fourth power of the sampling interval. Linear
-//! interpolation between samples would give only the second power: it neglects the curvature of the rate, and these
-//! errors add up to zero over a move only if the axis of the rotation is fixed.
+//! interpolation between samples neglects the curvature of the rate, and would give only the second power. Its errors
+//! add up to zero over a move only if the axis of the rotation is fixed.
 //!
 //! d neglects that the effects depend on the rate. For most effects, this changes d by less than 1 % (exceptions:
 //! model.md (17)). The residuals are exact. The derivative of the force with respect to the accelerometer parameters is

@@ -88,7 +88,7 @@ impl<'a> Rests<'a> {
         rests
     }
 
-    /// Mean of the rate change by the effects, over all rests of a recording that the fit uses.
+    /// Rate change by the effects, averaged over all rests of a recording that the fit uses.
     fn mean_rate(&self, recording: usize) -> Rate {
         let (own, _) = self.prepared.rests_of(recording);
         let mut mean = Rate { added: Vector3::zeros(), columns: vec![Vector3::zeros(); self.on_rate.count] };

@@ -1,9 +1,10 @@
 //! Weights of the residuals in repeated fits (model.md (19)).
 //!
 //! Each fit gives the excess of its residuals over noise, and this excess determines the weights of the next fit. Plain
-//! repetition has two defects. First, an excess near its significance limit may be significant after a fit with weights
-//! from noise only, but not after a fit whose weights contain this excess. The weights then alternate. Second, if
-//! residuals of two kinds determine the same parameter, the excess converges slowly, by a constant factor per fit.
+//! repetition has two defects. First, the weights may alternate. An excess near the significance limit is significant
+//! after a fit with weights from noise only. The next weights contain the excess, and after the next fit it is not
+//! significant. Second, if residuals of two kinds determine the same parameter, the excess converges slowly, by a
+//! constant factor per fit.
 
 use super::problem::Joint;
 use super::weights::{FACTORS, WIDENINGS, Widened, Widening};
@@ -51,8 +52,8 @@ impl Reweighting {
         problem.weigh_with(found, &next)
     }
 
-    /// Whether the kinds with increased standard deviations alternate. They alternate if `widened` differs from the
-    /// kinds of the last fit but equals those of an earlier fit.
+    /// Whether the kinds with increased standard deviations alternate: `widened` differs from the kinds of the last fit
+    /// and equals the kinds of an earlier fit.
     fn alternates(&self, widened: Widened) -> bool {
         self.widened.last().is_some_and(|last| *last != widened) && self.widened.contains(&widened)
     }

@@ -1,4 +1,5 @@
-//! True rate and force, computed from the corrected readings if effects depend on the true values (model.md (16)).
+//! True rate and force for effects that depend on the true values. They are computed from the corrected readings by
+//! fixed-point iteration (model.md (16)).
 
 use std::ops::Range;
 

@@ -104,8 +104,8 @@ pub(crate) struct Prior {
 }
 
 impl Prior {
-    /// Replaces the width of the prior by the value that maximises the evidence, model.md (23). It is computed from
-    /// the estimated parameters and their covariance.
+    /// Updates the width of the prior from the estimated parameters and their covariance. Repeated updates maximise the
+    /// evidence (model.md (23)). If the data hardly determine the effect, the width stays unchanged.
     pub(super) fn widen(&mut self, parameters: &[f64], covariance: &Mat<f64>) {
         let (mut square, mut seen) = (0.0, 0.0);
         for (k, typical) in self.typical.iter().enumerate() {

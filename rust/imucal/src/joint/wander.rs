@@ -25,8 +25,8 @@ pub(super) const MOST_ROWS: usize = 6000;
 pub(crate) enum Wander {
     /// The biases are constant. Excess scatter of the mean rates is then modelled as independent from rest to rest.
     Constant,
-    /// The bias instability of the gyroscope is estimated from the mean rates. It is used if it has a larger likelihood
-    /// than scatter that is independent from rest to rest.
+    /// The bias instability of the gyroscope is estimated from the mean rates. It is used if it explains their scatter
+    /// with a larger likelihood than errors that are independent from rest to rest.
     Seen,
     Known(UnitWander),
 }
@@ -98,8 +98,8 @@ impl BiasWander {
         (g(d - a) - g(c - a) - g(d - b) + g(c - b)) / ((b - a) * (d - c))
     }
 
-    /// Covariance of the mean biases over the rests of one recording. Each bias is relative to its mean over the
-    /// interval `whole`.
+    /// Covariance of the mean biases at the rests of one recording. Each mean bias is taken relative to the mean bias
+    /// over the interval `whole`.
     pub(super) fn of_rests(&self, axis: usize, rests: &[[f64; 2]], whole: [f64; 2]) -> Mat<f64> {
         let with_whole: Vec<f64> = rests.iter().map(|rest| self.covariance(axis, *rest, whole)).collect();
         let all = self.covariance(axis, whole, whole);

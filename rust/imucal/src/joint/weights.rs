@@ -92,9 +92,9 @@ impl Weights {
                     (Source::Norm(_), false) => scales.norms,
                     (Source::Move(_), _) => 1.0,
                 };
-                // An epoch is a part of a long rest with its own mean. All epochs of a rest have the same attitude, and
-                // thus the same model error of |f|. The first epoch determines |f| at this attitude, as any other rest
-                // does. With the common model error, the later epochs determine only changes of |f|.
+                // The first epoch (part) of a long rest determines |f| at its attitude, as any other rest does. The
+                // later epochs have the same attitude, and thus the same model error of |f|. With this common error,
+                // they determine only changes of |f|.
                 let pose = match line.source {
                     Source::Norm(k) if line.is_of_later_epoch => {
                         Some((poses + prepared.rests[k].whole, REST_ERROR_MPS2 * scales.epochs))

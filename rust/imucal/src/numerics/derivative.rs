@@ -34,8 +34,8 @@ const NARROWEST_S: f64 = 2e-3;
 const WIDEST_S: f64 = 0.1;
 /// Ratio of consecutive trial widths. With 1.7, the truncation error changes by a factor of eight.
 const WIDER: f64 = 1.7;
-/// The width is chosen from the data only if there are at least this number of samples. With fewer samples, noise and
-/// motion cannot be separated, and the narrowest stencil is used.
+/// Minimum number of samples for a width that is chosen from the data. With fewer samples, noise and motion cannot be
+/// separated, and the narrowest stencil is used.
 const FEWEST: usize = 4 * BOXES;
 /// In long data, a subset of at least this number of fourth differences gives the noise, with an accuracy of one per
 /// cent.

@@ -105,8 +105,8 @@ pub(crate) fn significance_limit(degrees_of_freedom: f64) -> f64 {
 /// Decrease of chi2, `|P r|^2`, that the linear model predicts. P is the projection of the residuals r onto the columns
 /// of the Jacobian.
 fn predicted_decrease(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> f64 {
-    /// The parameters are determined along a direction only if its singular value is larger than this multiple of the
-    /// largest one. Other directions do not contribute to the gradient.
+    /// The parameters are determined along a direction if its singular value is larger than this number x the largest
+    /// singular value. Other directions do not contribute to the gradient.
     const DETERMINED: f64 = 1e-12;
     let Some((projected, values)) = singular_of_triangle(residuals, jacobian) else {
         return f64::INFINITY;

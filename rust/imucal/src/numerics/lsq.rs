@@ -178,7 +178,7 @@ pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error>
 }
 
 /// Scales the columns of the Jacobian to unit length. Returns the components of the residuals along the left singular
-/// vectors of the scaled Jacobian, and its singular values. `None` if these are not finite.
+/// vectors of the scaled Jacobian, and its singular values. `None` if a value is not finite.
 pub(crate) fn singular_of_triangle(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> Option<(Vec<f64>, Vec<f64>)> {
     let (n, norms) = (jacobian.ncols(), column_norms(jacobian));
     let rows = jacobian.nrows();

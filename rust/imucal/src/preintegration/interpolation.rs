@@ -74,8 +74,8 @@ pub(super) fn end_of_equal_steps(time_s: &[f64], start: usize, end: usize, inter
 /// the cubic through the four samples.
 pub(crate) fn cubic_weights([before, start, end, after]: [f64; 4]) -> [f64; 4] {
     let (a, h, b) = (start - before, end - start, after - end);
-    // The mean of the cubic is the mean of the linear interpolation minus h^2/6 times a weighted mean of the second
-    // divided differences on both sides.
+    // Mean of the cubic = mean of the linear interpolation - h^2/6 x weighted mean of the second divided differences on
+    // both sides of the step.
     let late = (h / 2.0 + a) / (a + h + b);
     let (left, right) = ((1.0 - late) * h * h / 6.0, late * h * h / 6.0);
     [

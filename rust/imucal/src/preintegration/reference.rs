@@ -192,8 +192,8 @@ fn add(sums: &mut [Square; 4], rotation: &Square, rate: &Vector, weight: Double)
     sums[3] = plus(&sums[3], &scaled(rotation, weight));
 }
 
-/// Computes the sums that the vectorised integration does not accumulate. Their column index is greater than the index
-/// of the rate component. They are computed from the accumulated sums, in the frame with these axes.
+/// Computes the sums that the vectorised integration does not accumulate: those with a column index above the index of
+/// the rate component. They are computed from the accumulated sums, in the frame with these axes.
 fn with_the_turn(sums: [Square; 3], rotation: &Square, axes: &Matrix3<f64>) -> [Square; 3] {
     let out: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(r, c)])));
     let back: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(c, r)])));

@@ -227,8 +227,7 @@ impl<S: Simd> LaneState<S> {
     #[inline(always)]
     pub(super) fn turn<const SUMS: bool>(&mut self, terms: &[StepTerm<S>], samples: &mut [Sample<S>]) {
         if SUMS {
-            // One iteration of Newton's method removes the accumulated rounding error of `double`, which is two divided
-            // by the squared norm of the quaternion.
+            // `double` is 2 / |quaternion|^2. One iteration of Newton's method removes its accumulated rounding error.
             let one = Lanes::splat(self.simd, 1.0);
             let excess = self.square_of_length().neg_mul_add(self.double * Lanes::splat(self.simd, 0.5), one);
             self.double = self.double.mul_add(excess, self.double);

@@ -62,8 +62,8 @@ impl Step {
 
 /// Number of fixed-point iterations for the angular acceleration. Iterations are needed because the angular
 /// acceleration is the derivative of the corrected rate, and the correction depends on the angular acceleration. Each
-/// iteration multiplies the error by the delay of the gyroscope divided by the time scale of the motion, about 1/50.
-/// For long delays, more iterations would amplify noise.
+/// iteration multiplies the error by gyroscope delay / time scale of the motion, about 1/50. For long delays, more
+/// iterations would amplify noise.
 const SLOPE_PASSES: usize = 3;
 
 impl Route<'_> {
