@@ -144,7 +144,7 @@ pub(crate) fn checkpoint() {
         let poll = is_due.then(|| current.cancellation.clone());
         (current.cancellation.is_cancelled(), poll)
     });
-    // The poll function may start another calculation, so it is called without the borrow.
+    // The poll function may start another calculation, so it is called after the borrow of `CURRENT` has ended.
     let is_polled = poll.is_some_and(|cancellation| {
         let is_requested = cancellation.poll.as_ref().is_some_and(|poll| poll());
         if is_requested {

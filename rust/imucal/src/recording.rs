@@ -235,8 +235,8 @@ impl<'a> Recording<'a> {
     /// Mean sampling rate, Hz: the number of time steps divided by their sum, without pauses (see `PAUSE_S`). NaN if
     /// the time does not increase.
     ///
-    /// The median time step is not used, because it may differ from the mean time step by ten per cent or more. They
-    /// differ if samples come in bursts, or if the resolution of the time stamps is coarse.
+    /// The median time step is not used, because it may differ from the mean time step by ten per cent or more. Median
+    /// and mean differ if samples come in bursts, or if the resolution of the time stamps is coarse.
     pub fn mean_rate_hz(&self) -> f64 {
         let of = |is_counted: &dyn Fn(f64) -> bool| {
             let steps = self.time_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| is_counted(*step_s));

@@ -160,7 +160,7 @@ fn tried_noise(k: usize) -> f64 {
     NOISE[0] * (NOISE[1] / NOISE[0]).powf(k as f64 / (NOISES - 1) as f64)
 }
 
-/// Mean square of the rounding error over all true means, in squared steps. `noise` is the standard deviation of the
+/// Mean of the squared rounding error over all true means, in squared steps. `noise` is the standard deviation of the
 /// noise in steps.
 fn error_variance(noise: f64) -> f64 {
     // For noise of 0.02 steps or more, the terms beyond the 60th are negligible. Without noise, the sum of 60 terms is

@@ -12,8 +12,8 @@
 //! w is the angular rate. The parameters are the matrix D, the delay tau, the Earth rate Omega in the world frame, and
 //! the positions r, r_y and r_z. R_wb is the attitude (world from body), and `[v]x` is the matrix of the cross product
 //! with v. A sensor at position r measures `dw/dt x r + w x (w x r)` in addition to the force at the origin of the body
-//! frame. The size effect occurs because the three sensor axes of an accelerometer are at different positions. The
-//! origin is the position of the x axis.
+//! frame. The size effect occurs because the three sensor axes of an accelerometer are at different positions. For this
+//! effect, r_y and r_z are positions relative to the x axis.
 
 use super::{AXES, Alias, ENTRIES, Effect, Need, Parameter, Sensor, State, Terms, effect, parameters};
 use crate::{EARTH_RATE_RADPS, vector::neg};

@@ -172,8 +172,8 @@ const fn graded(units: [&'static str; 3], typical: f64) -> [Parameter; 9] {
     by_degree([["x_linear", "y_linear", "z_linear"], ["x_square", "y_square", "z_square"]], units, typical)
 }
 
-/// A variable of the history times the powers 0 to 2 of the temperature difference. The field is zero if the history or
-/// the temperature is unknown.
+/// The products variable x dT^0, variable x dT^1 and variable x dT^2. They are zero if the history or the temperature
+/// is unknown.
 #[inline(always)]
 fn powers<F: RealField + Copy>(
     state: &State<F>,

@@ -209,8 +209,8 @@ impl<F: RealField + Copy> TemperatureMemory<F> {
 mod tests {
     use super::*;
 
-    /// Lag, rate and direction after the temperatures `degc` at the times `time_s`, by small Euler steps along straight
-    /// lines.
+    /// Lag, rate and direction after the temperatures `degc` at the times `time_s`, computed by small Euler steps. The
+    /// temperature is linear in time between two of the given temperatures.
     fn by_euler(time_s: &[f64], degc: &[f64], tau_s: f64) -> [f64; 3] {
         let (mut lagged, mut once, mut twice, mut s) = (degc[0], degc[0], degc[0], 0.0_f64);
         for (t, d) in time_s.windows(2).zip(degc.windows(2)) {

@@ -103,8 +103,8 @@ impl Judged<'_> {
     }
 }
 
-/// Indices of the rests or moves that are not outliers. Each has `size` residuals. As in a calibration, a few disturbed
-/// rests or moves are excluded, for example rests that were detected in a slow part of a move.
+/// Indices of the rests or moves that are not outliers. Each rest or move has `size` residuals. As in a calibration, a
+/// few disturbed rests or moves are excluded, for example rests that were detected in a slow part of a move.
 fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     let chi2: Vec<f64> = z.chunks_exact(size).map(|own| own.iter().map(|z| z * z).sum()).collect();
     // The values of chi2 are divided by this scale, so no rest or move is excluded if all of them scatter equally.

@@ -6,9 +6,9 @@
 //! ```
 //!
 //! The windows have W consecutive values y. The z_j of a window are exactly independent for white noise, for a random
-//! walk, and for block means of either. In a Fourier transform, the difference between the ends of a random walk would
-//! leak into all frequencies. For flicker noise, the z_j are only nearly independent, but the variances computed here
-//! are exact.
+//! walk, and for block means of these two. In a Fourier transform, the difference between the ends of a random walk
+//! would leak into all frequencies. For flicker noise, the z_j are only nearly independent, but the variances computed
+//! here are exact.
 //!
 //! A long record is processed in stages. The first stage has windows of 32 samples. The next stage has windows of 32
 //! means of the first stage, and so on. The last stage is a single window with fewer than 2048 values. In every other
@@ -74,7 +74,8 @@ impl Layout {
         Self { stages }
     }
 
-    /// Powers of the spectrum of a record. The number of samples must be that for which this layout was created.
+    /// Powers of the spectrum of a record. `values` must have as many samples as the record for which this layout was
+    /// created.
     pub(super) fn powers(&self, values: impl Iterator<Item = f64>) -> Vec<Power> {
         let mut powers = Vec::new();
         let Some((last, before)) = self.stages.split_last() else {

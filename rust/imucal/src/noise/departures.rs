@@ -1,5 +1,5 @@
-//! Detection of steps and drifts of the mean of a unit at rest. The likelihood distinguishes them from random noise:
-//! `docs/model.md` (36).
+//! Detection of steps and drifts of the mean reading of a unit at rest. The likelihood distinguishes them from random
+//! noise: `docs/model.md` (36).
 //!
 //! ```text
 //! z_j = sum over components of a_c s_cj + noise,     noise ~ N(0, mu_j(theta)),     j = 1 to W - 1
@@ -111,8 +111,9 @@ impl Blocks {
         Some(blocks)
     }
 
-    /// Steps and drifts of a record, in the order in which the search adds them. The number of samples must be that for
-    /// which the blocks were created. Durations are compared with `ABRUPT_S` by means of the sampling rate `rate_hz`.
+    /// Steps and drifts of a record, in the order in which the search adds them. `values` must have as many samples as
+    /// the record for which the blocks were created. `rate_hz` converts durations to seconds, for the comparison with
+    /// `ABRUPT_S`.
     pub(super) fn components(
         &self,
         values: impl Iterator<Item = f64>,

@@ -93,8 +93,8 @@ impl Likelihood<'_> {
     ///
     /// The result is the union of two bands. In the first, the parameters of the other kinds of noise are limited to
     /// values >= 0. In the second, these parameters may be negative. The second band is needed if another kind of noise
-    /// is absent, so that its true parameter is zero. Its limited estimate cannot be negative, and the first band is
-    /// therefore too narrow.
+    /// is absent, so that its true parameter is zero. With the limit, its estimate cannot be negative, and the first
+    /// band is therefore too narrow.
     pub(super) fn band(&self, best: &Fit, kind: usize) -> Band {
         let std = self.standard_deviations(&best.theta);
         let free = self.maximize(best.theta, None, Domain::Free);

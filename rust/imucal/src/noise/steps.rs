@@ -15,7 +15,7 @@ const MARGIN_S: f64 = 1.0;
 /// Number of blocks on each side of a step. Their samples determine the exact sample at which the step occurs.
 const NEAR_BLOCKS: usize = 8;
 
-/// A step of the mean of a unit at rest, for example after a bump against the table.
+/// A step of the mean reading of a unit at rest, for example after a bump against the table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
     /// Time of the first sample after the step, s.
@@ -26,7 +26,7 @@ pub struct Step {
     pub axes: Vec<Departure>,
 }
 
-/// A slow change of the mean of one axis of a unit at rest, for example while the unit warms up.
+/// A slow change of the mean reading of one axis of a unit at rest, for example while the unit warms up.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drift {
     /// Time at which the change starts, s.
@@ -115,7 +115,7 @@ pub(super) fn gather(
 }
 
 /// The first sample after a step near the start of block `first`. Samples up to two blocks from this start are tried.
-/// At the best one, the means before and after it differ most significantly.
+/// The means before and after the returned sample differ most significantly.
 fn sharpened(recording: &Recording<'_>, rest: &Range<usize>, block: usize, first: usize, channel: usize) -> usize {
     let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
     let middle = rest.start + first * block;

@@ -76,8 +76,8 @@ struct RestSpan {
     used_s: f64,
 }
 
-/// The rests that are long enough for rest detection. The time `EDGE_S` is removed only from ends of a rest that are
-/// next to a move.
+/// The rests that are long enough for rest detection. The time `EDGE_S` is removed only from the ends of a rest next to
+/// a move.
 fn rests(motion: &Motion, min_rest_s: f64, settle_s: f64) -> Vec<RestSpan> {
     let duration_s = motion.duration_s();
     let span = |(start_s, end_s): (f64, f64)| {

@@ -25,8 +25,8 @@ pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
 pub(crate) const LARGEST_SHIFT: f64 = 0.01;
 /// Standard deviation of the prior of a parameter about its nominal value, as a fraction of its size.
 pub(crate) const FARTHEST: f64 = 0.1;
-/// An undetermined parameter is unobservable by itself if p >= this share. It then belongs to no group. p is the
-/// squared length of the unit vector of the parameter after projection onto the unobservable directions.
+/// An undetermined parameter is unobservable by itself, and belongs to no group, if p >= this value. The unit vector
+/// along the parameter is projected onto the unobservable directions, and p is the squared length of the projection.
 const OWN_SHARE: f64 = 0.95;
 /// Two undetermined parameters belong to one group if |correlation| > this value. The correlation is computed from the
 /// unobservable directions only.

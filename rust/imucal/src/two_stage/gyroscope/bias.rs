@@ -30,10 +30,10 @@ impl GyroscopeBias {
     }
 }
 
-/// Estimates the bias. The weights are computed from the noise of each rest and the scatter between rests. At least
-/// one rest is required. `wander` is the variance of the mean rates over the epochs of each rest, squared raw units;
-/// zero for a rest without epochs. It is added to the variance from noise, because the bias may differ between rests
-/// by as much as it changes within a rest.
+/// Estimates the bias. The weights are computed from the noise of each rest and the scatter between rests. At least one
+/// rest is required. For each rest, `wander` is the variance of the mean rates of its epochs (parts with their own
+/// means), squared raw units; zero for a rest without epochs. It is added to the variance from noise, because the bias
+/// may differ between rests by as much as it changes within a rest.
 pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> GyroscopeBias {
     let mut result = GyroscopeBias {
         bias: Vector3::zeros(),
