@@ -3,7 +3,7 @@
 //! (24)).
 //!
 //! * `evidence`: evidence (marginal likelihood) of a model. The prior width of each effect is a multiple of its typical
-//!   size, and the noise scale of each kind of residual is estimated.
+//!   size. The noise scale (chi2 per degree of freedom) of each kind of residual is estimated.
 //! * `forward_search`, `score`, `revise`: steps of the forward search.
 //! * `generic`, `pattern`: hypotheses about variations of a bias or scale that no effect of the catalogue describes.
 //!   These hypotheses compete with the selected effects.

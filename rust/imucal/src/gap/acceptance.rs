@@ -15,9 +15,9 @@ use crate::verdict::{GroupMisfit, ResidualGroup};
 /// If chi2 per degree of freedom of unseen data increases by at most this fraction, the prediction does not count as
 /// worse.
 const SAME: f64 = 0.005;
-/// A prediction of unseen data counts as worse if its chi2 per degree of freedom increases by more than this fraction,
-/// or if a smaller increase is significant (see [`SIGNIFICANT`]). If the unseen data contain so few rests and moves
-/// that noise can cause such an increase, a larger fraction is used.
+/// The prediction of unseen data counts as worse if chi2 per degree of freedom increases by more than this fraction. A
+/// smaller increase counts only if it is significant (see [`SIGNIFICANT`]). The fraction is larger if the unseen data
+/// contain so few rests and moves that noise can cause such an increase.
 const MAY_BE_CHANCE: f64 = 0.1;
 /// An effect with a log Bayes factor below this number of nats is accepted only if it improves the prediction of unseen
 /// data. 8 nats are odds of 3000 to 1.
@@ -31,8 +31,8 @@ const LEAST_EXCESS: f64 = 1.5;
 /// An effect is removed if the p-value of its parameters in the final fit is larger than this value. A p-value of 1 %
 /// corresponds to 2.6 standard deviations of one parameter.
 const LEAST_SIGNIFICANT: f64 = 0.01;
-/// An increase of chi2 of unseen data is significant if it exceeds this number of standard deviations, computed under
-/// the null hypothesis.
+/// An increase of chi2 of unseen data is significant if it exceeds SIGNIFICANT x its standard deviation under the null
+/// hypothesis.
 const SIGNIFICANT: f64 = 3.0;
 
 /// A figure of merit on unseen data: control recordings, or held-out rests and moves.
@@ -104,10 +104,11 @@ pub enum Refusal {
 pub struct EffectShare {
     /// Name of the effect.
     pub name: String,
-    /// Share decrease / excess of chi2, for each kind of unseen residual. The excess is chi2 without effects minus its
-    /// expected value from noise. The decrease is the change of chi2 when this effect is added to the effects accepted
-    /// before it. The kinds are norms at rest, gravity directions after moves, and mean rates at rest. `None` if chi2
-    /// of the kind without effects is below 1.5 times its expected value, or if the kind is not evaluated.
+    /// Share of the excess chi2 that this effect removes: decrease / excess, for each kind of unseen residual. The
+    /// excess is chi2 without effects minus its expected value from noise. The decrease is the change of chi2 when this
+    /// effect is added to the effects accepted before it. The kinds are norms at rest, gravity directions after moves,
+    /// and mean rates at rest. `None` if chi2 of the kind without effects is below 1.5 times its expected value, or if
+    /// the kind is not evaluated.
     pub closed: [Option<f64>; 3],
 }
 

@@ -39,7 +39,7 @@ const MEDIAN: f64 = 0.6745;
 /// Threshold for outliers, in standard deviations of a fourth difference. A larger fourth difference is excluded,
 /// because a single wrong sample causes it.
 const JUMP: f64 = 5.0;
-/// Smallest trial value of the jitter (standard deviation of the time stamps): log10(jitter / sample interval). The
+/// Smallest trial value of the jitter (standard deviation of time-stamp errors): log10(jitter / sample interval). The
 /// largest trial value is the sample interval.
 const SMALLEST_JITTER: f64 = -3.0;
 /// Number of trial standard deviations of the time-stamp jitter, equally spaced on a logarithmic scale.

@@ -16,9 +16,9 @@ use crate::joint::{EPOCH_RATES, INSIDE, Insides, Joint, Kinds, Lanes, Linear, Pr
 use crate::parameters::BASE;
 use crate::rests::moves::axis_aside;
 
-/// A form (for example linear or quadratic) of a candidate effect. The list of candidates contains an effect with
-/// several forms once for each form, with the form of fewest parameters (the plain form) first. It contains an effect
-/// with a time constant once for each trial value.
+/// A form (for example linear or quadratic) of a candidate effect. An effect with several forms has one candidate for
+/// each form, and the plain form (the form with the fewest parameters) comes first. An effect with a time constant has
+/// one candidate for each trial value.
 #[derive(Clone)]
 pub(crate) struct Candidate {
     pub(crate) name: String,
@@ -148,7 +148,7 @@ pub(crate) fn design(
     })
 }
 
-/// For each base parameter: the precision of its prior, and the difference between its value and the prior value.
+/// For each base parameter: the precision of its prior, and its value minus the mean of the prior.
 fn base_of(prepared: &Prepared<'_>, linear: &Linear) -> [(f64, f64); BASE] {
     held::precisions(prepared.held, &linear.model.parameters())
 }
@@ -179,7 +179,8 @@ pub(super) fn axes_of(linear: &Linear) -> Vec<usize> {
 }
 
 impl Design {
-    /// The candidates, without each form whose columns are a part of the columns of a larger form of the same effect.
+    /// The candidates without smaller forms. A form is omitted if its columns are part of the columns of a larger form
+    /// of the effect.
     pub(crate) fn full_forms(&self) -> impl Iterator<Item = &Candidate> {
         let is_part = |own: &Range<usize>, other: &Range<usize>| own.start == other.start && own.end < other.end;
         let is_full =
@@ -189,8 +190,8 @@ impl Design {
 
     /// This design with some candidates moved into the model, and with the residuals of the new model. `None` if the
     /// rows of the two models cannot be compared. The Jacobian of the old model is reused. Its relative error is about
-    /// the relative size of the effects, typically at most 1 %. This error changes the steps of the iteration, but not
-    /// the solution.
+    /// the relative size of the effects, typically at most 1 %. The new residuals are exact, so this error does not
+    /// change the optimum.
     pub(crate) fn joined(
         &self,
         prepared: &Prepared<'_>,

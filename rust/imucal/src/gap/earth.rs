@@ -14,8 +14,8 @@ pub(super) const NAME: &str = "earth_rate";
 /// Threshold of two tests, in standard deviations sigma of the estimated rate w. The estimate agrees with the Earth's
 /// rate W if |w - W| <= SURE x sigma. The Earth's rate is detectable if W >= SURE x sigma.
 const SURE: f64 = 3.0;
-/// Factor by which the standard deviation of the rate may be wrong during the search. The search assumes constant
-/// biases, but the final fit estimates slowly varying biases, so the final standard deviation differs.
+/// Largest factor, up or down, between the standard deviations of the rate in the search and in the final fit. They
+/// differ because the search assumes constant biases, but the final fit estimates slowly varying biases.
 const SLACK: f64 = 2.0;
 
 /// Whether an estimated rate agrees with the Earth's rate, and is so accurate that the Earth's rate is detectable.
@@ -23,7 +23,8 @@ pub(super) fn is_earth_rate(size_radps: f64, sigma_radps: f64) -> bool {
     may_be(size_radps, sigma_radps, 1.0)
 }
 
-/// The test of [`is_earth_rate`], for a true standard deviation of up to `slack` x `sigma_radps`.
+/// The test of [`is_earth_rate`]. The true standard deviation may be larger or smaller than `sigma_radps` by up to the
+/// factor `slack`.
 fn may_be(size_radps: f64, sigma_radps: f64, slack: f64) -> bool {
     let is_near = (size_radps - EARTH_RATE_RADPS).abs() <= SURE * slack * sigma_radps;
     is_near && sigma_radps <= slack * EARTH_RATE_RADPS / SURE
@@ -31,8 +32,8 @@ fn may_be(size_radps: f64, sigma_radps: f64, slack: f64) -> bool {
 
 impl Stage {
     /// Magnitude and standard deviation, rad/s, of the rate that the effect `earth_rate` describes in this model, if
-    /// this rate is not the Earth's rate. `None` if the model does not have the effect, or if its rate agrees with
-    /// the Earth's rate. The test allows for a standard deviation that is wrong by up to the factor [`SLACK`].
+    /// this rate is not the Earth's rate. `None` if the model does not have the effect, or if its rate agrees with the
+    /// Earth's rate. The test allows for a standard deviation that is wrong by up to the factor [`SLACK`].
     pub(super) fn not_the_earth(&self) -> Option<(f64, f64)> {
         let member = self.members.iter().find(|member| member.name == NAME)?;
         let own: Vec<usize> = self.place(NAME)?.collect();

@@ -61,8 +61,8 @@ pub fn search(
 
 /// Whitened residuals of the model without effects, and their Jacobian. Other methods of model selection can be
 /// compared with [`search`] on this input. `is_hand_moved` is the result of an earlier search
-/// ([`Search::is_hand_moved`]). If it is `None`, hand motion is tested here. The test depends on the candidates, so
-/// linearisations with different candidates have the same rows only if the result is given.
+/// ([`Search::is_hand_moved`]). If it is `None`, hand motion is tested here. The test depends on the candidates.
+/// Linearisations with different candidates therefore have equal rows only if `is_hand_moved` is given.
 ///
 /// # Errors
 /// The errors are those of [`search`].

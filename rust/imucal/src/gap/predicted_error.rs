@@ -73,8 +73,8 @@ pub struct UserCorrection<'a> {
     pub before: &'a [Recording<'a>],
     /// [`BriefMeans`] corrected by the calibration with the effects, SI units, body frame.
     pub after: &'a [Recording<'a>],
-    /// Fields of the user-defined effects of the calibration with effects, in the order of the effects. The fields are
-    /// evaluated at the samples of `after`.
+    /// Fields of the user-defined effects, in the order in which the calibration with effects lists the effects. The
+    /// fields are evaluated at the samples of `after`.
     pub fields: &'a [UserField<'a>],
 }
 
@@ -159,8 +159,8 @@ fn brief_samples(time_s: &[f64]) -> usize {
     if step_s > 0.0 { ((BRIEF_MEAN_S / step_s).round_ties_even() as usize).max(1) } else { 1 }
 }
 
-/// Predicted errors of the signals of raw recordings after correction by `before` and by `after`. `user` is required if
-/// a calibration has user-defined effects.
+/// Predicted errors of signals that are corrected by the calibrations `before` and `after`. `recordings` are raw.
+/// `user` is required if a calibration has user-defined effects.
 ///
 /// # Errors
 /// [`Error::Input`] if the contents of `user` do not match the recordings and the effects of `after`.

@@ -27,9 +27,9 @@ use crate::rests::noise_density::variance_by_axis;
 /// without noise, and residuals cannot be divided by zero.
 const LEAST_DENSITY: [f64; 2] = [1e-5, 1e-6];
 
-/// Lower bound of the share of an attitude error that changes the direction of gravity. A rotation about gravity does
-/// not change this direction, so the share and the standard deviation of the residual would be zero for such an
-/// error.
+/// Lower bound of 1 - u_i^2, where u is the direction up and i a body axis. The variance of a direction residual on
+/// axis i is proportional to 1 - u_i^2. Without this bound, the variance would be zero if axis i is vertical, because a
+/// rotation about gravity does not change the direction of gravity.
 const LEAST_VISIBLE_SHARE: f64 = 1e-4;
 
 /// Residuals of one kind on one body axis.

@@ -69,7 +69,7 @@ pub enum Regressor {
     /// Magnitude of the angular rate on each axis. Residuals depend on it if the scale differs between positive and
     /// negative rates.
     SignOfTheRate,
-    /// Temperature: mean over a rest, degC, or inside moves the difference from the mean of the recording, K.
+    /// Temperature. At rests: mean over the rest, degC. Inside moves: difference from the mean of the recording, K.
     Temperature,
     /// Time from the start of the recording to the first sample of the rest or block, s.
     Time,

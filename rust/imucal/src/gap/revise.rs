@@ -56,7 +56,7 @@ struct Replacement {
 }
 
 impl ForwardSearch<'_> {
-    /// The candidate with the largest evidence among those that satisfy `good`, and the names of its rivals.
+    /// The candidate with the largest evidence among the candidates that satisfy `good`, and the names of its rivals.
     ///
     /// If the largest log Bayes factor exceeds [`VERY_MUCH`], all candidates above [`CLOSE`] x this factor are fitted.
     /// The candidate whose fit has the largest evidence is then returned.

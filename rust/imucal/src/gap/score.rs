@@ -20,9 +20,9 @@ use crate::joint::{LEAST_CHANGE_PARTLY, STAND_MOVES, STAND_RESTS};
 use crate::numerics::stats::p_value;
 use crate::numerics::workers::{in_order, processors};
 
-/// Trial values of the standard deviation of the prior of an effect's parameters, in multiples of their typical size.
+/// Trial widths (standard deviations) of an effect's prior, in multiples of the typical sizes of its parameters.
 const WIDTHS: [f64; 8] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
-/// Standard deviation of a prior, in multiples of the typical size, at which the prior has no influence on the fit.
+/// Prior width, in multiples of the typical size, that is too large to influence the fit.
 const NO_PRIOR: f64 = 1e4;
 /// A direction in parameter space is observable if a parameter vector of one typical size along it changes chi2 by at
 /// least this value. A vector of a hundred typical sizes then changes chi2 by at least 1.
@@ -32,8 +32,8 @@ const LEAST_CHANGE: f64 = LEAST_CHANGE_PARTLY * LEAST_CHANGE_PARTLY;
 const NOISE_CHANCE: f64 = 0.01;
 /// p-value below which the scatter of residuals at rests is significant.
 const SCATTER_CHANCE: f64 = 1e-6;
-/// The scatter of the residuals at rests is reported if their standard deviation is larger than this multiple of the
-/// white noise. Coloured noise and bias instability may cause smaller ratios.
+/// The scatter of the residuals at rests is reported only if their standard deviation is larger than WIDE x white
+/// noise. Coloured noise and bias instability may cause smaller ratios.
 const WIDE: f64 = 2.5;
 /// Linearisation errors of a large effect may leave this share of the residual variance under the model without
 /// effects. Scatter up to this share is not reported.

@@ -24,8 +24,9 @@ use crate::rests::noise_density::variance_by_axis;
 const LEAST_RESTS: usize = 6;
 /// Maximum p-value of a significant change of one sensor's biases.
 const SIGNIFICANCE: f64 = 1e-6;
-/// A change of the bias is reported only if |change| > LEAST_SIZE x scatter of the bias between the rests of one
-/// session. A smaller change hardly affects the errors, because biases scatter by a similar amount within a recording.
+/// A change of the bias is reported only if, on any axis, |change| > LEAST_SIZE x scatter of the bias between the rests
+/// of one session. A smaller change hardly affects the errors, because biases scatter by a similar amount within a
+/// recording.
 const LEAST_SIZE: f64 = 3.0;
 /// Minimum value of the smallest eigenvalue of the mean of `u u^T` over the rests, where u is the direction up. Below
 /// this value, not all components of a change are observable. The eigenvalue is 1/3 for directions distributed

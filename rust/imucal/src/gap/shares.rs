@@ -96,8 +96,8 @@ impl Shares {
         self.rests.nrows()
     }
 
-    /// Each eigenfunction multiplied by a factor for each axis. `numbers` contains the factors for the three axes at
-    /// each evaluation time.
+    /// The products eigenfunction x factor, for each evaluation time, axis and eigenfunction. `numbers` contains the
+    /// factors of the three axes at each evaluation time.
     pub(super) fn times(&self, place: Place, numbers: impl Iterator<Item = Vector3<f64>>) -> Vec<f64> {
         let shares = match place {
             Place::Rests => &self.rests,

@@ -14,12 +14,13 @@ use super::stage::{Beside, Member, Stage};
 use crate::calibrate::EffectChoice;
 use crate::joint::Prepared;
 
-/// Log prior odds, nats, of an effect without memory relative to an effect of the temperature history. If the history
-/// effect of a bias is in the model, these are also the log prior odds of the bias's temperature effect relative to
-/// other effects. 3 nats are odds of 20 to 1.
+/// Log prior odds, nats, of an effect without memory relative to an effect of the temperature history. If the
+/// temperature-history effect of a bias is in the model, the temperature effect of the same bias has these log prior
+/// odds relative to other effects. 3 nats are odds of 20 to 1.
 const PRIOR_NATS: f64 = 3.0;
-/// Maximum p-value of the temperature effect of a bias if the history effect of this bias is in the model. It is larger
-/// than for other effects, because the time constant of a lag would be biased without the temperature effect.
+/// Maximum p-value of a bias's temperature effect if the temperature-history effect of the same bias is in the model.
+/// It is larger than for other effects, because the time constant of a lag would be biased without the temperature
+/// effect.
 const PARTNER_CHANCE: f64 = 0.01;
 
 pub(super) fn is_of_history(effect: &Effect<f64>) -> bool {
@@ -51,7 +52,8 @@ pub(super) fn largest_chance(members: &[Member], k: usize, usual: f64) -> f64 {
     if is_temperature_of_history(members, k) { PARTNER_CHANCE } else { usual }
 }
 
-/// Whether member `k` is the temperature effect of a bias whose effect of the temperature history is a member.
+/// Whether member `k` is the temperature effect of a bias, and the temperature-history effect of the same bias is also
+/// a member.
 fn is_temperature_of_history(members: &[Member], k: usize) -> bool {
     let own = Effect::<f64>::find(&members[k].name).filter(|own| is_bias_of_temperature(own));
     let mut others = members.iter().filter_map(|member| Effect::find(&member.name));
@@ -59,9 +61,9 @@ fn is_temperature_of_history(members: &[Member], k: usize) -> bool {
 }
 
 impl ForwardSearch<'_> {
-    /// The temperature effect of a bias whose effect of the temperature history is in the model, with its score. `None`
-    /// if the temperature effect is already in the model or not significant, or if another candidate has a much larger
-    /// evidence.
+    /// The temperature effect of a bias, with its score, if the temperature-history effect of the same bias is in the
+    /// model. `None` if the temperature effect is already in the model or not significant, or if another candidate has
+    /// a much larger evidence.
     pub(super) fn temperature_of_history(&self, stage: &Stage) -> Option<(Judged, Score)> {
         let find = |name: &str| Effect::<f64>::find(name);
         let histories: Vec<_> =

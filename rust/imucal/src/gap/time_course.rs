@@ -120,8 +120,8 @@ struct Observed {
 }
 
 impl Observed {
-    /// Kernel of the time course with the largest evidence, if its log evidence exceeds that of the random walk by more
-    /// than [`LEAST`] nats; `None` otherwise.
+    /// Kernel of the time course with the largest evidence, if its log evidence exceeds the random walk's by more than
+    /// [`LEAST`] nats; `None` otherwise.
     fn kernel(&self) -> Option<Kernel> {
         let end_s = self.epochs.iter().map(|epoch| epoch.time_s).fold(0.0, f64::max);
         let walk = self.best_of(self.steps()?, |a, b| a.time_s.min(b.time_s) / end_s)?;
@@ -147,8 +147,8 @@ impl Observed {
         }))
     }
 
-    /// Estimated size of a random walk on each axis: the rms difference between consecutive epochs times the square
-    /// root of the number of differences.
+    /// Estimated size of a random walk on each axis: rms(d) x sqrt(n), where d are the n differences between
+    /// consecutive epochs.
     fn steps(&self) -> Option<[f64; 3]> {
         let n = self.epochs.len();
         let x = self.most_likely(1.0)?;
@@ -320,8 +320,8 @@ fn log_of_levels(information: &Matrix3<f64>, slope: &Vector3<f64>, size: f64) ->
     0.5 * (slope.dot(&factor.solve(slope)) - factor.ln_determinant()) - 3.0 * size.ln()
 }
 
-/// Information in the states, nats: the number of changes, the places of the changes, and the state of each epoch that
-/// contains a change.
+/// Information needed to describe the states, nats: the number of changes, the epochs of the changes, and the state of
+/// each epoch that contains a change.
 fn cost(states: &[f64]) -> f64 {
     let n = states.len();
     let parts = states.iter().filter(|state| state.fract() != 0.0).count();

@@ -47,8 +47,8 @@ const FAULTS: [&str; 8] = [
     "rest_not_still",
     "mount_slip",
 ];
-/// Code of a fault, and share of affected samples, %. A fault below this share does not lead to the verdict
-/// `data_fault` if noise explains all residuals.
+/// Code of a fault, and a share of affected samples, %. If the fault affects a smaller share and noise explains all
+/// residuals, the verdict is not `data_fault`.
 const FEW_PERCENT: [(&str, f64); 2] = [("samples_missing", 0.2), ("samples_duplicated", 0.2)];
 
 /// The conclusion of a search.

@@ -31,8 +31,8 @@ pub(crate) use left::Left;
 /// Maximum number of rounds of an iteration that alternately estimates the noise scales and the parameters. If the
 /// iteration does not converge, the result of the last round is used.
 const SCALE_ROUNDS: usize = 20;
-/// If an update of the noise scales increases the log evidence by less than this number of nats, the parameters are
-/// not fitted again. Another fit would increase the log evidence by at most 3 % of this threshold.
+/// The iteration ends if an update of the noise scales increases the log evidence by less than this number of nats.
+/// Another fit of the parameters would increase the log evidence by at most 3 % of this threshold.
 const FORESEEN: f64 = 0.05;
 
 /// An additional column, given by its index in the Gram matrices and the typical size of its parameter.
@@ -258,8 +258,8 @@ impl Gram {
         self.evidence_near(columns, &vec![1.0; self.sums.len()])
     }
 
-    /// Evidence of a model with these columns. The iteration starts at the noise scales `near`, which should be those
-    /// of a model with nearly the same columns.
+    /// Evidence of a model with these columns. The iteration starts at `near`, which should be the noise scales of a
+    /// model with nearly the same columns.
     pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
         let weighing = Weighing::new(self, columns, Vec::new());
         weighing.evidence(0.0, weighing.sweep(near)?).map(|(evidence, _)| evidence)

@@ -89,7 +89,7 @@ struct Plan {
 
 impl Plan {
     /// Plans three sets of products: model column x any column, column x column within each block of candidate columns,
-    /// and residual x column of each block and residual x residual.
+    /// and residual x (candidate column or residual).
     fn new(lanes: &Lanes, order: &[usize], asked: &Asked<'_>) -> Self {
         let register = Instructions::Best.run(Register);
         let places: Vec<Option<usize>> = order.iter().map(|column| lanes.place(*column)).collect();
