@@ -130,8 +130,8 @@ pub(crate) struct GapAnalysis {
     remainder: Py<Remainder>,
     /// Change of the biases since the calibration recordings; None if it is not significant.
     session: Option<Py<SessionStep>>,
-    /// Name of the figure of merit on unseen data, its values without and with effects, and its expected value from
-    /// noise.
+    /// Name of the figure of merit on unseen data (data that the fit does not use), its values without and with
+    /// effects, and its expected value from noise.
     unseen: (&'static str, f64, f64, f64),
     /// chi2 per degree of freedom of the given calibration, of the fit without effects, and of the fit with the
     /// accepted effects.

@@ -5,8 +5,8 @@
 //! true <- seen - sum_c Phi_c(true) theta_c      model.md (16)
 //! ```
 //!
-//! T is the sensitivity and b the bias of a triad. Phi_c is the field of effect c and theta_c its parameters. The
-//! second line is iterated until it converges.
+//! T is the sensitivity and b the bias of a triad. `seen` is the true value plus the effects. Phi_c is the field of
+//! effect c and theta_c its parameters. The second line is iterated until it converges.
 //!
 //! The fields of effects depend on other quantities in addition to rate and force. A recording provides the time since
 //! its first sample. If it has a temperature column, it provides the temperature minus [`REFERENCE_TEMPERATURE_DEGC`]

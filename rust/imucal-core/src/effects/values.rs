@@ -4,6 +4,8 @@
 //! seen = true + sum_c Phi_c(true) theta_c
 //! true <- seen - sum_c Phi_c(true) theta_c,   starting at seen      model.md (16)
 //! ```
+//!
+//! `seen` is the value that contains the effects. Phi_c is the field of effect c, and theta_c are its parameters.
 
 use super::{Effect, MAX_PARAMETERS, Sensor, State, Surroundings};
 use crate::vector::{add, largest, sub};

@@ -33,9 +33,8 @@ impl Goal {
                 // decreases if one of the smaller ratios decreases.
                 let shares = self.shares(information, prior)?;
                 let worst = shares.iter().map(|share| share.powf(NORM_ORDER)).sum::<f64>().powf(1.0 / NORM_ORDER);
-                // A variance is inversely proportional to the duration of the program. With weight 2, missing a
-                // target costs more than the time needed to reach it. With weight 1/2, time spent on reducing a
-                // variance below its target costs more than it gains.
+                // A variance is proportional to 1 / duration. If worst > 1, weight 2 gives a longer program a lower
+                // cost, until it reaches the targets. If worst < 1, weight 1/2 gives a shorter program a lower cost.
                 let weight = if worst > 1.0 { 2.0 } else { 0.5 };
                 Some(duration_s.ln() + weight * worst.ln())
             }
