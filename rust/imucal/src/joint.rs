@@ -88,13 +88,12 @@ use reweighting::Reweighting;
 use start::Prior;
 use weights::Weights;
 
-/// An effect is observable if a parameter change of one typical size changes the whitened residuals by a vector of at
-/// least this norm, even in the least observable direction of its parameters. At 0.1, a change of ten typical sizes
-/// changes chi2 by one (model.md (18)).
+/// Observability limit of an effect: the norm of the change of the whitened residuals for a parameter change of one
+/// typical size. An effect is observable if even its least observable direction reaches this limit. At 0.1, a change of
+/// ten typical sizes changes chi2 by one (model.md (18)).
 const LEAST_CHANGE: f64 = 0.1;
-/// An effect may get a prior if a parameter change of one typical size changes the whitened residuals by a vector of at
-/// least this norm, in the most observable direction of its parameters. At 0.01, a change of a hundred typical sizes
-/// changes chi2 by one.
+/// Observability limit of an effect with a prior: the norm as for `LEAST_CHANGE`, but only the most observable
+/// direction of the parameters must reach this limit. At 0.01, a change of a hundred typical sizes changes chi2 by one.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
 /// Initial standard deviation of the prior of an effect that is determined only partly, in typical sizes of its
 /// parameters.

@@ -123,9 +123,9 @@ fn derivatives_meet_central_differences() {
     const NONE: (bool, bool) = (false, false);
     let runs = [(NONE, 100.0), ((true, false), 100.0), ((false, true), 100.0), ((true, true), 100.0)];
     for ((in_motion, encoders), rate_hz) in runs.into_iter().chain([(NONE, 400.0), ((true, false), 400.0)]) {
-        // Each effect is tested with the residuals that it needs: an effect of the encoders with encoders, an effect of
-        // the angular acceleration with the force inside moves, and any other effect with rests and moves only. The
-        // effects in `FEW` are tested with all kinds of residuals.
+        // Each effect is tested with the residuals that it needs. Effects of the encoders need encoders, and effects of
+        // the angular acceleration need the force inside moves. All other effects are tested with rests and moves only.
+        // The effects in `FEW` are tested with all kinds of residuals.
         let seen = |effect: &&'static Effect<f64>| {
             let own = match effect.sensor {
                 Sensor::Encoder => encoders,

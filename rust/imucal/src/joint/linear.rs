@@ -113,9 +113,9 @@ impl Linear {
         Groups { inside: start..a, stand_rests: a..b, stand_moves: b..c }
     }
 
-    /// Row ranges of the whitened residuals that follow the mean rates. There is one range, with its rest or move, for
-    /// the forces inside each move, for the gravity direction at each rest relative to the stand, and for the attitudes
-    /// inside each move relative to the stand.
+    /// Row ranges of the whitened residuals that follow the mean rates, each with its rest or move: the forces inside
+    /// each move, the gravity direction at each rest relative to the stand, and the attitudes inside each move relative
+    /// to the stand.
     pub(super) fn rows_beyond_rates(&self) -> Vec<(Source, Range<usize>)> {
         let mut row = self.lines.len() + 3 * self.rates.len();
         let mut found = Vec::new();

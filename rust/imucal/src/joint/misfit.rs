@@ -165,9 +165,9 @@ struct Parts {
     others: Vec<(Source, Mat<f64>)>,
     /// Gram matrix `[J r]^T [J r]` of the residuals of the priors.
     given: Mat<f64>,
-    /// Changes of the whitened residuals due to a unit error of each force norm, direction after a move and mean rate,
-    /// and of each component of the mean forces. Each change is stored as the index of its first nonzero row and the
-    /// values from that row on.
+    /// One column per error: the change of the whitened residuals due to a unit error of a force norm, of a direction
+    /// after a move, of a mean rate, or of a component of a mean force. A column is stored as the index of its first
+    /// nonzero row and the values from that row on.
     units: Vec<(usize, Vec<f64>)>,
 }
 
@@ -197,8 +197,8 @@ impl Parts {
         Self { size, kept, shared, others, given, units }
     }
 
-    /// Indices into `units` of the errors that become free parameters if the rests `rests` are held out: the errors of
-    /// the mean rates and of the mean forces of these rests.
+    /// Indices into `units` of the errors that become free parameters if `rests` are held out: the errors of their mean
+    /// rates and of their mean forces.
     fn columns_of(&self, linear: &Linear, rests: &[usize]) -> Vec<usize> {
         let places = linear.rates.iter().enumerate().filter(|(_, (k, _))| rests.contains(k)).map(|(place, _)| place);
         let rates = linear.lines.len();

@@ -68,9 +68,9 @@ struct Group {
     item: Item,
     columns: Vec<usize>,
     kind: Kind,
-    /// Whether the item is the second or a later epoch of a long rest, or the move that leads to such an epoch. An
-    /// epoch is a part of a long rest with its own mean. Such items have a separate scale, because the epochs of a rest
-    /// have the same model error, which depends on the attitude.
+    /// Whether the item is the second or a later epoch (part) of a long rest, or the move that leads to such an epoch.
+    /// These items have a separate scale, because all epochs of a rest have one attitude, and thus one common model
+    /// error.
     is_of_later_epoch: bool,
 }
 
@@ -181,8 +181,8 @@ fn only_moves_judge(linear: &Linear) -> Vec<Item> {
             Source::Move(_) => None,
         })
         .collect();
-    // The derivatives with respect to a bias are scaled to the reading at 1 g, and the derivatives with respect to the
-    // sensitivity to the mean scale.
+    // Derivatives with respect to a bias are multiplied by the reading at 1 g, and derivatives with respect to the
+    // sensitivity by the mean scale.
     let size = |p: usize| if p < 3 { STANDARD_GRAVITY_MPS2 * scale } else { scale };
     let design = Mat::from_fn(norms.len() + ACCEL.len(), ACCEL.len(), |i, p| match norms.get(i) {
         Some((_, by)) => by[p] * size(p) * LARGEST_SHIFT / REST_ERROR_MPS2,
@@ -232,9 +232,9 @@ fn groups(linear: &Linear) -> Vec<Group> {
     groups
 }
 
-/// Changes of the whitened residuals due to a unit error of the mean force of each rest and axis. `units` are the
-/// changes due to a unit error of each force norm and each direction after a move. Each change is stored as the index
-/// of its first nonzero row and the values from that row on.
+/// One column per rest and axis: the change of the whitened residuals due to a unit error of the mean force. `units`
+/// are the changes due to a unit error of each force norm and each direction after a move. A column is stored as the
+/// index of its first nonzero row and the values from that row on.
 pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
     let of_axis = |rest: usize, axis: usize| {
         let lines = linear.lines.iter().zip(units);
@@ -311,9 +311,9 @@ impl LeaveOut {
         self.basis.push(direction);
     }
 
-    /// Residual of one row divided by its standard deviation after the fit, and one minus its leverage (the share of
-    /// the variance that remains after the fit). `None` if the leverage is so close to one that the fit reproduces
-    /// any value of the measurement.
+    /// Residual of one row divided by its standard deviation after the fit, and 1 - h, where h is the leverage of the
+    /// row. 1 - h is the share of the variance that remains after the fit. `None` if the fit reproduces any value of
+    /// the measurement, because h is close to one.
     pub(super) fn standardised(&self, row: usize) -> Option<(f64, f64)> {
         let free = 1.0 - self.basis.iter().map(|direction| direction[row] * direction[row]).sum::<f64>();
         (free > MIN_JUDGED).then(|| (self.residuals[row] / free.sqrt(), free))

@@ -215,8 +215,8 @@ impl<'a> Joint<'a> {
     }
 
     /// Columns of L^-1, where L is the Cholesky factor of the residual covariance. Column k is the change of the
-    /// whitened residuals due to a unit error of the k-th residual (force norms, directions after moves, mean rates).
-    /// It is stored as the index of its first nonzero row and the values from that row on.
+    /// whitened residuals due to a unit error of the k-th residual (force norms, directions after moves, mean rates). A
+    /// column is stored as the index of its first nonzero row and the values from that row on.
     pub(crate) fn whitened_units(&self, linear: &Linear) -> Vec<(usize, Vec<f64>)> {
         let head = linear.lines.len();
         let lines = (0..head).map(|row| (row, self.weights.whitening.unit(row)));

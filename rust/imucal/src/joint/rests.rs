@@ -105,7 +105,7 @@ impl<'a> Rests<'a> {
     /// m is the mean rate of all rests (model.md (27)).
     ///
     /// The bias of the model contains the rate that the effects add. If effects cause the difference m_k - m, the bias
-    /// used in the propagation lacks two parts of this difference: the part `shrunk`, and a part that was mistaken for
+    /// of the propagation lacks two parts of it. The first part is `shrunk (m_k - m)`. The second part was mistaken for
     /// a rotation of the hand, because m_k was computed with the bias m.
     pub(super) fn bias_error(&self, k: usize) -> Option<BiasError> {
         let UnitRest { recording, rest, propagated, .. } = &self.prepared.rests[k];

@@ -14,8 +14,8 @@ use crate::numerics::lsq::Solution;
 /// Number of fits after which the weights are extrapolated. The first fits have preliminary weights. Most runs converge
 /// within two or three further fits without extrapolation.
 const EXTRAPOLATE_AFTER: usize = 3;
-/// Largest extrapolation of the logarithm of an excess, in multiples of its last change. If each change is r times the
-/// previous change, r / (1 - r) times the last change remain; the limit of 10 belongs to r = 10/11.
+/// Largest extrapolation of the logarithm of an excess, in multiples of its last change. If all changes have the ratio
+/// r, the remaining changes add up to r / (1 - r) times the last change, which is 10 for r = 10/11.
 const LARGEST_STEP: f64 = 10.0;
 
 /// State of the iteration over the weights.

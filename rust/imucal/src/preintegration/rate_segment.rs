@@ -247,9 +247,9 @@ impl<'a> RateSegment<'a> {
     fn all_sums(&self, all: &Increment, axes: &Matrix3<f64>) -> Sums {
         let (by_time, by_turn) = self.units_of_sums();
         let [bias, mut by_rate @ ..] = all.sums;
-        // The remaining sums are computed from R' = R [w]x, where R is the rotation, R' its derivative with respect
-        // to time, and w the rate. For example, the derivative of the first column of R is R_y w_z - R_z w_y, so the
-        // difference of the two sums is the change of the first column over the segment.
+        // The remaining sums are computed from R' = R [w]x, where R is the rotation, R' its time derivative, and w the
+        // rate. For example, the derivative of the first column of R is R_y w_z - R_z w_y. The change of the first
+        // column over the segment is therefore the sum of R_y w_z minus the sum of R_z w_y.
         let turned = (all.rotation.to_rotation_matrix().matrix() - Matrix3::identity()) / by_turn;
         for (c, j, sign, across) in [(1, 0, -1.0, 2), (2, 0, 1.0, 1), (2, 1, -1.0, 0)] {
             let column = by_rate[c].column(j) + turned.column(across) * sign;

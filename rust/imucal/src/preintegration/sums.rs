@@ -157,7 +157,7 @@ impl<S: Simd> Totals<S> {
         ]);
     }
 
-    /// Columns of the sum of R, and of the sums of R times each component of the rate.
+    /// Columns of four sums: the sum of R, and for each component of the rate, the sum of R x component.
     #[inline(always)]
     pub(super) fn columns(&self) -> [[Three<S>; 3]; 4] {
         let [x, y, z] = &self.0;

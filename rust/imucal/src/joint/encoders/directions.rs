@@ -65,8 +65,8 @@ fn still_rad(readings: &[f64], span: usize, rests: &[Range<usize>]) -> f64 {
     1e-10 + if largest.is_empty() { 0.0 } else { 1.5 * quantile(&mut largest, ORDINARY) }
 }
 
-/// Encoder readings of one motor, rad; the length of a span, in samples; and the limit for the change of a reading
-/// within a span at standstill, rad.
+/// Encoder readings of one motor, rad. `span` is a number of samples, and `still_rad` is the limit for the change of a
+/// reading within a span at standstill, rad.
 struct Motor {
     readings: Vec<f64>,
     span: usize,

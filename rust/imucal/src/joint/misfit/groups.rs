@@ -33,9 +33,9 @@ pub(super) fn group_misfits(
         let free: f64 = own().map(|row| 1.0 - leverages[row]).sum();
         (own().map(|row| residuals[(row, 0)].powi(2)).sum::<f64>(), free)
     };
-    // A long rest is divided into epochs, each with its own mean. Residuals of rests (first epochs) and residuals of
-    // the second and later epochs are tested separately, and the worse result is reported. In a common test, the many
-    // epochs of a long rest would mask the scatter between rests, and many rests would mask the drift within a rest.
+    // A long rest is divided into epochs, each with its own mean. Residuals of rests (first epochs) and of later epochs
+    // are tested separately, and the worse result is reported. In a common test, many epochs of a long rest would mask
+    // the scatter between rests. Many rests would mask the drift within a rest.
     let worse = |poses: (f64, f64), epochs: (f64, f64)| {
         let are_worse = epochs.1 >= MIN_FREEDOM && epochs.0 / epochs.1 > poses.0 / poses.1;
         if are_worse { (epochs, true) } else { (poses, false) }

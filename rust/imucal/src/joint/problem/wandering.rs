@@ -17,20 +17,20 @@ use crate::rests::moves::{Move, rows_across};
 use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
 
-/// Limit that defines the quiet ends of a move, in quantisation steps. At a quiet end, the rate of an axis differs
-/// from the mean rate at the adjacent rest by less than this limit. The rounding error there is assumed to be that of
-/// the rest. In simulated moves, the computed rotation error agrees best with the true error at a limit of 0.8 steps,
-/// for filter bandwidths from 5 to 40 Hz.
+/// A quiet end of a move is the time in which the rate of an axis differs from the mean rate at the adjacent rest by
+/// less than this limit, in quantisation steps. The rounding error at a quiet end is assumed to equal the error at this
+/// rest. In simulated moves with filter bandwidths from 5 to 40 Hz, the computed rotation error agrees best with the
+/// true error at a limit of 0.8 steps.
 const QUIET: f64 = 0.8;
-/// Standard deviation of the error that the mean rates of the second and later epochs of a long rest have in common,
-/// because their attitude is the same, rad/s. It is 0.1 deg/s, the effect of 1 g on a consumer gyroscope
-/// (g-sensitivity). With this error, the later epochs determine only changes of the bias.
+/// Standard deviation of the common error of the mean rates at the second and later epochs (parts) of a long rest,
+/// rad/s. The error is common because these epochs have one attitude. It is 0.1 deg/s, the effect of 1 g on a consumer
+/// gyroscope (g-sensitivity). With this error, the later epochs determine only changes of the bias.
 const POSE_ERROR_RADPS: f64 = 1.7e-3;
 
 /// Second whitening of three kinds of residuals: force norms at rests, gravity directions after moves, and mean rates
-/// at rests. It accounts for three kinds of errors that are correlated between rests: biases that vary (model.md (28)),
-/// rounding errors of the means (model.md (37)), and errors that depend on the attitude and are equal in all epochs of
-/// a long rest (pose errors, model.md (41)).
+/// at rests. It accounts for three errors that are correlated between rests. The biases vary (model.md (28)). The means
+/// have rounding errors (model.md (37)). A pose error depends on the attitude, and is equal in all epochs of a long
+/// rest (model.md (41)).
 pub(crate) struct Wandering {
     /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the errors: the bias at each rest, the rounding
     /// errors of its mean rate and mean force, and the pose error of each long rest. D contains the derivatives of the
@@ -86,8 +86,8 @@ impl Wandering {
         Ok(Some(Self { factor: factor.L().to_owned() }))
     }
 
-    /// Whitens those rows of a matrix that belong to force norms at rests, directions after moves and mean rates at
-    /// rests.
+    /// Whitens the rows of three kinds of residuals in a matrix: force norms at rests, directions after moves, and mean
+    /// rates at rests.
     pub(crate) fn apply(&self, matrix: &mut Mat<f64>) {
         let head = matrix.as_ref().subrows(0, self.factor.nrows()).to_owned();
         let white = self.solved(&head);
@@ -121,8 +121,8 @@ impl Wandering {
 }
 
 impl Joint<'_> {
-    /// Covariance of the whitened residuals caused by biases that vary between rests. The derivatives are those of
-    /// [`Joint::by_biases_of_rests`].
+    /// Covariance of the whitened residuals caused by biases that vary between rests. The arrays are the derivatives
+    /// from [`Joint::by_biases_of_rests`].
     fn varying_biases(
         &self,
         linear: &Linear,
@@ -149,8 +149,8 @@ impl Joint<'_> {
         covariance
     }
 
-    /// Adds to `covariance` (of the whitened mean rates) the covariance of the error that the second and later epochs
-    /// (parts) of a long rest have in common.
+    /// Adds the pose errors to `covariance` (of the whitened mean rates). A pose error is the common error of the
+    /// second and later epochs (parts) of a long rest.
     fn share_poses(&self, linear: &Linear, covariance: &mut Mat<f64>) {
         let variance = (POSE_ERROR_RADPS * self.raw_scale(Sensor::Gyroscope, &linear.model.parameters())).powi(2);
         // The common error also contains the drift of the bias between the first epoch and the later epochs.
@@ -198,11 +198,11 @@ impl Joint<'_> {
         covariance
     }
 
-    /// Derivatives of the whitened residuals with respect to rounding errors. The first matrix is for the rounding
-    /// errors of the mean rates, the second for those of the mean forces. Each rest has three columns.
+    /// Derivatives of the whitened residuals with respect to rounding errors. The first matrix is for rounding errors
+    /// of the mean rates, the second for rounding errors of the mean forces. Each rest has three columns.
     ///
-    /// These errors are multiplied by the same factors as the noise of norms and moves. Otherwise, a factor would
-    /// hardly change the whitened residuals if rounding is the dominant error, and the factors would not converge.
+    /// These errors are multiplied by the factors of the noise of norms and moves. If they were not and rounding is the
+    /// dominant error, a factor would hardly change the whitened residuals, and the factors would not converge.
     fn by_rounding(&self, linear: &Linear, rows: usize) -> [Mat<f64>; 2] {
         let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let scales = &self.weights.widening.scales;
@@ -252,9 +252,9 @@ impl Joint<'_> {
         [(m.from, start), (m.to, end)]
     }
 
-    /// Duration of the quiet start of a move for each axis, s; with `at_end`, of the quiet end. During this time, the
-    /// rate is within `QUIET` quantisation steps of its mean at the adjacent rest. It is zero for an axis without
-    /// rounding errors.
+    /// Duration of the quiet start of a move for each axis, s, or with `at_end` of its quiet end. During this time, the
+    /// rate is within `QUIET` quantisation steps of its mean at the adjacent rest. The duration is zero for an axis
+    /// without rounding errors.
     fn quiet_s(&self, m: &Move, at_end: bool) -> Vector3<f64> {
         let recording = &self.prepared.recordings[m.recording];
         let rest = &self.prepared.rests[if at_end { m.to } else { m.from }].rest.angular_rate;

@@ -212,7 +212,7 @@ impl Scales {
         self.all().into_iter().fold(1.0, f64::max)
     }
 
-    /// For each kind of residuals, the scale at which its chi2 equals its degrees of freedom, or 1 if the excess is not
+    /// For each kind of residuals, the scale at which chi2 = degrees of freedom. The scale is 1 if the excess is not
     /// significant (see [`refine`]).
     fn refined(&self, linear: &Linear, solution: &Solution, leverages: &[f64], kept: Option<&Widened>) -> Self {
         let lines = &linear.lines;
