@@ -181,7 +181,7 @@ pub struct GenericFinding {
     pub p_value: f64,
     /// Sensor axis with the largest variation: 0, 1 or 2.
     pub axis: usize,
-    /// Indices of the rests with the largest deviations, in descending order.
+    /// Indices of the rests with the largest deviations, in descending order of the deviation.
     pub rests: Vec<usize>,
     /// Rms deviation of the parameter on the sensor axis `axis`, SI units.
     pub rms: f64,

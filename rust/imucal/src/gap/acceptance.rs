@@ -114,9 +114,9 @@ pub struct EffectShare {
 
 /// Decrease of chi2 of unseen data when effects are added to the model.
 pub(super) struct Removed {
-    /// Decrease divided by chi2 without the effects, at most 1.
+    /// Decrease / chi2 without the effects, at most 1.
     pub(super) share: f64,
-    /// Decrease divided by its standard deviation.
+    /// Decrease / standard deviation of the decrease.
     pub(super) significance: f64,
 }
 

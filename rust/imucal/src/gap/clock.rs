@@ -3,8 +3,8 @@
 //! errors.
 //!
 //! ```text
-//! clock_irregular         inside moves, fourth differences of the rate lack the contribution of uneven time stamps,
-//!                         or their variance increases by (jitter dw/dt)^2, w: angular rate
+//! clock_irregular         inside moves, the rate lacks the changes that uneven time stamps imply, or the variance of
+//!                         fourth differences increases by (jitter dw/dt)^2, w: angular rate
 //! noise_grows_in_motion   the variance of fourth differences is larger inside moves than at rest
 //! ```
 

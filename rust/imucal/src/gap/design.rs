@@ -62,7 +62,7 @@ pub(crate) struct Rows {
 
 /// Whitened Jacobian columns. The last column is the residual.
 struct Made {
-    /// All rows. If `inside` is present: all rows except those inside moves.
+    /// All rows or, if `inside` is present, only the rows that are not inside moves.
     head: Lanes,
     inside: Option<Insides>,
     /// Position of each column within a stored row.

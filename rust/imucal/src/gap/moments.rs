@@ -78,7 +78,7 @@ impl<'a> Setting<'a> {
         for (k, numbers) in self.moments.used.iter().zip(at_rests.chunks_exact(width)) {
             rests[k * width..][..width].copy_from_slice(numbers);
         }
-        // In rest-to-rest mode, the specific force inside moves is not used.
+        // If the specific force inside moves is not used, only gyroscope hypotheses have columns inside moves.
         let on_the_way = sensor == Sensor::Gyroscope || self.linear.sees_inside();
         let of_move = |k| if on_the_way { hypothesis.columns(&self.moments, Place::Move(k)) } else { Vec::new() };
         let field = Field { sensor, width, rests, moves: (0..self.segments.len()).map(of_move).collect() };

@@ -176,12 +176,12 @@ struct Residuals<'a> {
     by_mount: Mat<f64>,
 }
 
-/// A lasting rotation of the unit relative to its mount between two rests.
+/// A lasting rotation of the unit relative to its mount, which occurs between two rests.
 struct Step {
     /// Index of the first rest after the rotation.
     first: usize,
     turn_rad: f64,
-    /// chi2 of the model without the step divided by chi2 of the model with the step.
+    /// chi2(without step) / chi2(with step).
     factor: f64,
 }
 

@@ -16,7 +16,7 @@ pub(crate) struct Moment {
     pub(crate) time_s: f64,
     /// Direction up in the body frame.
     pub(crate) up: Vector3<f64>,
-    /// A fixed horizontal world direction in the body frame. It is propagated with the gyroscope.
+    /// Body-frame components of a fixed horizontal world direction, which is propagated with the gyroscope.
     pub(crate) ahead: Vector3<f64>,
     pub(crate) temperature_degc: Option<f64>,
     /// Sign of the current or, at rest, the last rotation about each axis; 0 before the first rotation.

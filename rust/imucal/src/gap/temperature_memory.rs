@@ -42,7 +42,7 @@ pub(super) fn log_prior_odds(name: &str) -> f64 {
     if Effect::find(name).is_some_and(is_of_history) { -PRIOR_NATS } else { 0.0 }
 }
 
-/// Log prior odds of member `k` of a model beside the other members, nats.
+/// Log prior odds, nats, of member `k` of a model that also contains the other members.
 pub(super) fn log_prior_odds_of_member(members: &[Member], k: usize) -> f64 {
     if is_temperature_of_history(members, k) { PRIOR_NATS } else { log_prior_odds(&members[k].name) }
 }
