@@ -141,8 +141,8 @@ pub(crate) struct InsideNoise {
     pub(crate) force: f64,
 }
 
-/// Number of residuals inside a move. With encoders, the two residuals of the rest after the move are omitted. The
-/// residuals of that rest relative to the stand already contain the same gravity direction.
+/// Number of residuals inside a move. With encoders, the two residuals of the rest after the move are omitted, because
+/// the residuals of this rest relative to the stand contain the same gravity direction.
 pub(crate) fn count(pass: &Pass, with_encoders: bool) -> usize {
     3 * pass.blocks.len() + if with_encoders { 0 } else { 2 }
 }

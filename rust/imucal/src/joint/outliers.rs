@@ -41,14 +41,14 @@ use crate::two_stage::observability::{FARTHEST, LARGEST_SHIFT, REST_ERROR_MPS2};
 /// Significance level. An item with a smaller p-value is excluded. With 400 tests (three for each of 100 rests, one for
 /// each of 100 moves), the probability is 0.4 % that any item of a run without outliers is excluded.
 const SIGNIFICANCE: f64 = 1e-5;
-/// A direction is tested only if one minus its leverage is above this limit (model.md (25)). One minus the leverage is
-/// the share of the variance along the direction that the fit leaves in the residual.
+/// A direction is tested only if 1 - h is above this limit, for the leverage h of the direction (model.md (25)). 1 - h
+/// is the share of the variance along the direction that remains in the residuals after the fit.
 const MIN_RESIDUAL_SHARE: f64 = 0.05;
 /// Column k of the scaled Jacobian is linearly dependent on the other columns if |R_kk| is at most this limit, for R of
 /// the QR decomposition. The limit is far above rounding errors.
 const LINEAR_DEPENDENCE: f64 = 1e-9;
-/// The residual of a prior is tested only if one minus its leverage is above this limit. With a smaller value, rounding
-/// errors dominate the standardised residual.
+/// The residual of a prior is tested only if 1 - h is above this limit, for the leverage h of the residual. With a
+/// smaller 1 - h, rounding errors dominate the standardised residual.
 const MIN_JUDGED: f64 = 1e-6;
 /// Minimum number of rests that remain after exclusion (model.md (25)).
 const MIN_REMAINING_RESTS: usize = 12;

@@ -99,8 +99,8 @@ impl<'a> Joint<'a> {
         Ok(())
     }
 
-    /// Bias instability and random walk of the biases. They are known from the unit's profile, or the bias instability
-    /// of the gyroscope is estimated from the mean rates. `None` if the biases are constant.
+    /// Bias instability and random walk of the biases, `None` if the biases are constant. The values are from the
+    /// unit's profile. Without a profile, the bias instability of the gyroscope is estimated from the mean rates.
     pub(crate) fn wander(&self, model: &Model) -> Option<UnitWander> {
         if let Wander::Known(unit) = self.prepared.wander {
             return Some(unit);

@@ -47,7 +47,7 @@ pub(super) struct Rests<'a> {
     stills: Vec<(Still, Vec<Vector3<f64>>)>,
     /// Mean force at each rest.
     pub(super) forces: Vec<Force>,
-    /// For each recording, the mean change of the rate by the effects over its rests. Empty if no rest is hand-held, or
+    /// For each recording: the rate change by the effects, averaged over its rests. Empty if no rest is hand-held, or
     /// if no effect changes the rate.
     mean_rates: Vec<Rate>,
 }
@@ -105,8 +105,8 @@ impl<'a> Rests<'a> {
     /// m is the mean rate of all rests (model.md (27)).
     ///
     /// The bias of the model contains the rate that the effects add. If effects cause the difference m_k - m, the bias
-    /// of the propagation lacks two parts of it. The first part is `shrunk (m_k - m)`. The second part was mistaken for
-    /// a rotation of the hand, because m_k was computed with the bias m.
+    /// of the propagation lacks two parts of this difference. The first part is `shrunk (m_k - m)`. The second part was
+    /// mistaken for a rotation of the hand, because m_k was computed with the bias m.
     pub(super) fn bias_error(&self, k: usize) -> Option<BiasError> {
         let UnitRest { recording, rest, propagated, .. } = &self.prepared.rests[k];
         let PropagatedMean { mean_s, bias, shrunk } = propagated.as_ref()?;

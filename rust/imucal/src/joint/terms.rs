@@ -189,8 +189,8 @@ pub(crate) struct Terms<'a> {
 pub(super) struct SideBySide<'a> {
     /// The terms. Their parameter indices count only the parameters in this set.
     pub(super) terms: Terms<'a>,
-    /// Values of the parameters of these terms. `places` contains the index of each parameter among the parameters of
-    /// all terms.
+    /// Values of the parameters of these terms, and in `places` the index of each parameter among the parameters of all
+    /// terms.
     pub(super) values: Vec<f64>,
     pub(super) places: Vec<usize>,
 }

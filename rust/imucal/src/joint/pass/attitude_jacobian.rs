@@ -1,10 +1,9 @@
 //! Jacobians of attitude and force in the blocks inside a move.
 //!
-//! A segment of a move has n samples. For one parameter, `turn` is the attitude error, G is the attitude error that
-//! accumulates over the segment according to the midpoint rule, and F is the change of the force at the midpoint of the
-//! segment. R is the rotation to the body frame at the start of the move, and Phi is the derivative of the force in the
-//! body frame. Gdot is the central difference of G between the adjacent segments. G.. and F.. are second differences
-//! over the adjacent segments.
+//! A segment of a move has n samples. For one parameter, `turn` is the attitude error, and G is its increase over the
+//! segment by the midpoint rule. F is the change of the force at the midpoint of the segment. R is the rotation to the
+//! body frame at the start of the move, and Phi is the derivative of the force in the body frame. Gdot is the central
+//! difference of G between the adjacent segments. G.. and F.. are second differences over the adjacent segments.
 //!
 //! ```text
 //! turn(end)    = turn(begin) + G + G.. / 24

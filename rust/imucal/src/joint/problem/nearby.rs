@@ -1,5 +1,5 @@
-//! Cache of linearisations. Near the last linearisation, the cache computes a first-order update of that linearisation.
-//! The samples are then not integrated again.
+//! Cache of linearisations. For parameters near the last linearisation, the result is a first-order update of it, so
+//! the samples are not integrated again.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

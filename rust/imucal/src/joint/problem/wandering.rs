@@ -121,8 +121,8 @@ impl Wandering {
 }
 
 impl Joint<'_> {
-    /// Covariance of the whitened residuals caused by biases that vary between rests. The arrays are the derivatives
-    /// from [`Joint::by_biases_of_rests`].
+    /// Covariance of the whitened residuals caused by biases that vary between rests. `by_gyroscope` and
+    /// `by_accelerometer` are the derivatives from [`Joint::by_biases_of_rests`].
     fn varying_biases(
         &self,
         linear: &Linear,
@@ -201,7 +201,7 @@ impl Joint<'_> {
     /// Derivatives of the whitened residuals with respect to rounding errors. The first matrix is for rounding errors
     /// of the mean rates, the second for rounding errors of the mean forces. Each rest has three columns.
     ///
-    /// These errors are multiplied by the factors of the noise of norms and moves. If they were not and rounding is the
+    /// These errors are multiplied by the factors of the noise of norms and moves. Otherwise, if rounding is the
     /// dominant error, a factor would hardly change the whitened residuals, and the factors would not converge.
     fn by_rounding(&self, linear: &Linear, rows: usize) -> [Mat<f64>; 2] {
         let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());
