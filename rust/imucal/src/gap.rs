@@ -89,8 +89,8 @@ pub struct Search {
     /// The generic hypothesis with the largest log Bayes factor; `None` if it does not explain the residuals better
     /// than the selected effects.
     pub generic: Option<GenericFinding>,
-    /// Effects with a large log Bayes factor on these recordings that do not improve the prediction of held-out rests
-    /// and moves, and were therefore not selected.
+    /// Effects that were not selected although their log Bayes factor on these recordings is large. They do not improve
+    /// the prediction of held-out rests and moves.
     pub not_predictive: Vec<NotPredictive>,
     /// Magnitude and standard deviation, rad/s, of an estimated constant rate that differs significantly from the
     /// Earth's rate. `None` if no such rate was found; otherwise `earth_rate` was removed from the candidates.

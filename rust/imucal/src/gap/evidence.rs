@@ -7,10 +7,10 @@
 //! ```
 //!
 //! r(theta) are the whitened residuals, linearised at the parameters theta_0 with the Jacobian J. E is the evidence.
-//! n_g is the number of residuals of group g, free_g their number of degrees of freedom, and J_g contains the rows of J
-//! for these residuals. chi2_g(theta) is the sum of squares of its residuals. P is the diagonal matrix of the prior
-//! precisions: 1 / (s typical_p)^2 for parameter p with the typical size typical_p and the prior width s, and zero for
-//! the base parameters, which ln det P omits.
+//! Group g has n_g residuals with free_g degrees of freedom, and J_g contains the rows of J for these residuals.
+//! chi2_g(theta) is the sum of squares of these residuals. P is the diagonal matrix of the prior precisions. Parameter
+//! p with the typical size typical_p and the prior width s has the precision 1 / (s typical_p)^2. Base parameters
+//! without a prior have the precision zero, and ln det P omits them.
 //!
 //! A group is a kind of residual, for example norms at rest, directions after moves, or rates about one axis. Residuals
 //! of real recordings exceed sensor noise, by a different factor in each group. The scale s_g^2 of a group is chi2 per
@@ -22,8 +22,8 @@ use std::ops::Range;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
-/// Gram matrices `[J r]^T [J r]` of the residual groups, where J is the Jacobian and r the residual, and the number of
-/// rows in each group.
+/// For each residual group: the Gram matrix `[J r]^T [J r]`, with the Jacobian J and the residual r, and the number of
+/// rows.
 #[derive(Clone)]
 pub(crate) struct Gram {
     pub(crate) sums: Vec<Mat<f64>>,

@@ -27,8 +27,9 @@ use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
 /// Maximum number of effects in a model.
 pub(super) const MOST_EFFECTS: usize = 6;
-/// Maximum number of rounds. In each round, effects are selected with the generic hypotheses (unknown variations of a
-/// bias or scale) in the model, and then generic hypotheses are selected with these effects in the model.
+/// Maximum number of rounds. A generic hypothesis is an unknown variation of a bias or scale. In each round, effects
+/// are selected with the generic hypotheses in the model. Then generic hypotheses are selected with these effects in
+/// the model.
 const MOST_ROUNDS: usize = 2;
 /// Smallest standard deviation of the prior of an effect's parameter, in multiples of the parameter's typical size.
 pub(super) const LEAST_WIDTH: f64 = 0.03;

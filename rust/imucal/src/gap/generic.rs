@@ -140,9 +140,9 @@ pub(crate) fn hypotheses(
 ) -> Vec<Hypothesis> {
     let all: &[(Block, Kernel)] = if inside { &INSIDE } else { &ALL };
     let pairs: Vec<(Block, Kernel)> = all.iter().copied().filter(|(block, kernel)| asked(*block, *kernel)).collect();
-    // The kernels whose eigenfunctions are needed. The flag is `true` if the eigenfunctions are computed from values of
-    // the kernel in the middle of the moves, and `false` if they are computed from values at the rests. Hypotheses with
-    // a rate or force kernel do not use these eigenfunctions.
+    // The kernels whose eigenfunctions are needed. Eigenfunctions are computed from values of the kernel in the middle
+    // of the moves if the flag is `true`, and from values at the rests otherwise. Hypotheses with a rate or force
+    // kernel do not use these eigenfunctions.
     let varies = |(block, kernel): (Block, Kernel)| {
         (!matches!(kernel, Kernel::Rate | Kernel::Force)).then_some((kernel, block == Block::GyroscopeScale))
     };

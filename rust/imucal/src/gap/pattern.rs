@@ -170,9 +170,8 @@ impl BestGeneric {
         // If noise is the only error, a Bayes factor of B or more has a probability of at most 1/B.
         let p_value = (-log_bayes_factor).exp().min(1.0);
         // At rest the specific force is g times the unit vector up. A bias that depends on the direction of gravity is
-        // therefore indistinguishable from a scale that depends on the specific force, and is reported as such a scale.
-        // A scale deviation s changes the reading of a force of magnitude g by s g, so the rms of the bias divided by g
-        // is the rms of the scale.
+        // therefore indistinguishable from a scale that depends on the specific force. The bias is reported as such a
+        // scale. A scale deviation s changes the reading of a force g by s g, so rms(scale) = rms(bias) / g.
         let (block, kernel, unit) = match (block, kernel) {
             (Block::AccelerometerBias, Kernel::GravityDirection) => {
                 (Block::AccelerometerScale, Kernel::Force, STANDARD_GRAVITY_MPS2)

@@ -36,9 +36,9 @@ const INTERVAL: [f64; 2] = [0.025, 0.975];
 /// T of the rests, s. N^2 is estimated from the differences between consecutive means over 0.25 s, on three axes
 /// (docs/model.md (10)).
 const NOISE_VARIANCE_S: f64 = 0.25;
-/// Lower bound of the mean squared error and of the mean squared noise in a random draw, as a share of the expected
-/// mean squared noise. Without this bound, random products of noise and errors could make the mean squared error of a
-/// draw negative.
+/// In a random draw, the mean squared error and the mean squared noise are at least this share of the expected mean
+/// squared noise. Without this bound, random products of noise and errors could make the mean squared error of a draw
+/// negative.
 const LEAST_MEAN_SQUARE: f64 = 0.1;
 
 /// Predicted errors of the corrected angular rate and specific force.
@@ -226,8 +226,8 @@ fn difference(before: &Recording<'_>, after: &Recording<'_>, windows: &Windows) 
         .collect()
 }
 
-/// For each pair of columns, the mean of their product over all windows and the given axes, and the number of values in
-/// this mean. A window and axis is omitted if any column is not finite there.
+/// Mean of column x column, for each pair of columns, over all windows and the given axes, and the number of values in
+/// the mean. A window is omitted on an axis on which any column is not finite.
 fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat<f64>, usize) {
     let windows = columns.first().map_or(0, Vec::len);
     let (mut sums, mut count) = (Mat::<f64>::zeros(columns.len(), columns.len()), 0);

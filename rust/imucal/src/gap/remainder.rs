@@ -10,10 +10,10 @@ use super::{GenericFinding, Scattering};
 pub struct Remainder {
     /// Whether noise explains the residuals and, if it does not, whether the deviation is systematic or random.
     pub kind: RemainderKind,
-    /// The part of the model or of the data that deviates; `None` if noise explains the residuals. It is one of these
-    /// names: a name from [`super::Block::name`], the name of a group of residuals, `encoder`, `recordings`, `accel`
-    /// or `gyro` (the sensor of an effect that is not confirmed), or `biases` (the biases of both sensors changed
-    /// between sessions).
+    /// The part of the model or of the data that deviates; `None` if noise explains the residuals. It is a name from
+    /// [`super::Block::name`], the name of a group of residuals, `encoder`, `recordings`, `accel`, `gyro` or `biases`.
+    /// `accel` and `gyro` are the sensor of an effect that is not confirmed. `biases` means that the biases of both
+    /// sensors changed between sessions.
     pub block: Option<&'static str>,
     /// How `block` deviates. It is a name from [`Kernel::name`], or `white`, `contradiction`, `between_sessions`,
     /// `above_noise` or `not_confirmed`. `None` if noise explains the residuals.

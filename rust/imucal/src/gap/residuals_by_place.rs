@@ -3,8 +3,8 @@
 //!
 //! A channel consists of all residuals of one kind on one body axis. A channel, a rest or a move is significant if its
 //! chi2 exceeds the threshold for a family-wise false alarm probability of 0.1 %. Dependence is tested by linear
-//! regression of a channel on each [`Regressor`]. If the regression explains the share `r` of the sum of squares over
-//! `n` rests or moves, `-n ln(1 - r)` has a chi2 distribution under the null hypothesis of no dependence.
+//! regression of a channel on each [`Regressor`]. Let `r` be the share of the sum of squares over `n` rests or moves
+//! that the regression explains. Under the null hypothesis of no dependence, `-n ln(1 - r)` has a chi2 distribution.
 
 use std::collections::HashMap;
 
@@ -171,8 +171,8 @@ fn dependences(channel: &Channel) -> Vec<Dependence> {
     found
 }
 
-/// Share of the weighted sum of squares about the mean that a linear regression on the columns of `rows` and a constant
-/// explains, and the number of linearly independent columns.
+/// Linear regression of a channel on the columns of `rows` and a constant. Returns the explained share of the weighted
+/// sum of squares about the mean, and the number of linearly independent columns.
 fn explained_share(channel: &Channel, rows: &[Vec<f64>]) -> Option<(f64, usize)> {
     let (n, width) = (rows.len(), rows.first()?.len());
     let weights: Vec<f64> = channel.sigma.iter().map(|sigma| sigma.powi(-2)).collect();

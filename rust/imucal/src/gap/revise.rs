@@ -101,8 +101,8 @@ impl ForwardSearch<'_> {
     /// with a time constant are compared because candidates are scored only at a few trial time constants. The effects
     /// of the temperature history (lag, rate and hysteresis) are compared because adding the temperature effect changes
     /// their evidence. Aliases whose log evidence is at most [`RIVAL_NATS`] smaller than the largest one become rivals.
-    /// A temperature lag is also fitted from a second start value of its time constant, because the model did not yet
-    /// contain all effects when the lag was selected. Returns whether an effect was replaced.
+    /// A temperature lag is also fitted from a second start value of its time constant, because effects may have been
+    /// added after its selection. Returns whether an effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,

@@ -160,9 +160,9 @@ fn change_of_norms(rests: &[&RestReport], force: impl Fn(&RestReport) -> Vector3
 }
 
 /// Change of the gyroscope's bias: the mean of the corrected rates at the rests. The error of the mean consists of the
-/// scatter between rests and of the rounding error, which all rests of a session have in common (model.md (37)).
-/// `rounding` returns the variance of the rounding error. The variance of the mean is doubled, because the mean over
-/// the calibration recordings is assumed to have the same variance.
+/// scatter between rests and of the rounding error. The rounding error is common to all rests of a session (model.md
+/// (37)). `rounding` returns the variance of the rounding error. The variance of the mean is doubled, because the mean
+/// over the calibration recordings is assumed to have the same variance.
 fn change_of_means(
     rests: &[&RestReport],
     rate: impl Fn(&RestReport) -> Vector3<f64>,

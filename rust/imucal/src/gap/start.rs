@@ -19,9 +19,9 @@ const STRETCH_S: f64 = 4.0 * BLOCK_S;
 /// Hand motion is detected only if the averaged specific force scatters more than HAND x noise, and if effects do not
 /// explain this scatter.
 const HAND: f64 = 10.0;
-/// Hand motion is detected only if effects of the angular acceleration (for example the lever arm of the accelerometer)
-/// leave more than this share of the averaged specific force's variance unexplained. Without hand motion, a long lever
-/// arm and a noisy gyroscope leave the largest share unexplained, which is below this value.
+/// Effects of the angular acceleration (for example the lever arm of the accelerometer) explain a share of the averaged
+/// specific force's variance. Hand motion is detected only if the unexplained share is above this value. Without hand
+/// motion, the unexplained share is largest with a long lever arm and a noisy gyroscope, but below this value.
 const UNEXPLAINED: f64 = 0.003;
 
 impl ForwardSearch<'_> {

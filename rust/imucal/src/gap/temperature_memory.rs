@@ -36,8 +36,8 @@ fn are_partners(a: &Effect<f64>, b: &Effect<f64>) -> bool {
     a.sensor == b.sensor && (is_pair(a, b) || is_pair(b, a))
 }
 
-/// Log prior odds of an effect, nats. A temperature lag with a long time constant causes nearly the same errors as the
-/// temperature itself, so an effect of the temperature history needs a larger evidence than an effect without memory.
+/// Log prior odds of an effect, nats. An effect of the temperature history needs a larger evidence than an effect
+/// without memory, because a long temperature lag causes nearly the same errors as the temperature itself.
 pub(super) fn log_prior_odds(name: &str) -> f64 {
     if Effect::find(name).is_some_and(is_of_history) { -PRIOR_NATS } else { 0.0 }
 }

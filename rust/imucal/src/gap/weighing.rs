@@ -193,9 +193,9 @@ impl<'a> Weighing<'a> {
             // coefficient x column, over all columns and the residual, is the residual after the fit.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
-            // `held` is the sum of the terms `n_g ln s_g^2 + chi2_g / s_g^2` at the noise scales s_g^2 before this
-            // round, and `deviance` the sum at the optimised scales. `gain` is the increase of the log evidence if
-            // the noise scales are optimised and the parameters stay fixed.
+            // `held` and `deviance` are sums of `n_g ln s_g^2 + chi2_g / s_g^2`: `held` at the noise scales s_g^2
+            // before this round, and `deviance` at the optimised noise scales. `gain` is the increase of the log
+            // evidence if the noise scales are optimised and the parameters stay fixed.
             let (mut held, mut gain, mut deviance) = (0.0, 0.0, 0.0);
             let mut scales = swept.scales.clone();
             for (g, part) in parts.iter().enumerate() {
@@ -272,8 +272,8 @@ mod tests {
 
     use super::*;
 
-    /// If all noise scales are one, the computed increase must equal the difference of the log evidences of the two
-    /// models, for any prior width.
+    /// For any prior width and with noise scales of one, the computed increase must equal the difference between the
+    /// log evidences of the two models.
     #[test]
     fn the_gain_is_that_of_the_evidence() {
         let rows = 60;

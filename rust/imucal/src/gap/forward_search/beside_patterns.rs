@@ -2,10 +2,10 @@
 //! scale that no effect of the catalogue describes. Effects are therefore found in the presence of an unknown or random
 //! variation.
 //!
-//! If a forward search ignores the variation, it may select effects that only resemble the variation, and may miss
-//! effects that the residuals of the variation hide. The columns of the generic hypotheses and their prior add the
-//! variation to the covariance of the residuals. Selected effects are kept only if they are significant in this
-//! extended model, and further candidates are added only if they are significant in it.
+//! A forward search without the variation may select effects that only resemble the variation. It may also miss
+//! effects, because residuals of the variation hide them. The columns of the generic hypotheses and their prior add the
+//! variation to the covariance of the residuals. Selected effects are kept, and further candidates are added, only if
+//! they are significant in this extended model.
 
 use faer::Mat;
 use imucal_core::effects::{Effect, Sensor};
