@@ -23,8 +23,8 @@ const USUAL_SENSITIVITY_ERROR: f64 = 0.01;
 /// Usual biases of a MEMS accelerometer, m/s^2, and of a MEMS gyroscope, rad/s. A larger standard deviation of a bias
 /// is reported.
 const USUAL_BIAS: [f64; 2] = [0.2, 0.02];
-/// A time constant below this fraction of the duration of the longest recording is reported. An effect with a shorter
-/// time constant decays almost immediately.
+/// A time constant is reported if (time constant) / (duration of the longest recording) is below this value. An effect
+/// with a shorter time constant decays almost immediately.
 const SHORTEST_SHARE: f64 = 0.01;
 
 /// A parameter, or a group of parameters, that a calibration determines poorly.
@@ -113,8 +113,8 @@ fn flat(outcome: &Outcome) -> Vec<Diagnosis> {
 fn at_bound(effect: &TermEstimate, longest_s: f64) -> Option<Diagnosis> {
     let tau_s = effect.shape?;
     let name = effect.parameter_names.last()?;
-    // A lag acts at each change of the temperature, so a short time constant of a lag is observable in a long
-    // recording.
+    // The sensor lags behind each change of the temperature, so the short time constant of a lag is observable in a
+    // long recording.
     let acts_again = Effect::<f64>::find(&effect.name).is_some_and(|own| own.needs.contains(&Need::TemperatureHistory));
     let (bound, way_out) = if tau_s > longest_s {
         ("longer than", "record from power-on until the sensors have settled, or estimate a drift instead")
@@ -132,7 +132,7 @@ fn at_bound(effect: &TermEstimate, longest_s: f64) -> Option<Diagnosis> {
     })
 }
 
-/// The effect to which parameter `p` belongs, and the index of the parameter among those of the effect.
+/// The effect to which parameter `p` belongs, and the index of `p` among the parameters of this effect.
 fn effect_of(outcome: &Outcome, p: usize) -> Option<(&TermEstimate, usize)> {
     outcome.effects.iter().find_map(|e| Some((e, e.parameter_names.iter().position(|name| *name == outcome.names[p])?)))
 }

@@ -25,8 +25,8 @@ use crate::two_stage::accelerometer::AccelerometerFit;
 /// model is probably wrong, and the search uses all rests and moves.
 const OUTLIERS: f64 = 0.1;
 /// Maximum bias instability that counts as noise of the gyroscope, deg/h. It is estimated from the scatter of the rates
-/// between rests. Consumer sensors have 5 to 60 deg/h. With a larger estimate, the bias depends on a quantity such as
-/// the temperature, which is not noise.
+/// between rests. Consumer sensors have 5 to 60 deg/h. A larger estimate shows that the bias depends on a quantity such
+/// as the temperature, and this dependence is not noise.
 const MAX_INSTABILITY_DEGPH: f64 = 100.0;
 /// Maximum number of fits. Each fit excludes the outliers of the previous fit. Usually the set of outliers stays the
 /// same after fewer fits.
@@ -267,9 +267,8 @@ impl UnitData<'_> {
         self.prepared_for(selection, model, options, (kinds, options.may_drift(), wander), work)
     }
 
-    /// Prepares the input of a joint fit and passes it to `work`. `kinds` contains the additional kinds of residuals,
-    /// `drifts` states whether sensors may drift during a rest, and `wander` describes how the biases vary between
-    /// rests.
+    /// Prepares the input of a joint fit and passes it to `work`. `kinds` contains the additional kinds of residuals.
+    /// `drifts` states whether sensors may drift during a rest. `wander` describes how the biases vary between rests.
     pub(super) fn prepared_for<T>(
         &self,
         selection: &Selection,

@@ -67,8 +67,8 @@ impl Outcome {
         covariance
     }
 
-    /// For each parameter: its relative error / relative error of gravity, and its relative error / relative error of
-    /// the unit of time.
+    /// For each parameter, two factors: its relative error for a relative error of 1 of gravity, and of the unit of
+    /// time.
     fn exponents(&self) -> Vec<[f64; 2]> {
         let base = (0..21).map(|p| match p {
             3..9 => [-1.0, 0.0],

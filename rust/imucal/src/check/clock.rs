@@ -20,8 +20,8 @@ const ROUNDING: f64 = 1e-6;
 /// computed from the 10 % and 90 % quantiles. Above the first limit, the finding `clock_irregular` is a warning. Above
 /// the second limit, it is an error.
 const SPREAD: [f64; 2] = [0.2, 0.5];
-/// A clock counts as regular if no time step deviates from the median by more than this fraction. With a regular clock,
-/// the slower checks of spread and gaps are skipped.
+/// A clock counts as regular if |time step / median - 1| is at most this value for all time steps. With a regular
+/// clock, the slower checks of spread and gaps are skipped.
 const REGULAR: f64 = 0.2;
 /// Limit of the share of samples that repeat the time stamp of the previous sample. Above this limit, the finding is an
 /// error, otherwise a warning.
@@ -79,7 +79,7 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     // irregular that long time steps are no evidence of lost samples.
     let gaps = if spread <= SPREAD[1] {
         // A clock with coarse resolution has alternating steps (2 ms and 3 ms), which are not gaps. A gap must
-        // therefore exceed the 90 % quantile of the steps by half a median step.
+        // therefore be longer than the 90 % quantile of the steps plus half a median step.
         let longest_usual_s = (1.5 * median_s).max(high_s + 0.5 * median_s);
         gaps::find(recording, median_s, longest_usual_s * (1.0 + 1e-6))
     } else {

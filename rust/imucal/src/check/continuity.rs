@@ -18,31 +18,27 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile_of;
 use crate::recording::{Recording, Samples};
 
-/// Time stamps count as computed from the sample number if they deviate from sample number / rate by at most this
-/// number of time steps. The limit allows stamps that are rounded to a ninth of the time step.
+/// Time stamps count as computed from the sample number if |time stamp x rate - sample number| is at most this value.
+/// The limit allows stamps that are rounded to a ninth of the time step.
 const EVEN: f64 = 0.12;
-/// Minimum norm of the mean `m` of the adjacent changes, in standard deviations of the noise of `d_i - m`. In slower
-/// motion, the ratio `k` is not used, because its noise is too large. At this limit, the noise of `k` has a standard
-/// deviation of 1/8.
+/// The ratio `k` is used only if |m| / (standard deviation of the noise of `d_i - m`) is above this value. In slower
+/// motion, `k` is too noisy. At this limit, the noise of `k` has a standard deviation of 1/8.
 const CLEAR: f64 = 8.0;
-/// The ratio `k` is used only if the motion is smooth. The changes `d_(i-1)` and `d_(i+1)` of the rate, before and
-/// after `d_i`, must differ by at most this multiple of the norm of their mean `m`.
+/// The ratio `k` is used only if the motion is smooth, which means |d_(i+1) - d_(i-1)| < SMOOTH x |m|.
 const SMOOTH: f64 = 0.5;
-/// The ratio `k` is used only if the component of the change `d_i` perpendicular to `m` is at most this multiple of
-/// the norm of `m`.
+/// The ratio `k` is used only if (component of `d_i` perpendicular to `m`) / |m| is below this value.
 const ACROSS: f64 = 0.35;
-/// Range of the ratio `k` for one lost sample. It is 2 plus or minus two standard deviations of the largest noise of
-/// `k` that [`CLEAR`] permits.
+/// Range of the ratio `k` that counts as one lost sample: 2 +- two standard deviations of the noise of `k`, at the
+/// limit [`CLEAR`].
 const LOST: [f64; 2] = [1.75, 2.25];
-/// Range of `k` between the peaks at 1 and 2. Rough motion gives about as many values of `k` in this range as near 2.
-/// The number of values in this range is therefore the reference for the peak at 2.
+/// Range of `k` between the peaks at 1 and 2. Rough motion gives about as many values of `k` in this range as near 2,
+/// so it serves as the reference for the peak at 2.
 const BETWEEN: [f64; 2] = [1.35, 1.65];
 /// Number of rows that are examined together. The data of so many rows fit into the processor's cache.
 const BLOCK: usize = 4096;
 /// A finding is reported only for at least this number of lost samples.
 const FEWEST: usize = 5;
-/// A fault is reported only if the number of values of `k` in [`LOST`] is at least this multiple of their number in
-/// [`BETWEEN`].
+/// A fault is reported only if (number of values of `k` in [`LOST`]) / (number in [`BETWEEN`]) is at least this value.
 const PEAK: usize = 3;
 /// Repeated rows are additional rows if the mean of `k` over them is below this limit. `k` is (rate change across the
 /// repeated row) / (mean of the adjacent changes). It is 1 if a row was written in addition to the samples, and 2 if
@@ -101,8 +97,8 @@ fn lost(recording: &Recording<'_>, noise: f64) -> Option<Finding> {
     })
 }
 
-/// Reports rows that repeat the previous row and were written in addition to the samples. From the row before such a
-/// row to the row after it, the rate changes by the amount of one time step instead of two.
+/// Reports rows that repeat the previous row and were written in addition to the samples. Across an additional row,
+/// from the row before it to the row after it, the rate changes by one step of the motion instead of two.
 fn additional(recording: &Recording<'_>, repeats: &Repeats, noise: f64) -> Option<Finding> {
     let count = repeats.reported()?;
     let rate = recording.angular_rate;
@@ -155,9 +151,9 @@ fn change_over_neighbours([a, b, c, d]: [Vector3<f64>; 4], noise: f64) -> Option
     ((change - mean * k).norm_squared() < ACROSS.powi(2) * length2).then_some(k)
 }
 
-/// Standard deviation of one axis of `d_i - m`, a change of the rate minus the mean of the adjacent changes, raw units.
-/// The three axes are assumed to have equal noise. It is computed from the median of the norm of `d_i - m`. Most
-/// changes are smooth, and the median ignores the few that are not.
+/// Noise of `d_i - m` (a change of the rate minus the mean of the adjacent changes): the standard deviation of one
+/// axis, raw units. The three axes are assumed to have equal noise. It is computed from the median of |d_i - m|,
+/// because most changes are smooth, and the median ignores the others.
 fn noise_of_changes(rate: Samples<'_>) -> Option<f64> {
     /// Median length of a vector with three independent standard normal components.
     const MEDIAN_LENGTH: f64 = 1.538_172;

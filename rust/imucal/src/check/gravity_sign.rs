@@ -30,7 +30,7 @@ const FITS_STAND: f64 = 0.94;
 /// hypotheses.
 const TOLD_APART: f64 = 0.1;
 
-/// Finding `gravity_sign` for a unit that reads -g on z where z is expected to point up.
+/// Finding `gravity_sign` for a unit that reads -g on z although its z axis is expected to point up.
 ///
 /// With stand columns, z points up when all motors are at zero, and the rests at other motor angles show the cause.
 /// Axes with z down are a warning. A reversed sign of gravity and an unclear cause are errors. Without stand columns,

@@ -3,12 +3,12 @@
 //!
 //! In every move the direction u of gravity rotates in the body frame: u' = u x w, with the angular rate w. A linear
 //! fit of this equation yields P in w = P (raw - bias). Let G and A be the signed permutations by which the reported
-//! gyroscope and accelerometer axes differ from the true axes. Then P = det(A) A G^-1, so det P has the sign of det G,
-//! which is the handedness of the gyroscope. For a left-handed accelerometer and a correct gyroscope, P = -A, which is
-//! a proper rotation. One reversed accelerometer axis therefore has the same P as a half turn of the gyroscope about
-//! this axis. Two exchanged accelerometer axes have the same P as a half turn of the gyroscope about a diagonal, which
-//! exchanges these axes and reverses all three. If the columns of both sensors are mirrored in the same way, P = -I, as
-//! for a gyroscope of reversed sign.
+//! gyroscope and accelerometer axes differ from the true axes. Then P = det(A) A G^-1. The sign of det P is the sign of
+//! det G, which is the handedness of the gyroscope. If only the accelerometer is left-handed, P = -A, which is a
+//! rotation. One reversed accelerometer axis therefore has the same P as a half turn of the gyroscope about this axis.
+//! Two exchanged accelerometer axes have the same P as a half turn of the gyroscope about a diagonal, which exchanges
+//! these axes and reverses all three. If the columns of both sensors are mirrored in the same way, P = -I, as for a
+//! gyroscope of reversed sign.
 
 use nalgebra::Matrix3;
 

@@ -1,10 +1,10 @@
 //! Searches other recordings for a part of the noise of one recording, at all lags. The searched recordings are
 //! concatenated to tapes (see `noise_tape`).
 //!
-//! The spectra of both signals, of the part and of the searched recording, are divided by their magnitudes (phase
-//! transform, or whitening: Knapp and Carter, The generalized correlation method for estimation of time delay, 1976).
-//! All frequencies then have equal weight. A strong periodic vibration in two independent recordings contains only a
-//! few frequencies, so it contributes little to the correlation. The correlation at a lag is a sum over m frequencies
+//! The signals of the part and of the searched recording are whitened: their spectra are divided by the magnitudes, so
+//! that all frequencies have equal weight (phase transform: Knapp and Carter, The generalized correlation method for
+//! estimation of time delay, 1976). A strong periodic vibration in two independent recordings contains only a few
+//! frequencies, so it contributes little to the correlation. The correlation at a lag is a sum over m frequencies
 //! (positive and negative) and n signals. For independent noise, its variance is m n at every lag.
 
 use std::sync::Arc;
@@ -27,9 +27,9 @@ const LAGS: usize = BLOCK - TEMPLATE;
 /// Share of a block or template that is tapered at each end. Without the taper, the edges would spread periodic
 /// vibration over all frequencies.
 const TAPER: f64 = 0.05;
-/// Distance from the largest correlation within which other large correlations are ignored, in samples. A copy with
-/// lost samples has large correlations at several lags within this distance. Large correlations at a greater distance
-/// indicate a periodic signal instead of a copy.
+/// Other large correlations within this distance from the largest one are ignored, in samples. A copy with lost samples
+/// has large correlations at several lags within this distance. Large correlations at a greater distance indicate a
+/// periodic signal instead of a copy.
 const NEAR: usize = 64;
 
 /// Index ranges of the two groups of signals that are correlated separately. Three signals depend on the order of the
@@ -94,9 +94,9 @@ impl Transform {
     /// The template that begins `first` samples after the start of `range`, which is the range of a recording on the
     /// tape `from`. `ratio` is the rate of the searched tape divided by the rate of the recording.
     ///
-    /// The signals on a tape are second differences of the samples. A second difference is the change of slope of the
-    /// linear interpolation between samples. To convert it to another sampling rate, this change is distributed over
-    /// the two nearest samples of the new rate.
+    /// The signals on a tape are second differences of the samples. For another sampling rate, a second difference is
+    /// regarded as the change of slope of the linear interpolation between samples. This change is distributed over the
+    /// two nearest samples of the new rate.
     pub(super) fn template(
         &mut self,
         from: &Tape,

@@ -20,11 +20,10 @@ const CLIP: f32 = 3.0;
 /// fewer than a fifth of the second differences may be nonzero. The scale is then zero, and the axis counts as free of
 /// noise.
 const SCALE_QUANTILE: f64 = 0.8;
-/// The [`SCALE_QUANTILE`] of the absolute value of a standard normal variable. Dividing by it converts the quantile to
-/// a standard deviation.
+/// The [`SCALE_QUANTILE`] of |x| for a standard normal x. Quantile / this value is a standard deviation.
 const SCALE_OF_NORMAL: f64 = 1.28;
-/// An axis is used only if its scale is larger than this multiple of its largest reading. Smaller differences are
-/// rounding errors of the arithmetic.
+/// An axis is used only if scale / |largest reading| is above this value. Smaller differences are rounding errors of
+/// the arithmetic.
 const MIN_SCALE: f64 = 1e-9;
 /// Minimum number of samples at rest from which the scale of an axis is estimated. All samples are used if there are
 /// fewer, and less than twice this number otherwise. The error of the scale is then below 3 %.

@@ -24,12 +24,11 @@ const SIBLING_SHARE: f64 = 0.05;
 /// Plateaus at an extreme value are reported only if noise causes them with at most this probability. With this limit,
 /// one recording without saturation in 1e5 is refused.
 const BY_CHANCE: f64 = 1e-5;
-/// Upper limit of the assumed probability that noise makes two consecutive samples equal. If the noise is below one
-/// step, most consecutive samples near an extreme value are equal, so the limit is needed.
+/// Upper limit of the assumed probability that noise makes two consecutive samples equal. Without this limit, noise
+/// below one step would explain any plateau, because it makes most consecutive samples near an extreme value equal.
 const MOST_EQUAL: f64 = 0.5;
 
-/// Size of a set of plateaus: the number of plateaus, the number of samples in all of them, and the number of samples
-/// in the longest plateau.
+/// Size of a set of plateaus: their number, the number of samples in all of them, and the samples of the longest one.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Kind {
     count: usize,
@@ -50,8 +49,8 @@ impl Kind {
         self.samples > 2 * usual.samples || (self.longest > 0 && self.longest >= 2 * usual.longest)
     }
 
-    /// Whether noise is a plausible cause of these plateaus. `equal` is the share of pairs of consecutive samples that
-    /// noise makes equal.
+    /// Whether noise is a plausible cause of these plateaus. `equal` is the probability that noise makes two
+    /// consecutive samples equal.
     pub(super) fn is_chance(&self, equal: f64) -> bool {
         equal.powi((self.samples - self.count) as i32) > BY_CHANCE
     }

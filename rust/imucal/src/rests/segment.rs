@@ -1,10 +1,10 @@
 //! Detection of rests (model.md (11)).
 //!
-//! The statistic of a window of half a second is the mean over the six channels of the ratio of the variance to the
-//! noise floor. At 400 Hz and above, the samples are first averaged over about 5 ms. The user specifies neither an
-//! initial rest nor a threshold. The noise floor is estimated from the quietest windows. The threshold is chosen from
-//! the widest range of thresholds that give the same number of rests. The sum of squared residuals of a calibration is
-//! not suitable for the choice, because it is always smaller with fewer rests.
+//! Each window of half a second has a statistic: variance / noise floor, averaged over the six channels. At 400 Hz and
+//! above, the samples are first averaged over about 5 ms. The user specifies neither an initial rest nor a threshold.
+//! The noise floor is estimated from the quietest windows. The threshold is chosen from the widest range of thresholds
+//! that give the same number of rests. The sum of squared residuals of a calibration is not suitable for the choice,
+//! because it is always smaller with fewer rests.
 
 mod blocks;
 mod edges;
@@ -40,8 +40,8 @@ const WINDOW_BLOCKS: usize = 10;
 /// Threshold of the window statistic, with the range of thresholds from which it was chosen.
 #[derive(Clone, Debug)]
 pub struct Threshold {
-    /// The threshold. A window is at rest if its statistic, the mean ratio of the variance to the noise floor, is below
-    /// this value.
+    /// The threshold. A window is at rest if its statistic (variance / noise floor, averaged over the channels) is
+    /// below this value.
     pub factor: f64,
     /// Lower end of the chosen range. All thresholds in this range give the same number n of rests. Among all such
     /// ranges, the chosen range has the largest ln(upper end / lower end) x ln n, approximately.
@@ -163,8 +163,7 @@ impl Segments {
         let sample_variance = floor * averaged;
         let mut variance = steadiness.noise_variance(described(&stretches, &epochs)).unwrap_or(sample_variance);
         // At rest, the scatter of rounded samples depends on the position of the mean between two levels. In moves, the
-        // samples pass through many levels, so their variance is the noise variance plus the variance of uniform
-        // rounding errors.
+        // samples pass through many levels, so their variance is (variance of the noise) + step^2 / 12.
         for channel in (0..6).filter(|&channel| rounding[channel].is_coarse()) {
             variance[channel] = rounding[channel].sweeping_variance(colour[channel]);
         }

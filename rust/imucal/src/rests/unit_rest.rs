@@ -36,8 +36,8 @@ pub(crate) struct PropagatedMean {
     pub(crate) mean_s: f64,
     /// Mean gyroscope bias over all rests, raw units.
     pub(crate) bias: Vector3<f64>,
-    /// Shrinkage of the bias of this rest for each axis. It is 1 if the bias is the mean rate of all rests, and 0 if
-    /// the bias is the mean rate of this rest.
+    /// Shrinkage s of the bias of this rest for each axis: bias = s x (mean rate of all rests) + (1 - s) x (mean rate
+    /// of this rest).
     pub(crate) shrunk: Vector3<f64>,
 }
 

@@ -125,9 +125,8 @@ impl WithSimd for Summing<'_> {
 
 /// Variance of each channel in each window. It is computed with the widest vector instructions of the processor.
 ///
-/// A window of ten blocks consists of the last k blocks of one group of ten and the first 10 - k blocks of the next
-/// group. The sums over the last k and over the first 10 - k blocks are accumulated once for all k. A window therefore
-/// needs three merges instead of ten.
+/// The blocks are divided into groups of ten. A window is the last k blocks of one group and the first 10 - k blocks of
+/// the next group. Both partial sums are accumulated once for all k, so a window needs three merges instead of ten.
 struct Windows<'a> {
     blocks: &'a [Block],
     /// Output: variances of each channel, one per window.
@@ -201,13 +200,13 @@ pub(super) fn mean(blocks: &[Block]) -> Vector6<f64> {
 /// almost always smaller.
 const FILTERED: f64 = 1.7;
 
-/// Sums from which the factor c of model.md (10) is estimated. c = (variance of a mean) / (variance that the mean would
-/// have with white noise). The estimate is the Allan variance of consecutive 0.25 s means, divided by its expected
-/// value for white noise with the variance of single samples.
+/// Sums from which the factor c of model.md (10) is estimated. c is the factor by which the correlation of the noise
+/// increases the variance of a mean. The estimate is the Allan variance of consecutive 0.25 s means, divided by its
+/// expected value for white noise with the variance of single samples.
 #[derive(Clone, Copy)]
 pub(super) struct Colour {
-    /// Sum over all pairs of consecutive means a, b of (b - a)^2 / 2, each divided by the variance that white noise
-    /// would give a mean.
+    /// Sum of (b - a)^2 / (2 v) over all pairs a, b of consecutive means. v is the variance that white noise would give
+    /// a mean.
     sum: Vector6<f64>,
     /// Number of pairs of consecutive means whose samples are not all equal.
     pairs: Vector6<f64>,

@@ -44,7 +44,7 @@ struct Inner {
 
 impl Inner {
     /// `coarse` contains the quantisation step of each channel whose noise is below its step, and zero for all other
-    /// channels. In such a channel, a slight change of the rate can change the mean of a block by a whole step.
+    /// channels. With such a step, a slight change of the rate can change the mean of a block by a whole step.
     fn of(blocks: &[Block], coarse: &Vector6<f64>) -> Self {
         let rates: Vec<Vector3<f64>> = blocks.iter().map(rate).collect();
         let count = rates.len() as f64;
@@ -55,7 +55,8 @@ impl Inner {
         Self { mean, variance: scatter.sup(&rounding), count }
     }
 
-    /// chi2 of `sum`, with three degrees of freedom. `sum` is the sum over `n` blocks of the rate minus the mean rate.
+    /// chi2 of `sum` under the null hypothesis of no rotation, with three degrees of freedom. `sum` is the sum over `n`
+    /// blocks of (rate - mean rate).
     fn chi2(&self, sum: Vector3<f64>, n: usize) -> f64 {
         let n = n as f64;
         square(sum).component_div(&(self.variance * (n * (1.0 + n / self.count)))).sum()
@@ -105,12 +106,11 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
 /// Removes the end of the previous move and the start of the next move from a rest, if they are hidden in its noise.
 /// Blocks outside `within` are not used.
 ///
-/// The jerk of a move is bounded, so a move begins with the angle c t^3 and the rate 3 c t^2, with a constant c and the
-/// time t since its start. The time since the start of the move is therefore three times the angle divided by the rate.
-/// The angle is accumulated from 0.2 s inside the rest. Angle and rate are evaluated when the angle reaches ten times
-/// its noise. The last five sixths of the time since the start are assigned to the move. In the first sixth, the angle
-/// is below a twentieth of its noise. Nothing is removed if the angle does not increase further, as after a jolt, or if
-/// the move began before the first accumulated block.
+/// The jerk of a move is bounded. At the time t after its start, a move therefore has the angle c t^3 and the rate
+/// 3 c t^2 with a constant c, so t = 3 angle / rate. The angle is accumulated from 0.2 s inside the rest. Angle and
+/// rate are evaluated when the angle reaches 10 x its noise. The last five sixths of t are assigned to the move. In the
+/// first sixth, the angle is below a twentieth of its noise. Nothing is removed if the angle does not increase further,
+/// as after a jolt, or if the move began before the first accumulated block.
 pub(super) fn onset(
     range: Range<usize>,
     within: &Range<usize>,
@@ -123,8 +123,8 @@ pub(super) fn onset(
     const REACH: usize = 2 * WINDOW_BLOCKS;
     // Value of chi2 at which the angle is evaluated. The angle is then ten times its noise.
     const CHI2_AT_END: f64 = 100.0;
-    // Time assigned to the move, divided by the ratio angle / rate. It is five sixths of the time since the start of
-    // the move, which is 3 angle / rate.
+    // Time assigned to the move, divided by angle / rate. It is five sixths of the time since the start of the move,
+    // which is 3 angle / rate.
     const ASSIGNED: f64 = 3.0 * 5.0 / 6.0;
     if range.len() < 2 * WINDOW_BLOCKS {
         return range;

@@ -14,17 +14,16 @@ use crate::rounding::LEAST_SCATTER;
 /// Returns the statistic of each window, the noise floor of each channel (a variance, squared raw units), and the
 /// quantisation step of each channel. The step is zero if the noise of the channel is not below its step.
 ///
-/// `variances` contains the variance of each channel in each window. `steps` contains the smallest step (resolution) of
-/// each channel, divided by the square root of the number of samples per mean. The function `step_of` returns the step
-/// of a channel.
+/// `variances` contains the variance of each channel in each window. `steps` contains, for each channel, (smallest
+/// step) / sqrt(samples per mean). The function `step_of` returns the step of a channel.
 pub(super) fn window_statistic(
     variances: &[Vec<f64>; 6],
     steps: &Vector6<f64>,
     step_of: impl Fn(usize) -> Option<f64>,
 ) -> (Vec<f64>, Vector6<f64>, Vector6<f64>) {
-    // With a coarse converter, a channel may be constant during a rest, so its floor is at least the variance of
-    // rounding errors. A channel that is constant during the whole recording has no finite step. Its floor is infinite,
-    // so it does not contribute to the statistic.
+    // With a coarse converter, a channel may be constant during a rest, so its floor is at least step^2 / 12, the
+    // variance of rounding errors. A channel that is constant during the whole recording has no finite step. Its floor
+    // is infinite, so it does not contribute to the statistic.
     let mut rounding = steps.map(|step| if step.is_finite() { step * step / 12.0 } else { f64::INFINITY });
     let mut coarse = Vector6::zeros();
     let mut floor = Vector6::from_fn(|channel, _| {
@@ -76,8 +75,8 @@ fn runs_up_to(statistic: &[f64], limit: f64) -> Vec<Range<usize>> {
     runs
 }
 
-/// Computes the statistic of every window as [`imucal_core::rest::statistic_of`] does: the mean over the six channels
-/// of the ratio of the variance to the noise floor.
+/// Computes the statistic of every window as [`imucal_core::rest::statistic_of`] does: variance / noise floor, averaged
+/// over the six channels.
 struct Ratios<'a> {
     variances: &'a [Vec<f64>; 6],
     floor: &'a Vector6<f64>,
@@ -105,7 +104,6 @@ impl WithSimd for Ratios<'_> {
 ///
 /// The weight is negative for n = 0. Consider a unit that first lies on a table and is then hand-held, with a thousand
 /// times the variance. Without the weight, this recording would give a single rest.
-/// weights, this recording would give a single rest.
 pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f64, f64) {
     // Lowest trial threshold, a ratio of variances. Most windows at rest have a statistic near 1, which is below this
     // threshold.
@@ -174,9 +172,8 @@ pub(super) fn still(statistic: &[f64], threshold: f64) -> impl Iterator<Item = R
 /// The intervals that [`still`] returns, in a form that can be updated. When the threshold increases, the windows that
 /// fall below it are added.
 struct Stretches {
-    /// For each window inside an interval, the index of another window of this interval. The first window has the index
-    /// of the last window, and the last window has the index of the first. For windows between them, the index is not
-    /// used. A window outside all intervals has [`Self::OUTSIDE`].
+    /// For the first window of an interval, the index of its last window, and for the last window, the index of its
+    /// first. For windows between them, the value is not used. A window outside all intervals has [`Self::OUTSIDE`].
     other_end: Vec<usize>,
 }
 
