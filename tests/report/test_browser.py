@@ -366,7 +366,7 @@ def test_paper_is_white_and_has_all_tabs(opened):
 @pytest.mark.parametrize("device", list(DEVICES))
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("name", ["calibrate", "gap"])
-def test_pages_fit_the_screen_in_both_themes(opened, tmp_path, name, scheme, device):
+def test_pages_fit_the_screen_in_both_themes(opened, name, scheme, device):
     page = opened(name, scheme, device)
     colour = PAPER if scheme == "light" else DARK[PAPER]
     expected = "rgb({}, {}, {})".format(*bytes.fromhex(colour[1:]))
@@ -379,8 +379,6 @@ def test_pages_fit_the_screen_in_both_themes(opened, tmp_path, name, scheme, dev
             "plots => plots.map(plot => plot._fullLayout.paper_bgcolor)"
         )
         assert set(figures) <= {colour}
-        # To be looked at: they stay in pytest's folder of temporary files.
-        page.screenshot(path=tmp_path / f"{name}-{tab.get_attribute('aria-controls')}-{scheme}-{device}.png")
 
 
 def test_a_page_of_refused_recordings_is_one_quiet_tab(opened, reports):

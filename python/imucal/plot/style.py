@@ -46,19 +46,6 @@ FONT: Final = "system-ui, -apple-system, Segoe UI, Roboto, sans-serif"
 
 def styled(figure: Figure, height: int) -> Figure:
     """Apply the common style to a figure with a height in pixels and the width of the page."""
-    figure.update_layout(
-        template="none",
-        height=height,
-        margin={"l": 60, "r": 14, "t": 34, "b": 48},
-        legend={"orientation": "h", "yanchor": "bottom", "y": 1.01, "x": 0, "font": {"size": 12}},
-        paper_bgcolor=PAPER,
-        plot_bgcolor=PAPER,
-        font={"family": FONT, "size": 13, "color": INK},
-        hoverlabel={"bgcolor": PAPER, "bordercolor": GREY, "font": {"color": INK}, "align": "left"},
-        # A change of the colour theme redraws the figure. With a constant `uirevision`, rotation and zoom are
-        # kept.
-        uirevision="kept",
-    )
     axis = {
         "gridcolor": GRID,
         "zerolinecolor": GREY,
@@ -66,12 +53,40 @@ def styled(figure: Figure, height: int) -> Figure:
         "automargin": True,
         "exponentformat": "power",
         "minexponent": 5,
+        "title": {"standoff": 8},
     }
     # Invisible ticks, in the colour of the paper, separate the labels of both axes in the corner of the
     # figure.
-    figure.update_xaxes(**axis, title_standoff=8, ticks="outside", ticklen=4, tickcolor=PAPER)
-    figure.update_yaxes(**axis, title_standoff=8)
+    ticks = {"ticks": "outside", "ticklen": 4, "tickcolor": PAPER}
+    layout = figure.layout.to_plotly_json()
+    axes = {name: axis for name in ("yaxis", *layout) if name.startswith("yaxis")}
+    axes |= {name: axis | ticks for name in ("xaxis", *layout) if name.startswith("xaxis")}
+    style = {
+        "template": "none",
+        "height": height,
+        "margin": {"l": 60, "r": 14, "t": 34, "b": 48},
+        "legend": {"orientation": "h", "yanchor": "bottom", "y": 1.01, "x": 0, "font": {"size": 12}},
+        "paper_bgcolor": PAPER,
+        "plot_bgcolor": PAPER,
+        "font": {"family": FONT, "size": 13, "color": INK},
+        "hoverlabel": {"bgcolor": PAPER, "bordercolor": GREY, "font": {"color": INK}, "align": "left"},
+        # A change of the colour theme redraws the figure. With a constant `uirevision`, rotation and zoom are
+        # kept.
+        "uirevision": "kept",
+        **axes,
+    }
+    # One assignment takes a tenth of the time of an update of each axis.
+    figure.layout = _merged(layout, style)
     return figure
+
+
+def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    """A layout with the entries of another one, which replace its own."""
+    replaced = {
+        name: _merged(old[name], value) if isinstance(value, dict) and name in old else value
+        for name, value in new.items()
+    }
+    return {**old, **replaced}
 
 
 def rows_of(names: list[str]) -> dict[str, Any]:
