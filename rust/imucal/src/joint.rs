@@ -92,7 +92,7 @@ use weights::Weights;
 /// typical size. An effect is observable if even its least observable direction reaches this limit. At 0.1, a change of
 /// ten typical sizes changes chi2 by one (model.md (18)).
 const LEAST_CHANGE: f64 = 0.1;
-/// Observability limit of an effect with a prior: the norm as for `LEAST_CHANGE`, but only the most observable
+/// Observability limit of an effect with a prior, for the same norm as in `LEAST_CHANGE`. Only the most observable
 /// direction of the parameters must reach this limit. At 0.01, a change of a hundred typical sizes changes chi2 by one.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
 /// Initial standard deviation of the prior of an effect that is determined only partly, in typical sizes of its

@@ -75,8 +75,8 @@ fn derivatives_in_a_hand_meet_central_differences() {
 /// more than this value.
 const SEEN: f64 = 1e-3;
 
-/// For each Jacobian column, the largest difference from a central difference, divided by the largest entry of the
-/// column.
+/// Error of each Jacobian column: the largest entry of |column - central difference|, divided by the largest entry of
+/// the column.
 ///
 /// The step of the difference changes a whitened residual by at most one, and an effect by at most its typical size.
 fn errors(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Vec<f64> {

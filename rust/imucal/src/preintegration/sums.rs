@@ -31,19 +31,20 @@ const N: f64 = STEPS_OF_A_NODE as f64;
 pub(super) const SECOND: f64 = (1.0 + 2.0 / (N * N)) / 24.0;
 /// Ratio b / a of the coefficients of W.
 const FOURTH: f64 = (1.0 / 1920.0 + 1.0 / (288.0 * N * N) - 1.0 / (720.0 * N * N * N * N)) / SECOND;
-/// Value that the coefficient b / a would have if D contained only the difference between the sums over the two
-/// halves of a node.
+/// D must be `n a w' (1 - (b / a) x^2)`. If D contained only the difference between the sums over the two halves of a
+/// node, this value would take the place of b / a.
 const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
-/// Value that the coefficient b / a would have if D contained only the difference between the samples at the two ends
-/// of a node.
+/// This value would take the place of b / a if D contained only the difference between the samples at the two ends of a
+/// node.
 const OF_ENDS: f64 = 1.0 / 24.0;
-/// Weight, in D, of the difference between the end samples, chosen so that the coefficient of D has the value b / a.
+/// Share of the difference between the end samples in D. With this share, the mean of `OF_ENDS` and `OF_HALVES` is b /
+/// a.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
-/// Factor, in D, of the difference between the sums over the two halves of a node. It applies to the rates of the
-/// kernel, which are multiplied by a sixth of the time step.
+/// In D, the difference between the sums over the two halves of a node is multiplied by this factor. The factor is for
+/// the rates of the kernel, which are multiplied by a sixth of the time step.
 pub(super) const BY_HALVES: f64 = (1.0 - SHARE_OF_ENDS) * 24.0 * SECOND * N;
-/// Factor, in D, of the difference between the samples at the two ends of a node. It applies to the rates of the
-/// kernel, which are multiplied by a sixth of the time step.
+/// In D, the difference between the samples at the two ends of a node is multiplied by this factor. The factor is for
+/// the rates of the kernel, which are multiplied by a sixth of the time step.
 pub(super) const BY_ENDS: f64 = SHARE_OF_ENDS * 6.0 * SECOND * N * N;
 
 /// Contribution of a sample to the sums.

@@ -199,8 +199,7 @@ impl WithSimd for AddAlong<'_> {
     }
 }
 
-/// Computes, for each parameter, the dot product of `direction` and the parameter's column in `planes`, and adds it to
-/// `to`.
+/// For each parameter, adds the dot product `direction . column` to `to`. The columns are those in `planes`.
 #[inline(always)] // Compiled for the SIMD registers of the caller.
 fn add_along(direction: &Vector3<f64>, planes: &[f64], to: &mut [f64]) {
     let (x, yz) = planes.split_at(to.len());
