@@ -37,8 +37,7 @@ const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
 /// This value would take the place of b / a if D contained only the difference between the samples at the two ends of a
 /// node.
 const OF_ENDS: f64 = 1.0 / 24.0;
-/// Share of the difference between the end samples in D. With this share, the mean of `OF_ENDS` and `OF_HALVES` is b /
-/// a.
+/// Share of the difference between the end samples in D: `share x OF_ENDS + (1 - share) x OF_HALVES = b / a`.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
 /// In D, the difference between the sums over the two halves of a node is multiplied by this factor. The factor is for
 /// the rates of the kernel, which are multiplied by a sixth of the time step.
