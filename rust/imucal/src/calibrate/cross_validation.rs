@@ -11,8 +11,8 @@ use crate::two_stage::accelerometer::AccelerometerFit;
 /// Prediction errors at rests and moves that the fit does not use (`folds` of [`Options`]).
 #[derive(Clone, Debug)]
 pub struct CrossValidation {
-    /// Root mean square over all moves of the angle between propagated and measured gravity, deg. The angle of each
-    /// move is computed with a fit without this move.
+    /// Angle between propagated and measured gravity, root mean square over all moves, deg. The angle of each move is
+    /// computed with a fit without this move.
     pub gravity_direction_rms_deg: f64,
     /// Angle between propagated and measured gravity for each move, computed with a fit without this move, deg.
     pub direction_error_deg: Vec<f64>,

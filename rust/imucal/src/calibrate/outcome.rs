@@ -178,8 +178,8 @@ impl Outcome {
         if let Some(own) = &joint.second_order {
             of_priors += own;
         }
-        // The degrees of freedom are the number of residuals minus the number of parameters that the residuals
-        // determine. `by_priors` is the number of parameters that the priors determine instead.
+        // Number of parameters that the priors determine instead of the residuals. The degrees of freedom are the
+        // number of residuals minus the number of parameters that the residuals determine.
         let by_priors = held.iter().map(|held| (held.sigma / held.prior.sigma).powi(2)).sum::<f64>().round() as usize;
         let is_any_held = held.iter().any(|held| !held.prior.is_combination());
         let prior_cost = is_any_held.then(|| prior_cost(&of_priors, force, rate));

@@ -33,8 +33,8 @@ use crate::two_stage::observability::{
 const TURNED_RAD: f64 = 0.35;
 /// Two gravity directions count as equal if the angle between them is below this limit, rad.
 const ALIKE_RAD: f64 = 0.05;
-/// The gyroscope counts as responding to motion if the rms rate in a move is larger than this multiple of the noise at
-/// rest, on at least one axis.
+/// The gyroscope counts as responding to motion if (rms rate in a move) / (noise at rest) is above this value on any
+/// axis.
 const REACTS: f64 = 3.0;
 
 /// The parameters that the recordings determine, with predicted standard deviations.

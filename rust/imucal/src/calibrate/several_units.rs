@@ -17,7 +17,7 @@ use crate::verdict::Verdict;
 /// A parameter counts as different between two recordings if |difference| / (its standard deviation) is at least this
 /// value. With 15 parameters and ten recordings, noise exceeds this limit in one of a million calibrations.
 const DIFFERENT: f64 = 6.0;
-/// Two sensitivities count as different if they differ by at least this fraction of the mean scale. A smaller
+/// Two sensitivities count as different only if |difference| / (mean scale) is at least this value. A smaller
 /// difference has no practical effect, even if it is significant.
 const LEAST_SHARE: f64 = 2e-4;
 /// Recordings fit together if (chi2 per degree of freedom of the fit to all recordings) / (the same for the separate

@@ -67,8 +67,8 @@ impl Outcome {
         not_converged.map(|(fit, report)| Reason::NotConverged { fit, report }).collect()
     }
 
-    /// A warning if the residuals are significantly smaller than the estimated noise at the rests explains. Motion at
-    /// the rests was then mistaken for noise.
+    /// A warning if the residuals are significantly smaller than the estimated noise predicts. Motion at the rests was
+    /// then mistaken for noise.
     pub(super) fn overestimated_noise(&self, recordings: &[Recording<'_>]) -> Option<Finding> {
         let misfit = self.misfit.filter(|misfit| misfit.p_value >= OVERESTIMATED)?;
         let ratio = (misfit.chi2 / misfit.degrees_of_freedom as f64).sqrt();

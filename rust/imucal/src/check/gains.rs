@@ -15,8 +15,8 @@ use crate::recording::{RawUnit, Recording};
 /// Limits of a plausible gain of an axis in SI units (ideal: 1); datasheets specify 0.9 to 1.1 or better.
 const GAIN: [f64; 2] = [0.75, 1.25];
 
-/// For axes in counts, the largest gain of a chip may be at most this multiple of the smallest gain. The value is the
-/// ratio of the limits of [`GAIN`].
+/// For axes in counts, largest / smallest gain of a chip is at most this value, which is the ratio of the limits of
+/// [`GAIN`].
 const MOST_APART: f64 = GAIN[1] / GAIN[0];
 
 /// A gain that all axes of a gyroscope have in common is reported if |gain - 1| is above this value. The error of a

@@ -61,8 +61,8 @@ const GYRO_COUNTS_DPS: [(f64, &str); 19] = [
     (0.0625, "0.0625"),
     (1.0 / 14.375, "1/14.375"),
 ];
-/// The step of a column counts as equal to a known size of a count if the two differ by less than this fraction. The
-/// limit allows text columns that are rounded to three digits.
+/// The step of a column counts as equal to a known size of a count if |step / size - 1| is below this value. The limit
+/// allows text columns that are rounded to three digits.
 const SAME_COUNT: f64 = 3e-3;
 
 /// The noise of one column at rest, in the unit of the recording.

@@ -13,9 +13,9 @@ use crate::rests::segment::Segments;
 use crate::rests::tremor::{Hand, Sensors};
 
 impl Segments {
-    /// Findings about noise densities and biases at the rests that no sensor has. There are no findings if every rest
-    /// is unsteady, because the densities then contain hand tremor. If all rests contain tremor of equal size, none of
-    /// them counts as unsteady. The tremor is then detected from the correlation of both sensors and subtracted.
+    /// Findings about noise densities and biases that no sensor has. There are no findings if every rest is unsteady,
+    /// because the densities then contain hand tremor. If the tremor of all rests has equal size, no rest counts as
+    /// unsteady. The tremor is then detected from the correlation of both sensors and subtracted.
     pub fn check_noise(&self, recording: &Recording<'_>) -> Vec<Finding> {
         let steady: Vec<&Rest> = self.rests.iter().filter(|rest| rest.is_steady()).collect();
         if steady.is_empty() {

@@ -66,8 +66,8 @@ pub struct Segments {
     pub too_short: Vec<Range<usize>>,
     /// The threshold and the reason for its choice.
     pub threshold: Threshold,
-    /// White-noise densities estimated from the rests. For channels with noise below the quantisation step, they
-    /// include the rounding errors of samples in moves.
+    /// White-noise densities estimated from the rests. If the noise of a channel is below the quantisation step, its
+    /// density includes the rounding errors of samples in moves.
     pub noise_density: NoiseDensity,
     /// Rounding of each channel, in the order gyroscope x, y, z, accelerometer x, y, z.
     pub rounding: [Rounding; 6],

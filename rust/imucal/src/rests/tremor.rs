@@ -257,8 +257,9 @@ struct OwnRest<'a> {
 
 /// Estimates the gyroscope bias at each rest. The bias may depend on the pose, but the mean rate of a rest also
 /// contains rotation of the hand. Therefore the mean rate of each rest is shrunk towards the mean of all rests by the
-/// share v / (b + v). v is the variance of this mean rate. b is the variance of the true biases between rests,
-/// estimated from their scatter minus noise. Returns the mean bias of all rests, raw units, and the share of each rest.
+/// share v / (v + b). v is the variance of this mean rate. b is the variance of the true biases between rests, which is
+/// estimated from the scatter of the mean rates. Returns the mean bias of all rests, raw units, and the share of each
+/// rest.
 fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>>) {
     let mut shrunk = vec![Vector3::repeat(1.0); rests.len()];
     let bias = Vector3::from_fn(|axis, _| {

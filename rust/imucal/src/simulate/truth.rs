@@ -7,7 +7,7 @@
 //!
 //! R_wb is the attitude (world from body), x the position in the world frame, g local gravity, and e_z the unit vector
 //! up. Phi_c is the field of effect c and theta_c its parameters. `added` are the errors of `Setup::added`. The state
-//! is that at the true instant of a sample, even if the time stamps are wrong.
+//! is evaluated at the true instant of a sample, even if the time stamps are wrong.
 
 use imucal_core::effects::{EffectSet, Need, State, Surroundings};
 use imucal_core::temperature_memory::TemperatureHistory;

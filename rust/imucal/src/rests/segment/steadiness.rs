@@ -18,10 +18,10 @@ pub(super) struct Stretch {
     pub(super) whole: Block,
     /// Sums over the first and over the last third of the interval; `None` for fewer than three blocks.
     thirds: Option<[Block; 2]>,
-    /// Median of the ratio of variance to noise floor over the windows of the interval.
+    /// Median over the windows of the interval of (variance / noise floor).
     scatter: f64,
-    /// Data from which the factor c is computed, by which the correlation of the noise increases the variance of a mean
-    /// (model.md (10)).
+    /// Sums from which the factor c of model.md (10) is computed: the factor by which the correlation of the noise
+    /// increases the variance of a mean.
     colour: Colour,
     /// Variance of the rounding error of a mean, squared raw units. It is zero for channels whose noise exceeds their
     /// step.
