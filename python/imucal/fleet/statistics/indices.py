@@ -44,7 +44,7 @@ class Indices:
     """Capability indices. With a single limit, `cp` and `pp` are None.
 
     mean       mean of the values
-    within     standard deviation from the mean moving range of consecutive values
+    within     standard deviation estimated from the mean moving range |y_(k+1) - y_k|
     overall    standard deviation of all values
     cp, cpk    indices from `within`: capability of the process without changes over time
     pp, ppk    indices from `overall`: actual performance of the process

@@ -223,8 +223,7 @@ mod tests {
         assert_eq!(state(-1.0), MotorState::still(start));
         assert_eq!(state(DURATION_S), MotorState::still(start + turn()));
         assert_eq!(state(3.0), MotorState::still(start + turn()));
-        // Limits of rate and acceleration at the end of the turn, from inside the turn. They must equal the values
-        // after the turn.
+        // Rate and acceleration just before the end of the turn must equal the values after the turn.
         let last = state(DURATION_S * (1.0 - 1e-9));
         assert!((last.angle_rad - start - turn()).norm() < 1e-15);
         assert!(last.rate_radps.norm() < 1e-15);

@@ -77,9 +77,9 @@ pub(super) fn joined(
     still.chunk_by(follows).flat_map(of_group).collect()
 }
 
-/// Whether only noise separates a rest from the following rest, which starts at sample `next`. The samples between them
-/// then deviate from the mean at the end of the rest by at most six standard deviations. Filtered noise can split a
-/// long rest, because its variance over half a second varies strongly.
+/// Whether only noise separates a rest from the following rest, which starts at sample `next`. This is the case if no
+/// sample between them deviates from the mean at the end of the rest by more than six standard deviations. Filtered
+/// noise can split a long rest, because its variance over half a second varies strongly.
 pub(crate) fn is_noise(recording: &Recording<'_>, rest: Range<usize>, next: usize, floor: &Vector6<f64>) -> bool {
     const NEAR: usize = 200;
     const LIMIT: f64 = 6.0;
