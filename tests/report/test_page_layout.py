@@ -79,20 +79,23 @@ def pages(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def opened(pages):
-    """Open a page once in each theme; after the tests, no page has written an error to the console."""
+    """Show a page, which is opened once, in a theme; after the tests, none has written an error."""
     errors, known = [], {}
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=[*ARGUMENTS])
 
         def open_it(name, scheme="light"):
-            if (name, scheme) not in known:
+            if name not in known:
                 page = browser.new_context(offline=True, color_scheme=scheme).new_page()
                 page.set_default_timeout(1000 * HANGS_S)
                 page.on("console", lambda m: errors.append(m.text) if m.type == "error" else None)
                 page.on("pageerror", lambda error: errors.append(str(error)))
                 page.goto((pages / f"{name}.html").as_uri())
-                known[name, scheme] = page
-            return known[name, scheme]
+                known[name] = page
+            page = known[name]
+            page.emulate_media(color_scheme=scheme)
+            page.locator(f"html[data-theme={scheme}]").wait_for()
+            return page
 
         yield open_it
         browser.close()
