@@ -11,8 +11,8 @@
 //! cov(d_k, d_l) = rms_k rms_l cos(2 pi D) exp(-2 D^2),                        D = (mean_k - mean_l) / q
 //! ```
 //!
-//! The sums are over h = 1, 2, ... d_k is the error of rest k, rms_k the square root of its mean square, and mean_k the
-//! mean reading of this rest (Widrow and Kollar, Quantization Noise, Cambridge University Press 2008, chapters 4 and
+//! The sums are over all integers h > 0. For rest k, d_k is the error, rms_k the square root of its mean square, and
+//! mean_k the mean reading (Widrow and Kollar, Quantization Noise, Cambridge University Press 2008, chapters 4 and
 //! 5). Rests with equal readings have equal errors. The standard deviation of rounded samples differs from sigma, so
 //! sigma is estimated from the relative frequencies of the levels at rest.
 

@@ -19,8 +19,8 @@ type Spectrum = Vec<Complex<f32>>;
 
 /// Number of samples in a block of the searched recording.
 const BLOCK: usize = 4096;
-/// Number of samples in a template, at the rate of the searched recording. Two clocks, or one clock written with
-/// different numbers of digits, diverge by less than one sample over a template.
+/// Number of samples in a template after resampling to the rate of the searched recording. A template is so short that
+/// the clocks of the two recordings differ by less than one sample at its end.
 pub(super) const TEMPLATE: usize = 2048;
 /// Number of lags for which one block provides correlations.
 const LAGS: usize = BLOCK - TEMPLATE;

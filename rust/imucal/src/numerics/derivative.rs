@@ -56,8 +56,8 @@ pub(crate) struct Derivative<'a> {
 pub(crate) struct Width(OnceLock<usize>);
 
 impl Width {
-    /// Returns the differentiation rule with the widest boxes that the motion permits. `values` is evaluated only in
-    /// the first call, which determines the width.
+    /// Returns the differentiation rule with the widest boxes (groups of averaged samples) that do not distort the
+    /// motion. `values` is evaluated only in the first call, which determines the width.
     pub(crate) fn derivative<'a>(
         &self,
         time_s: &'a [f64],

@@ -77,7 +77,7 @@ impl Route<'_> {
         Step { before: i - self.reach().start, ..Step::after(self.recording.time_s, i) }
     }
 
-    /// Corrects the samples in the range `reach`. Effects with zero parameters are skipped.
+    /// Corrects the samples in the range `reach`. Effects whose parameters are all 0 are skipped.
     pub(super) fn freed(&self, model: &Model, active: &Terms<'_>, wants_slopes: bool) -> Corrected {
         let reach = self.reach();
         let corrected = |triad: &Triad<f64>, rows: Samples<'_>| -> Vec<Vector3<f64>> {
