@@ -188,9 +188,16 @@ def size_of(law: Law, run: Run, recording: imucal.Recording) -> float:
 def size_of_columns(
     sensor: str, typical: tuple[float, ...], columns: np.ndarray, recording: imucal.Recording
 ) -> float:
-    """The size of the first of `columns` (N, 3, p) with five times the detection limit of `recording`.
+    """The size of the first of `columns` (N, 3, p) with five times the detection limit of `recording`."""
+    return TIMES * float(np.sqrt(NONCENTRALITY)) * std_of_first(sensor, typical, columns, recording)
 
-    The base parameters and the other columns are fitted to it.
+
+def std_of_first(
+    sensor: str, typical: tuple[float, ...], columns: np.ndarray, recording: imucal.Recording
+) -> float:
+    """The Cramér-Rao bound of the coefficient of the first of `columns` (N, 3, p), a standard deviation.
+
+    The base parameters and the coefficients of the other columns are estimated, too.
     """
     given = UserField("truth", sensor, typical, (np.ascontiguousarray(columns),))
     design = _core.gap_design([recording], replace(OPTIONS, user_fields=(given,)), [])
@@ -198,7 +205,7 @@ def size_of_columns(
     others = np.hstack((design.base, whitened[:, 1:]))
     base, _ = np.linalg.qr(others / np.linalg.norm(others, axis=0))
     left = whitened[:, 0] - base @ (base.T @ whitened[:, 0])
-    return TIMES * float(np.sqrt(NONCENTRALITY / (left @ left)))
+    return float(1.0 / np.sqrt(left @ left))
 
 
 def pose(

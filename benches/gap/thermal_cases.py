@@ -15,7 +15,7 @@ import numpy as np
 import imucal
 from gap.analytic import RATE_HZ, Motion, Sensors, measured, random_motion
 from gap.case import generator
-from gap.law_cases import size_of_columns, vector
+from gap.law_cases import size_of_columns, std_of_first, vector
 
 __all__ = ["CLEAN", "FAMILIES", "Memory", "pose"]
 
@@ -27,7 +27,10 @@ RELAY_SAMPLES: Final = 10
 
 @dataclass(frozen=True)
 class Memory:
-    """The truth: sensor, names of effects that are right, the error of a temperature column, and tau."""
+    """The truth: sensor, names of effects that are right, the error of a temperature column, and tau.
+
+    `tau_bound_s` is the smallest standard deviation of tau that the recording permits.
+    """
 
     sensor: str
     names: frozenset[str]
@@ -35,6 +38,7 @@ class Memory:
     size: np.ndarray
     slope: np.ndarray
     tau_s: float | None = None
+    tau_bound_s: float | None = None
 
 
 def behind(degc: np.ndarray, tau_s: float) -> np.ndarray:
@@ -152,6 +156,17 @@ def size_of(truth: Memory, history: np.ndarray, degc: np.ndarray, ideal: imucal.
     return size_of_columns(truth.sensor, (1e-3, 1e-3, 1e-3, 1e-3), columns, ideal)
 
 
+def bound_of_tau(
+    truth: Memory, tau_s: float, size: float, degc: np.ndarray, ideal: imucal.Recording
+) -> float:
+    """The Cramér-Rao bound of tau beside the coefficients of the lag and of the temperature."""
+    step_s = 0.01 * tau_s
+    by_tau = (behind(degc, tau_s + step_s) - behind(degc, tau_s - step_s)) / (2.0 * step_s)
+    own = size * by_tau[:, None, None] * truth.size[:, None]
+    others = [each[:, None, None] * np.eye(3) for each in (truth.history(degc), degc - degc.mean())]
+    return std_of_first(truth.sensor, (1e-3,) * 7, np.concatenate((own, *others), axis=2), ideal)
+
+
 def pose(
     family: str, index: int
 ) -> tuple[imucal.Recording, imucal.Recording, Memory | None, list[imucal.Recording]]:
@@ -169,6 +184,8 @@ def pose(
         histories = [truth.history(own) for own in degc]
         blank = record(ideal, motions[0], degc[0], np.random.default_rng(seeds[0]), None, sensor, "ideal")
         size = size_of(truth, histories[0], degc[0], blank)
+        if truth.tau_s is not None:
+            truth = replace(truth, tau_bound_s=bound_of_tau(truth, truth.tau_s, size, degc[0], blank))
         errors = [
             size * (history[:, None] * truth.size + (own - 28.0)[:, None] * truth.slope)
             for history, own in zip(histories, degc, strict=True)

@@ -38,6 +38,9 @@ ABOVE_NOISE: Final = 4.0
 # A temperature coefficient is implausible if it exceeds this multiple of its typical size.
 MOST_TIMES_TYPICAL: Final = 5.0
 
+# Effects with a larger p-value are accepted only as the temperature effect beside a lag.
+NOT_SIGNIFICANT: Final = 0.01
+
 # Generic hypotheses vary one part (block) of the model. These blocks are biases, each with its SI unit.
 BIASES: Final = {"gyro_bias": "rad/s", "accel_bias": "m/s^2"}
 # Phrases that describe how a bias or a scale varies, by the kernel of the generic hypothesis.
@@ -58,6 +61,12 @@ PATTERNS: Final = {
 def of_analysis(question: Question, analysis: _core.GapAnalysis) -> Iterator[str]:
     """Notes on rejected effects, on requested effects that are not observable, and on a given calibration."""
     yield from _refused(analysis)
+    for score in analysis.effects:
+        if score.p_value > NOT_SIGNIFICANT:
+            yield (
+                f"{score.name} is not significant ({p_text(score.p_value)}). It is part of the model because "
+                "the time constant of the temperature lag depends on it"
+            )
     search = analysis.search
     for name, evidence, gain, std in search.not_predictive:
         yield (

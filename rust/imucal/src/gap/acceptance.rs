@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::Score;
 use super::fits::{Control, Fit, Fits};
+use super::temperature_memory::is_temperature_of_lag;
 use crate::error::Error;
 use crate::joint::is_unobservable_hand_held;
 use crate::numerics::stats::p_value;
@@ -141,7 +142,9 @@ impl Fits<'_> {
             // whole moves. They are therefore not required to improve the prediction of these residuals.
             let is_of_rests =
                 effect.is_none_or(|own| own.sensor != Sensor::Encoder) && !is_unobservable_hand_held(name);
-            is_of_rests && selected.iter().any(|score| score.name == *name && score.log_bayes_factor < CERTAIN_NATS)
+            is_of_rests
+                && !is_temperature_of_lag(name, path.iter())
+                && selected.iter().any(|score| score.name == *name && score.log_bayes_factor < CERTAIN_NATS)
         };
         let mut accepted = Accepted { path: Vec::new(), fit: Rc::clone(before), refused: Vec::new() };
         for name in path {
@@ -196,10 +199,12 @@ impl Fits<'_> {
         Ok(shares)
     }
 
-    /// Removes, one after the other, accepted effects whose parameters do not differ significantly from zero.
+    /// Removes, one after the other, accepted effects whose parameters do not differ significantly from zero. The
+    /// temperature effect of a bias stays beside the lag of this bias.
     fn significant(&mut self, mut accepted: Accepted) -> Result<Accepted, Error> {
         loop {
-            let chances = accepted.path.iter().filter_map(|name| Some((name.clone(), accepted.fit.chance_of(name)?)));
+            let tested = accepted.path.iter().filter(|name| !is_temperature_of_lag(name, accepted.path.iter()));
+            let chances = tested.filter_map(|name| Some((name.clone(), accepted.fit.chance_of(name)?)));
             let least = chances.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, chance)| *chance > LEAST_SIGNIFICANT);
             let Some((name, p_value)) = least else { return Ok(accepted) };
             accepted.path.retain(|own| *own != name);

@@ -7,7 +7,9 @@ use super::Score;
 use super::forward_search::{ForwardSearch, LEAST_WIDTH};
 use super::score::Judged;
 use super::stage::{Beside, Member, Stage};
-use super::temperature_memory::{is_of_history, largest_chance, log_prior_odds, log_prior_odds_of_member};
+use super::temperature_memory::{
+    is_of_history, is_temperature_of_lag, largest_chance, log_prior_odds, log_prior_odds_of_member,
+};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::Prepared;
@@ -102,7 +104,8 @@ impl ForwardSearch<'_> {
     /// of the temperature history (lag, rate and hysteresis) are compared because adding the temperature effect changes
     /// their evidence. Aliases whose log evidence is at most [`RIVAL_NATS`] smaller than the largest one become rivals.
     /// A temperature lag is also fitted from a second start value of its time constant, because effects may have been
-    /// added after its selection. Returns whether an effect was replaced.
+    /// added after its selection. A lag that is not distinguishable from a rate is replaced by the alias with the
+    /// largest evidence. Returns whether an effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,
@@ -140,8 +143,9 @@ impl ForwardSearch<'_> {
                 replacements.iter().map(|own| (own.effect.name.to_owned(), own.odds)).collect();
             let best = replacements.into_iter().max_by(|a, b| a.odds.total_cmp(&b.odds));
             let mut most = 0.0;
-            if let Some(Replacement { effect, gain, odds, statistic, found }) = best.filter(|own| own.odds > RIVAL_NATS)
-            {
+            let is_unresolved = stage.is_unresolved_lag(k);
+            let is_better = |own: &Replacement| own.odds > RIVAL_NATS || is_unresolved;
+            if let Some(Replacement { effect, gain, odds, statistic, found }) = best.filter(is_better) {
                 let parameters = found.members[k].parameters;
                 let statistic = score.statistic + statistic;
                 *score = Score {
@@ -191,7 +195,7 @@ impl ForwardSearch<'_> {
                 members[k].width = (sizes.sum::<f64>() / typical.len() as f64).sqrt().max(LEAST_WIDTH);
                 Some(found)
             };
-            let found = fit().and_then(|_| fit())?;
+            let found = fit().and_then(|_| fit()).filter(|found| !found.is_unresolved_lag(k))?;
             let at_best = if is_of_history(own) {
                 found.evidence.clone()
             } else {
@@ -259,7 +263,8 @@ impl ForwardSearch<'_> {
 
     /// Removes an effect if the removal does not reduce the posterior odds, or does not reduce the likelihood
     /// significantly. For example, an effect that resembles the sum of two other effects may be selected first. It is
-    /// superfluous when both other effects have been selected. Returns whether an effect was removed.
+    /// superfluous when both other effects have been selected. The temperature effect beside a lag is kept. Returns
+    /// whether an effect was removed.
     pub(super) fn eliminate(
         &self,
         prepared: &Prepared<'_>,
@@ -271,6 +276,10 @@ impl ForwardSearch<'_> {
         while stage.members.len() > 1 {
             let mut worst: Option<(usize, Stage)> = None;
             for k in 0..stage.members.len() {
+                let names = stage.members.iter().map(|member| &member.name);
+                if is_temperature_of_lag(&stage.members[k].name, names) {
+                    continue;
+                }
                 let mut members = stage.members.clone();
                 members.remove(k);
                 let near = [&stage.model.accelerometer, &stage.model.gyroscope];

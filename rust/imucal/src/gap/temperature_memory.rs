@@ -5,6 +5,7 @@
 //! only one of the partners may have a wrong time constant, favour a wrong effect, or fail the cross-validation.
 
 use imucal_core::effects::{Effect, Need};
+use imucal_core::temperature_memory::SMOOTHING_S;
 
 use super::Score;
 use super::detect::FALSE_ALARM;
@@ -22,9 +23,18 @@ const PRIOR_NATS: f64 = 3.0;
 /// It is larger than for other effects, because the time constant of a lag would be biased without the temperature
 /// effect.
 const PARTNER_CHANCE: f64 = 0.01;
+/// Delay of the rate of the catalogue, s: one time constant for each of its two low-passes.
+const RATE_DELAY_S: f64 = 2.0 * SMOOTHING_S;
+/// Number of standard deviations by which the time constant of a lag must exceed [`RATE_DELAY_S`] for the lag to be
+/// distinguishable from a rate.
+const RESOLVED: f64 = 2.0;
 
 pub(super) fn is_of_history(effect: &Effect<f64>) -> bool {
     effect.has_need(Need::TemperatureHistory)
+}
+
+fn is_lag(effect: &Effect<f64>) -> bool {
+    is_of_history(effect) && effect.shape.is_some()
 }
 
 fn is_bias_of_temperature(effect: &Effect<f64>) -> bool {
@@ -60,10 +70,33 @@ fn is_temperature_of_history(members: &[Member], k: usize) -> bool {
     own.is_some_and(|own| others.any(|other| are_partners(own, other)))
 }
 
+/// Whether `name` is the temperature effect of a bias whose lag is among `names`. Without the temperature effect, the
+/// time constant of the lag is biased and its standard deviation is too small. The temperature effect therefore stays
+/// in the model even if it is not significant.
+pub(super) fn is_temperature_of_lag<'n>(name: &str, mut names: impl Iterator<Item = &'n String>) -> bool {
+    let own = Effect::<f64>::find(name).filter(|own| is_bias_of_temperature(own));
+    let is_own = |own: &Effect<f64>, other: &Effect<f64>| is_lag(other) && are_partners(own, other);
+    own.is_some_and(|own| names.any(|other| Effect::find(other).is_some_and(|other| is_own(own, other))))
+}
+
+impl Stage {
+    /// Whether member `k` is a lag whose time constant is not significantly longer than the delay of the rate. To first
+    /// order in the time constant tau, the lag `k (T_tau - T)` is the rate `-k tau dT/dt`. Its coefficients and tau are
+    /// then not determined separately.
+    pub(super) fn is_unresolved_lag(&self, k: usize) -> bool {
+        let Member { name, values, .. } = &self.members[k];
+        let place = self.place(name).filter(|_| Effect::find(name).is_some_and(is_lag));
+        let (Some(place), Some(tau_s)) = (place, values.last()) else { return false };
+        let covariance = self.design.gram.covariance(&self.design.model, &self.evidence.scales, &[place.end - 1]);
+        covariance.is_none_or(|own| tau_s - RESOLVED * own[(0, 0)].sqrt() < RATE_DELAY_S)
+    }
+}
+
 impl ForwardSearch<'_> {
     /// The temperature effect of a bias, with its score, if the temperature-history effect of the same bias is in the
-    /// model. `None` if the temperature effect is already in the model or not significant, or if another candidate has
-    /// a much larger evidence.
+    /// model. `None` if the temperature effect is already in the model. If the temperature-history effect is a rate or
+    /// a hysteresis, also `None` if the temperature effect is not significant, or if another candidate has a much
+    /// larger evidence.
     pub(super) fn temperature_of_history(&self, stage: &Stage) -> Option<(Judged, Score)> {
         let find = |name: &str| Effect::<f64>::find(name);
         let histories: Vec<_> =
@@ -80,10 +113,12 @@ impl ForwardSearch<'_> {
         let own = scores.swap_remove(scores.iter().position(is_own)?);
         let log = own.score.log_bayes_factor + PRIOR_NATS;
         let by = |other: &Judged| other.score.log_bayes_factor + log_prior_odds(&other.score.name) - log;
-        if log <= 0.0 || own.score.p_value >= PARTNER_CHANCE || scores.iter().any(|other| by(other) > 0.0) {
+        let is_supported =
+            log > 0.0 && own.score.p_value < PARTNER_CHANCE && !scores.iter().any(|other| by(other) > 0.0);
+        if !is_supported && !is_temperature_of_lag(&own.score.name, stage.members.iter().map(|member| &member.name)) {
             return None;
         }
-        let is_rival = |other: &&Judged| by(other) > -PRIOR_NATS && other.score.p_value < limit;
+        let is_rival = |other: &&Judged| is_supported && by(other) > -PRIOR_NATS && other.score.p_value < limit;
         let rivals = scores.iter().filter(is_rival).map(|other| other.score.name.clone()).collect();
         let score = Score { rivals, ..own.score.clone() };
         Some((own, score))
@@ -128,10 +163,10 @@ impl ForwardSearch<'_> {
         members.remove(k);
         let near = [&stage.model.accelerometer, &stage.model.gyroscope];
         let without = self.stage(prepared, near, open, &members, Beside::Candidates).ok()?;
-        let is_lag = |judged: &Judged| {
+        let is_own_lag = |judged: &Judged| {
             let own = Effect::<f64>::find(&judged.score.name);
-            own.is_some_and(|own| is_of_history(own) && own.shape.is_some() && own.sensor == sensor)
+            own.is_some_and(|own| is_lag(own) && own.sensor == sensor)
         };
-        judge(&without).scores.into_iter().find(is_lag)?.shape
+        judge(&without).scores.into_iter().find(is_own_lag)?.shape
     }
 }
