@@ -347,9 +347,9 @@ separated by tab, semicolon, comma or spaces; numbers have a decimal point or a 
 encoding may be UTF-8 or UTF-16, and files may be compressed with gzip or be in a zip archive. Dates are
 written as 2026-01-31 12:00:00.123 (also with `/`, `.`, `T`, a colon or comma before the fraction, a
 zone), 31-Jan-2026 12:00:00.123, Jan 31, 2026 12:00:00 PM, 31.01.2026 12:00:00.123, 20260131T120000.123,
-or as a time of day, 12:00:00.123 or 00:12.3 (minutes and seconds). Lines of text, incomplete lines, rows
-without values and exact copies of rows are left out, and a warning gives the number of each. A file is
-refused if most of its lines are text, or if more than 1 % are garbled.
+2026_01_31_12_00_00.123, or as a time of day, 12:00:00.123 or 00:12.3 (minutes and seconds). Lines of
+text, incomplete lines, rows without values and exact copies of rows are left out, and a warning gives the
+number of each. A file is refused if most of its lines are text, or if more than 1 % are garbled.
 
 Some files must be converted first: save a sheet of a spreadsheet (.xlsx, .xls, .ods, .numbers) as CSV,
 write a timetable or table of a .mat file with `writetimetable` or `writetable`, and convert a Betaflight

@@ -66,10 +66,17 @@ def alone(sensor: Sensor, units: Units, rate_hz: float | None = None) -> Recordi
         names[known.index(column)] = f"{what}_{axis}_{unit}"
         shown.append(f"{what}_{axis}_{unit}={column}")
     table = read_rows(text, names)
+    program = sensor.header.program
+    is_stated = sensor.triad.unit or (program is not None and program.accel) or units.accel
+    source = (
+        "columns and units were read from the header"
+        if what == "gyro" or is_stated
+        else f"columns were read from the header; the unit {unit} follows from the size of gravity"
+    )
     as_read = remark(
         text.name,
         "read_by_header",
-        f"columns and units were read from the header: {', '.join(shown)}",
+        f"{source}: {', '.join(shown)}",
         "if they are wrong, give the right columns and units with --columns",
     )
     table = replace(table, ticks_per_s=ticks, findings=(*table.findings, as_read))

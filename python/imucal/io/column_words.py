@@ -6,7 +6,7 @@ import re
 from typing import Final
 from unicodedata import combining, normalize
 
-__all__ = ["is_of_other", "is_time", "role_of", "time_unit_in", "words_of"]
+__all__ = ["NOT_TIME", "is_of_other", "is_time", "role_of", "time_unit_in", "words_of"]
 
 # Words that name the accelerometer and the gyroscope.
 ACCEL: Final = {
@@ -41,16 +41,17 @@ LINEAR: Final = {
 # Words that name a time column.
 TIME: Final = (
     r"^(t|time|times|timestamp|timestamps|stamp|ts|sec|secs|seconds|elapsed|epoch|unix|millis|micros|clock|"
-    r"date|datetime|sampletimefine|chiptime|utc|hosttimestamp|nodetimestamp|cts|tow|gpstime|yyyy|uptime|"
-    r"packettime|systime|timeus|timems|loggingtime|ms|us|ns|zeit|temps|tiempo|tempo|tijd)$"
+    r"date|datetime|sampletimefine|chiptime|utc|hosttimestamp|nodetimestamp|cts|tow|gpstime|gpst|yyyy|uptime|"
+    r"packettime|systime|timeus|timems|ustime|mstime|loggingtime|ms|us|ns|zeit|temps|tiempo|tempo|tijd)$"
 )
 # Words in names of secondary time columns, which are used only if there is no other time column.
 NOT_TIME: Final = {"zone", "step", "delta", "dt", "diff", "ntp", "gps"}
 # Matches one word of a column name: a sequence of capitals, a capitalised or lower-case word, or a number.
 WORD: Final = r"[A-Z]+(?![a-z])|[A-Z]?[a-z']+|[A-Za-z]+|\d+|%"
-# Matches names in which sensor and axis are one word: ax, gyroX, xAccel, ACCEL_XOUT, AcX, gFz.
+# Matches names in which sensor and axis are one word: ax, gyroX, xAccel, ACCEL_XOUT, AcX, gFz, GForceX.
 JOINED: Final = (
-    r"^(?:(a|acc|accel|ac|f|gf|g|gy|gyr|gyro|w|omega)([xyz])|([xyz])[-_ ]?(acc|accel|accl|gyro|gyr|rate))$"
+    r"^(?:(a|acc|accel|ac|f|gf|gforce|g|gy|gyr|gyro|w|omega)([xyz])|"
+    r"([xyz])[-_ ]?(acc|accel|accl|gyro|gyr|rate))$"
 )
 
 
@@ -79,6 +80,8 @@ def role_of(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[
         axis = axes[0]
         words = [word for word in words if not re.fullmatch(r"[xyz](out|axis)?(l|h)?", word)]
     key = " ".join(words)
+    if "force" in words and "g" in words:
+        words = ["gforce", *(word for word in words if word not in ("g", "force"))]
     if "velocity" in words and "angular" in words:
         words = [word for word in words if word != "velocity"]
     if any(word in OTHER for word in words):
@@ -118,8 +121,8 @@ def time_unit_in(words: list[str]) -> str | None:
     """The unit of time that a word of a column name states, or None."""
     for unit, spelled in (
         ("s", ("sec", "secs", "seconds")),
-        ("ms", ("ms", "millis", "milliseconds", "timems")),
-        ("us", ("us", "micros", "microseconds", "timeus")),
+        ("ms", ("ms", "millis", "milliseconds", "timems", "mstime")),
+        ("us", ("us", "micros", "microseconds", "timeus", "ustime")),
         ("ns", ("ns", "nanos", "nanoseconds")),
     ):
         if any(word in spelled for word in words):

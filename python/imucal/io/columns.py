@@ -6,10 +6,11 @@ import os
 from collections.abc import Sequence
 
 from imucal.errors import FormatError, InputError
-from imucal.io.headed import require_agreement
+from imucal.io.headed import Head, require_agreement
 from imucal.io.mapping import column_list
 from imucal.io.names import NAMES, SKIP, is_canonical
-from imucal.io.text import open_path, read_rows
+from imucal.io.suggestion import rows_of_several_sensors
+from imucal.io.text import Text, open_path, read_rows
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 
@@ -41,7 +42,8 @@ def read_columns(
     layout = text.layout
     if not layout.first:
         raise FormatError(
-            f"{text.name}: no line consists of numbers only: check that it is the right file, and a text file"
+            f"{text.name}: no line consists of numbers only: check that it is the right file, and a text "
+            "file of numbers without labels"
         )
     if len(layout.first) == len(names) + 1 and not layout.first[-1]:
         names.append(SKIP[0])
@@ -51,4 +53,17 @@ def read_columns(
             f"named ({', '.join(names)}): name every column, '-' for a column to ignore"
         )
     require_agreement(text.name, layout, names, check_axes=True)
+    if layout.names is None and SKIP[0] in names:
+        _refuse_rows_of_several_sensors(text, names)
     return recording_from_table(read_rows(text, names), text.sources, rate_hz)
+
+
+def _refuse_rows_of_several_sensors(text: Text, names: Sequence[str]) -> None:
+    """Raises FormatError if the cells of an ignored column name both sensors, such as `acc` and `gyro`."""
+    cells = Head(text).cells
+    ignored = [cells[str(index)] for index, name in enumerate(names) if name in SKIP and str(index) in cells]
+    # Labels of one or two letters can have another meaning, such as the classes `a` and `w`.
+    words = {str(at): [cell for cell in column if len(cell) > 2] for at, column in enumerate(ignored, 1)}
+    several = rows_of_several_sensors(words)
+    if several:
+        raise FormatError(f"{text.name}: {several.rstrip()}")

@@ -2,7 +2,7 @@
 
     2026-01-31 12:00:00.123   2026/01/31T12:00:00,123Z   20260131T120000.123   31.01.2026 12:00:00:123
     31-Jan-2026 12:00:00.123  Jan 31, 2026 12:00:00 PM   12:00:00.123  12:00:00:123  00:12.3 (minutes)
-    0 days 00:00:12.3
+    0 days 00:00:12.3         2026_01_31_12_00_00.123
 
 Times of day continue after midnight on the next day. In dates such as 01/02/2026, the order of day and month
 is determined from the whole column.
@@ -22,13 +22,13 @@ __all__ = ["FORMS", "is_date_column", "nanoseconds"]
 
 FORMS: Final = "2026-01-31 12:00:00.123, 31-Jan-2026 12:00:00.123, 31.01.2026 12:00:00:123 or 12:00:00.123"
 _CLOCK: Final = (
-    r"(?P<hour>\d{1,2})[:\-](?P<minute>\d{2})[:\-](?P<second>\d{2})(?:[.,:_](?P<fraction>\d{1,9})\d*)?"
+    r"(?P<hour>\d{1,2})[:\-_](?P<minute>\d{2})[:\-_](?P<second>\d{2})(?:[.,:_](?P<fraction>\d{1,9})\d*)?"
     r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>[Zz]|UTC|GMT|[+\-]\d{2}:?\d{2})?$"
 )
 _MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _GAP: Final = r"(?:\s*[T_, /]\s*|-)"
 PATTERNS: Final = (
-    r"^(?P<year>\d{4})[-/.](?P<month>\d{1,2})[-/.](?P<day>\d{1,2})" + _GAP + _CLOCK,
+    r"^(?P<year>\d{4})[-/._](?P<month>\d{1,2})[-/._](?P<day>\d{1,2})" + _GAP + _CLOCK,
     r"^(?P<day>\d{1,2})[-/. ](?P<name>[A-Za-z]{3})[a-z]*\.?[-/. ](?P<year>\d{4})" + _GAP + _CLOCK,
     r"^(?P<name>[A-Za-z]{3})[a-z]*\.?[-/ ](?P<day>\d{1,2})[,\-/ ]\s*(?P<year>\d{4})" + _GAP + _CLOCK,
     r"^(?P<first>\d{1,2})[-/.](?P<other>\d{1,2})[-/.](?P<year>\d{4})" + _GAP + _CLOCK,

@@ -95,7 +95,8 @@ class Head:
 
 def _number(cell: str, decimal: str) -> float:
     try:
-        return float(cell.replace(",", ".") if decimal == "," else cell)
+        # float() would accept the date 2026_01_31 as a number.
+        return float("nan" if "_" in cell else cell.replace(",", ".") if decimal == "," else cell)
     except ValueError:
         return float("nan")
 
@@ -326,11 +327,10 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
             f"ignore; names are {NAMES}"
         )
     is_known = (header.accel or header.linear) and header.gyro
-    lead = (
-        "the header does not give every unit"
-        if is_known
-        else "the format could not be determined; first line"
-    )
+    lead = "the format could not be determined; first line"
+    if header.accel or header.gyro:
+        known = "does not give every unit" if is_known else "names the columns of one sensor only"
+        lead = f"the header {known}"
     unknown = unknown_units(layout.described)
     if unknown and not is_known:
         return (

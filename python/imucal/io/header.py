@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple, TypeAlias
 
-from imucal.io.column_words import is_of_other, is_time, role_of, time_unit_in, words_of
+from imucal.io.column_words import NOT_TIME, is_of_other, is_time, role_of, time_unit_in, words_of
 from imucal.io.programs import Program, program_of
 from imucal.io.unit_words import split_unit
 
@@ -209,9 +209,11 @@ def _index_axes(names: Sequence[str], described: Sequence[str], groups: _Groups)
 
 def _stamp(names: Sequence[str]) -> tuple[str, str] | None:
     """The columns with the seconds and the nanoseconds of one time stamp, as in header.stamp of ROS."""
+    pairs = []
     for seconds, nanoseconds in (("secs", "nsecs"), ("sec", "nanosec")):
         for name in names:
-            stem = name.removesuffix(nanoseconds)
-            if stem != name and stem[-1:] in ("", ".", "_", "/") and f"{stem}{seconds}" in names:
-                return f"{stem}{seconds}", name
-    return None
+            # A file with several sources has the source after the unit: stamp_sec_imu, stamp_nanosec_imu.
+            match = re.fullmatch(rf"((?:.*[._/])?){nanoseconds}((?:[._/].*)?)", name)
+            if match is not None and f"{match[1]}{seconds}{match[2]}" in names:
+                pairs.append((f"{match[1]}{seconds}{match[2]}", name))
+    return min(pairs, key=lambda pair: len(NOT_TIME.intersection(words_of(pair[1]))), default=None)

@@ -33,8 +33,8 @@ NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf
 DECIMAL_COMMA: Final = r"[-+]?\d*,\d+([eE][-+]?\d+)?"
 # Matches the start of a date or a time of day, which `imucal.io.dates` parses.
 DATE: Final = (
-    r"(?a)(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}|\d{8}[T_ ]\d{4,}|\d{1,2}:\d{2}|\w{3,9}\.? \d{1,2}, \d{4}|"
-    r"\d+ days? )"
+    r"(?a)(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}|\d{4}_\d{1,2}_\d{1,2}_|\d{8}[T_ ]\d{4,}|\d{1,2}:\d{2}|"
+    r"\w{3,9}\.? \d{1,2}, \d{4}|\d+ days? )"
 )
 COMMENT: Final = r"^\s*(#|%|//)+\s*"
 # The time stamp that the Arduino serial monitor writes before each line.

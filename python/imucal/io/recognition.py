@@ -12,7 +12,7 @@ from imucal.document.source import first_bytes, is_folder
 from imucal.errors import FormatError
 from imucal.io.euroc import is_euroc
 from imucal.io.formats import FORMATS
-from imucal.io.layout import HEAD, is_number
+from imucal.io.layout import HEAD, Layout, is_number, split_line
 from imucal.io.mapping import mapping_of
 from imucal.io.names import NAMES
 from imucal.io.packed import (
@@ -30,6 +30,7 @@ from imucal.io.starts import (
     ROS1_MAGIC,
     ULOG_MAGIC,
 )
+from imucal.io.suggestion import rows_of_several_sensors
 from imucal.io.text import head_of
 
 __all__ = ["recognise"]
@@ -117,19 +118,25 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
             f"{path.name} is JSON: choose CSV in the export, or write one line with the names of the columns "
             "and one line per sample"
         )
-    _, layout = head_of(path)
+    start, layout = head_of(path)
     if layout.names is not None:
         return "euroc" if is_euroc(layout.names) else "csv"
     shown = ", ".join(layout.first[:12])
     hint = (
         "It looks like one file of an imu_tk pair: add --format imu_tk for two files. "
         if len(layout.first) == 4 and all(map(is_number, layout.first))
-        else ""
+        else _several_sensors(start, layout)
     )
     raise FormatError(
         f"{path.name}: the format could not be determined; first line: {shown[:200]}. "
         f"{hint}Give the format ({', '.join(FORMATS)}), or name the columns (columns=..., --columns): {NAMES}"
     )
+
+
+def _several_sensors(start: bytes, layout: Layout) -> str:
+    """A sentence on lines of which each contains one sensor, named in its first field; empty for others."""
+    lines = start.decode(errors="replace").splitlines()[:100]
+    return rows_of_several_sensors({"1": [split_line(line, layout.separator)[0] for line in lines]})
 
 
 def _are_packets(path: Path) -> bool:

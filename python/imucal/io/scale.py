@@ -15,7 +15,7 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.units import COLUMN_UNITS, DEGREE_RAD, STANDARD_GRAVITY_MPS2, TICKS_PER_S
 
-__all__ = ["Reading", "accel_reading", "epoch_unit", "gravity_g", "gyro_reading", "time_reading"]
+__all__ = ["Reading", "accel_reading", "epoch_unit", "gravity_g", "gyro_reading", "is_still", "time_reading"]
 
 # Range of the median magnitude of an accelerometer, g, that is accepted as gravity. It allows for motion.
 GRAVITY_G: Final = (0.7, 1.4)
@@ -36,6 +36,10 @@ UNLIKELY_FACTOR: Final = 12.0
 LARGEST_RATE_RADPS: Final = 4100 * DEGREE_RAD
 # Plausible range of sampling rates, Hz.
 RATES_HZ: Final = (5.0, 40_000.0)
+# Largest share of time steps that may be negative in a column of time.
+MOST_BACKWARDS: Final = 0.1
+# Largest noise of the accelerometer per sample, g, at which a unit can be at rest.
+STILL_G: Final = 0.02
 # Number of samples of a block. The noise is estimated from the quietest blocks.
 BLOCK: Final = 20
 # Range of time stamps that are accepted as a date, s since 1970: years 2001 to 2103.
@@ -83,9 +87,20 @@ def accel_reading(values: FloatArray) -> Reading:
     return Reading(likely, text)
 
 
-def gyro_reading(values: FloatArray) -> Reading:
-    """The interpretation of a gyroscope's first samples, (N, 3)."""
-    noise, largest = _noise(values), float(np.nanmax(np.abs(values), initial=0.0))
+def is_still(accel: FloatArray, unit: str | None) -> bool:
+    """Whether the quietest first samples of an accelerometer can be those of a rest; True for counts."""
+    size = gravity_g(accel, unit) if unit is not None else math.nan
+    if not math.isfinite(size):
+        return True
+    return _noise(accel)[0] * COLUMN_UNITS["accel"][unit or ""] / STANDARD_GRAVITY_MPS2 < STILL_G
+
+
+def gyro_reading(values: FloatArray, *, is_moving: bool = False) -> Reading:
+    """The interpretation of a gyroscope's first samples, (N, 3).
+
+    is_moving  whether the unit never rests, so that the motion can be taken for noise
+    """
+    (noise, least), largest = _noise(values), float(np.nanmax(np.abs(values), initial=0.0))
     text = (
         f"gyroscope: noise per sample {noise:.2g}, which is {noise:.2g} deg/s as deg/s, "
         f"{noise / DEGREE_RAD:.2g} deg/s as rad/s"
@@ -100,13 +115,21 @@ def gyro_reading(values: FloatArray) -> Reading:
         return Reading(
             "dps" if largest < 6000 else "mdps", f"{text}; rates up to {largest:.4g} exclude rad/s"
         )
-    if noise > 0:
-        as_radps, as_dps = (abs(math.log(noise * factor / USUAL_NOISE_RADPS)) for factor in (1.0, DEGREE_RAD))
-        if as_radps > math.log(UNLIKELY_FACTOR) > as_dps:
-            return Reading("dps", text)
-        if as_dps > math.log(UNLIKELY_FACTOR) > as_radps:
-            return Reading("radps", text)
-    return Reading(None, f"{text}: the data do not tell which")
+    likely = _unit_of_noise(noise)
+    # A unit that moves most of the time has little noise only in a few blocks, or in none.
+    if likely is None or _unit_of_noise(least) not in (None, likely) or (is_moving and likely == "dps"):
+        return Reading(None, f"{text}: the data do not tell which")
+    return Reading(likely, text)
+
+
+def _unit_of_noise(noise: float) -> str | None:
+    """The unit in which the noise per sample is that of a MEMS gyroscope; None if it does not tell."""
+    if not noise > 0:
+        return None
+    as_radps, as_dps = (abs(math.log(noise * factor / USUAL_NOISE_RADPS)) for factor in (1.0, DEGREE_RAD))
+    if as_radps > math.log(UNLIKELY_FACTOR) > as_dps:
+        return "dps"
+    return "radps" if as_dps > math.log(UNLIKELY_FACTOR) > as_radps else None
 
 
 def time_reading(values: Any) -> Reading:
@@ -115,6 +138,12 @@ def time_reading(values: Any) -> Reading:
     if unit is not None:
         return Reading(unit, f"time: stamps since 1970 in {unit}")
     steps = np.diff(np.asarray(values, dtype=np.float64))
+    if _are_whole_seconds(np.asarray(values, dtype=np.float64)):
+        return Reading(None, "time: whole seconds since 1970, several samples in each second")
+    if len(steps) and (steps < 0).mean() > MOST_BACKWARDS:
+        return Reading(None, "the column of the time does not increase")
+    if len(steps) and (steps == 1).all():
+        return Reading(None, "the column of the time counts by 1, so it can be the number of the sample")
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else math.nan
     rates = {unit: ticks / step for unit, ticks in TICKS_PER_S.items()}
     fitting = [unit for unit, rate in rates.items() if RATES_HZ[0] <= rate <= RATES_HZ[1]]
@@ -139,21 +168,30 @@ def epoch_unit(values: Any) -> str | None:
     return None
 
 
+def _are_whole_seconds(values: FloatArray) -> bool:
+    """Whether time stamps are times since 1970 in whole seconds, of which most occur more than once."""
+    finite = values[np.isfinite(values)]
+    if not (len(finite) and _is_whole(finite) and EPOCH_S[0] <= finite[0] <= EPOCH_S[1]):
+        return False
+    steps = np.diff(finite)
+    return bool(np.isin(steps, (0, 1)).all() and 2 * (steps == 0).sum() > len(steps))
+
+
 def _is_whole(values: FloatArray) -> bool:
     finite = values[np.isfinite(values)]
     return bool(len(finite)) and bool((finite == np.round(finite)).all())
 
 
-def _noise(values: FloatArray) -> float:
-    """Standard deviation of the noise per sample, from the quietest tenth of short blocks."""
+def _noise(values: FloatArray) -> tuple[float, float]:
+    """Standard deviations of the noise per sample: of the quietest tenth of short blocks, and the least."""
     steps = np.diff(values, axis=0)
     steps = steps[np.isfinite(steps).all(axis=1)]
     if len(steps) < 2:
-        return 0.0
+        return 0.0, 0.0
     blocks = [
         steps[at : at + BLOCK].std() / math.sqrt(2) for at in range(0, max(len(steps) - BLOCK, 1), BLOCK)
     ]
-    return float(np.quantile(blocks, 0.1))
+    return float(np.quantile(blocks, 0.1)), float(min(filter(None, blocks), default=0.0))
 
 
 def _counts_per_dps(values_dps: FloatArray) -> float | None:

@@ -184,7 +184,9 @@ def time_of_sensor(sensor: Sensor, given: str | None) -> tuple[tuple[str, str], 
     """(name, canonical name) of the time column, and its ticks per second if no canonical name has them."""
     if not sensor.header.times:
         raise FormatError(
-            f"{sensor.text.name}: there is no time column: two files need their own time stamps"
+            f"{sensor.text.name}: there is no time column: two files need their own time stamps; if the "
+            "samples of both are taken together, write the columns of both side by side into one file, and "
+            "give it with --rate-hz"
         )
     head = sensor.head
     if sensor.text.layout.names is None:

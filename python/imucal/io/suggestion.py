@@ -13,11 +13,13 @@ from imucal.arrays import FloatArray
 from imucal.io.dates import is_date_column
 from imucal.io.header import Header, Triad, header_of, names_sensor
 from imucal.io.names import is_canonical
-from imucal.io.scale import Reading, accel_reading, gyro_reading, time_reading
+from imucal.io.scale import Reading, accel_reading, gyro_reading, is_still, time_reading
 from imucal.io.unit_words import split_unit
 
-__all__ = ["columns_suggested", "suggestion", "time_suggested"]
+__all__ = ["columns_suggested", "rows_of_several_sensors", "suggestion", "time_suggested"]
 
+# Start of the sentence on a header in which only the columns of one sensor have names that are known.
+ALONE: Final = "The names are known only for the columns"
 # A sampling rate in a line before the header: "Update Rate: 100.0Hz", "Sample rate,100 Hz", "#sps,100".
 RATE: Final = r"(?i)\b(?:rate|sps)\b\W{0,4}(\d+(?:\.\d+)?)"
 # A name of a temperature. Its values are probably in degC if their median is in this range.
@@ -40,26 +42,37 @@ def suggestion(
     preamble  lines before the header
     """
     header = _with_rates(_with_gravity(header, numbers), list(cells))
+    lead = ""
     if not (header.accel and header.gyro):
-        return _of_several_sensors(cells) or _without_a_sensor(header)
-    accel, gyro = header.accel[0], header.gyro[0]
-    sentences, guessed = [], []
-    for triad, what, reading_of in ((accel, "accel", accel_reading), (gyro, "gyro", gyro_reading)):
-        values: FloatArray = np.column_stack([numbers(name) for name in triad.columns])
-        unit, sentence = _unit(triad, reading_of(values))
+        lead = rows_of_several_sensors(cells) or _without_a_sensor(header)
+        if not lead.startswith(ALONE):
+            return lead
+    sentences: list[str] = []
+    guessed: list[tuple[Triad, str, str | None]] = []
+    is_moving = False
+    for triad in header.accel[:1]:
+        values = _values(triad, numbers)
+        unit, sentence = _unit(triad, accel_reading(values))
+        is_moving = not is_still(values, unit)
         sentences += sentence
-        guessed.append((triad, what, unit))
+        guessed.append((triad, "accel", unit))
+    for triad in header.gyro[:1]:
+        unit, sentence = _unit(triad, gyro_reading(_values(triad, numbers), is_moving=is_moving))
+        sentences += sentence
+        guessed.append((triad, "gyro", unit))
     time, sentence = _time(header, cells, numbers)
     sentences += sentence
-    if accel in header.linear:
+    if any(triad in header.linear for triad in header.accel[:1]):
         sentences.append("linear acceleration is without gravity in most apps, but these values include it")
     temperature, sentence = _temperature(header, cells, numbers)
     sentences += sentence
     others = [t.columns[0] for t in (*header.accel[1:], *header.gyro[1:])]
     if others:
         sentences.append(f"there are further sensors ({', '.join(others)}, ...): choose one")
-    shown = f"No unit is assumed: {'; '.join(sentences)}. " if sentences else ""
+    shown = f"{lead}No unit is assumed: {'; '.join(sentences)}. " if sentences else lead
     missing = [what for _, what, unit in guessed if unit is None]
+    if lead and missing:
+        return shown
     pairs = [time] if time and not is_canonical(time.partition("=")[2]) else []
     lines = []
     for gyro_unit in ("dps", "radps") if missing == ["gyro"] else ("",):
@@ -84,7 +97,7 @@ def _with_gravity(header: Header, numbers: Callable[[str], Any]) -> Header:
     if header.accel or not header.linear:
         return header
     triad = header.linear[0]
-    likely = accel_reading(np.column_stack([numbers(name) for name in triad.columns])).likely
+    likely = accel_reading(_values(triad, numbers)).likely
     if likely not in ("mps2", "g", "mg") or triad.unit not in (None, likely):
         return header
     return replace(header, accel=[triad])
@@ -130,7 +143,7 @@ def time_suggested(
     return f"{shown}If this is the time: --columns '{pair}' (columns=...). "
 
 
-def _of_several_sensors(cells: Mapping[str, Sequence[str]]) -> str:
+def rows_of_several_sensors(cells: Mapping[str, Sequence[str]]) -> str:
     """A sentence on a column whose cells name both sensors; empty without such a column."""
     for name, column in cells.items():
         values = list(dict.fromkeys(column))[:10]
@@ -150,10 +163,21 @@ def _without_a_sensor(header: Header) -> str:
             "Its acceleration is without gravity (linear acceleration), which a calibration needs: export "
             "the accelerometer with gravity. "
         )
-    if header.accel or header.gyro or header.plain:
-        what = "accelerometer" if header.accel else "gyroscope" if header.gyro else "one sensor"
-        return f"It contains {what} only: give both files of the recording with --format pair. "
+    if header.accel or header.gyro:
+        names = ", ".join((header.accel or header.gyro)[0].columns)
+        found, other = ("accelerometer", "gyroscope") if header.accel else ("gyroscope", "accelerometer")
+        return (
+            f"{ALONE} of the {found} ({names}): if there are columns of the {other}, name them too; if they "
+            f"are in a second file, give both files (--format pair); else the recording is of the {found} "
+            "alone. "
+        )
+    if header.plain:
+        return "It contains one sensor only: give both files of the recording with --format pair. "
     return ""
+
+
+def _values(triad: Triad, numbers: Callable[[str], Any]) -> FloatArray:
+    return np.column_stack([numbers(name) for name in triad.columns])
 
 
 def _unit(triad: Triad, reading: Reading) -> tuple[str | None, list[str]]:
@@ -176,11 +200,11 @@ def _time(
             return f"time_{unit}={name}", []
         if is_date_column(pa.array([str(cell) for cell in cells[name]])) is not None:
             return f"time_s={name}", []
-    for name, _ in header.times:
-        reading = time_reading(numbers(name))
+    readings = [(name, time_reading(numbers(name))) for name, _ in header.times]
+    for name, reading in readings:
         if reading.likely is not None:
             return f"time_{reading.likely}={name}", [reading.text]
-    return None, []
+    return None, [reading.text for _, reading in readings[:1]]
 
 
 def _temperature(
