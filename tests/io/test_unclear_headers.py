@@ -157,6 +157,23 @@ def test_the_unit_of_time_in_one_word(tmp_path, name, unit, ticks):
     np.testing.assert_allclose(recording.time_s, TIME_S, atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ["Time [10ms]", "Time (10 ms)", "Time_10ms", "Timestamp [100ns]"])
+def test_a_multiple_of_a_unit_of_time_is_not_that_unit(tmp_path, name):
+    header = f"{name},ax (g),ay (g),az (g),gx (deg/s),gy (deg/s),gz (deg/s)"
+    lines = table(header, 7 + 2 * np.arange(ROWS), ACCEL_G.round(5), GYRO_DPS.round(4))
+    path = write(tmp_path, lines)
+    assert "the header does not give every unit" in refusal(path)
+    np.testing.assert_array_equal(imucal.read(path, rate_hz=50).time_s, TIME_S)
+
+
+@pytest.mark.parametrize("name", ["t1_ms", "Time [1 ms]", "Time 2 [ms]"])
+def test_other_numbers_in_a_name_leave_the_unit_of_time(tmp_path, name):
+    header = f"{name},ax (g),ay (g),az (g),gx (deg/s),gy (deg/s),gz (deg/s)"
+    stamps = (7 + TIME_S * 1e3).round().astype(int)
+    recording = imucal.read(write(tmp_path, table(header, stamps, ACCEL_G.round(5), GYRO_DPS.round(4))))
+    np.testing.assert_allclose(recording.time_s, TIME_S, atol=1e-9)
+
+
 def test_dates_with_underscores_are_dates(tmp_path):
     stamps = [f"2026_06_15_18_{22 + second // 60}_{second % 60:02}.{ms:03}" for second, ms in _clock()]
     for options, header in (

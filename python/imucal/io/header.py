@@ -19,6 +19,8 @@ __all__ = ["Header", "Triad", "header_of", "names_sensor", "unknown_units"]
 
 # Descriptor of a quantity in the names of MicroStrain, such as `X Accel [x8004]`.
 DESCRIPTOR: Final = r"\s*\[x[0-9A-Fa-f]{4}\]"
+# A multiple of a unit of time, such as `Time [10ms]` or `Timestamp (100 ns)`, which no canonical name has.
+MULTIPLE: Final = r"(?i)(?<![A-Za-z\d])(?!1 ?[a-zµ])[\d.]+ ?(?:s|ms|us|µs|ns)(?![A-Za-z])"
 
 
 class Triad(NamedTuple):
@@ -86,6 +88,8 @@ def header_of(
             if stamp is not None and name in stamp:
                 continue
             known = unit[1] if unit and unit[0] == "time" else time_unit_in(words)
+            if re.search(MULTIPLE, text):
+                known = None
             if known is None and program is not None:
                 known = program.times.get(name.strip().lower())
             times.append((name, known))
