@@ -18,8 +18,6 @@ from imucal.io.unit_words import split_unit
 
 __all__ = ["columns_suggested", "rows_of_several_sensors", "suggestion", "time_suggested"]
 
-# Start of the sentence on a header in which only the columns of one sensor have names that are known.
-ALONE: Final = "The names are known only for the columns"
 # A sampling rate in a line before the header: "Update Rate: 100.0Hz", "Sample rate,100 Hz", "#sps,100".
 RATE: Final = r"(?i)\b(?:rate|sps)\b\W{0,4}(\d+(?:\.\d+)?)"
 # A name of a temperature. Its values are probably in degC if their median is in this range.
@@ -44,9 +42,10 @@ def suggestion(
     header = _with_rates(_with_gravity(header, numbers), list(cells))
     lead = ""
     if not (header.accel and header.gyro):
-        lead = rows_of_several_sensors(cells) or _without_a_sensor(header)
-        if not lead.startswith(ALONE):
-            return lead
+        several = rows_of_several_sensors(cells)
+        if several or not (header.accel or header.gyro) or (header.linear and not header.accel):
+            return several or _without_a_sensor(header)
+        lead = _alone(header)
     sentences: list[str] = []
     guessed: list[tuple[Triad, str, str | None]] = []
     is_moving = False
@@ -163,17 +162,20 @@ def _without_a_sensor(header: Header) -> str:
             "Its acceleration is without gravity (linear acceleration), which a calibration needs: export "
             "the accelerometer with gravity. "
         )
-    if header.accel or header.gyro:
-        names = ", ".join((header.accel or header.gyro)[0].columns)
-        found, other = ("accelerometer", "gyroscope") if header.accel else ("gyroscope", "accelerometer")
-        return (
-            f"{ALONE} of the {found} ({names}): if there are columns of the {other}, name them too; if they "
-            f"are in a second file, give both files (--format pair); else the recording is of the {found} "
-            "alone. "
-        )
     if header.plain:
         return "It contains one sensor only: give both files of the recording with --format pair. "
     return ""
+
+
+def _alone(header: Header) -> str:
+    """A sentence on a header in which only the columns of one sensor have names that are known."""
+    names = ", ".join((header.accel or header.gyro)[0].columns)
+    found, other = ("accelerometer", "gyroscope") if header.accel else ("gyroscope", "accelerometer")
+    return (
+        f"The names are known only for the columns of the {found} ({names}): if there are columns of the "
+        f"{other}, name them too; if they are in a second file, give both files (--format pair); else the "
+        f"recording is of the {found} alone. "
+    )
 
 
 def _values(triad: Triad, numbers: Callable[[str], Any]) -> FloatArray:
