@@ -26,7 +26,7 @@ UNREADABLE = {
     "hostile/mat4_memoryerror.mat": "MATLAB: .*it is damaged, truncated or of an unknown version",
     "hostile/mat5_segfault.mat": "MATLAB .mat, all versions: (its library has crashed|.*is damaged)",
     "hostile/mcap_memoryerror.mcap": "MCAP: reading it needs more memory than a file",
-    "hostile/parquet_2GB.parquet": "damaged or truncated Parquet file: a page header has a field of",
+    "hostile/parquet_2GB.parquet": "damaged or truncated Parquet file: a structure has a field of",
     "hostile/parquet_unicode.parquet": "damaged or truncated Parquet file",
     "hostile/ulog_keyerror.ulg": "PX4 ULog: 'timestamp': it is damaged",
 }

@@ -150,8 +150,8 @@ def test_the_offered_command_replaces_the_model_that_was_given(tmp_path, capsys)
         "-0.06,0.00,8.44\n-0.01,-0.07,-11.57\n10.16,-0.16,-0.03\n"
         "-9.27,-0.10,-0.18\n0.07,9.55,-0.10\n0.04,-9.93,-0.05\n"
     )
-    for given in (["--model", "orthogonal"], ["--model=orthogonal"]):
-        assert main(["calibrate", str(table), "--means", *given]) == 1
+    for given in (["--model", "full"], ["--model=full"]):
+        assert main(["calibrate", str(table), "--means", "--noise", "0.1", *given]) == 1
         command = re.search(r"imucal (calibrate .*)", capsys.readouterr().err)[1]
         assert command.count("--model") == 1
         assert main([*shlex.split(command), "-o", str(tmp_path / "unit.json")]) == 0

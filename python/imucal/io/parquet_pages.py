@@ -3,14 +3,17 @@
 Each column chunk is a sequence of pages. A page starts with a header in the compact protocol of Thrift, whose
 fields 2 and 3 are the uncompressed and the compressed size of the page (parquet.thrift, PageHeader). Arrow
 allocates memory of these sizes without comparing them with the size of the file.
+
+The places of the chunks are read from the end of the file (FileMetaData). They are not read through pyarrow's
+`RowGroupMetaData.column`, because it ends the process for some damaged files.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO, Final, NamedTuple
 
-__all__ = ["require_plausible_pages", "require_plausible_rows"]
+__all__ = ["Chunk", "column_chunks", "require_plausible_pages", "require_plausible_rows"]
 
 # The values of a file may have at most MEMORY_BYTES plus MEMORY_PER_BYTE times the size of the file, bytes.
 # Constant columns can be compressed by any factor. MEMORY_BYTES is enough for hours of such columns.
@@ -21,6 +24,8 @@ LARGEST_PAGE: Final = 64_000_000
 # Longest page header that is parsed, bytes. Headers can be long, because their statistics contain values of
 # the column.
 LONGEST_HEADER: Final = 1 << 16
+# Number of bytes after the metadata at the end of a file: the length of the metadata and the letters PAR1.
+TAIL: Final = 8
 # Largest accepted nesting depth of structures in a header.
 DEEPEST: Final = 8
 # Size of a value in memory, bytes.
@@ -53,27 +58,68 @@ def require_plausible_pages(file: BinaryIO, metadata: Any, size: int, names: Col
         for index, path in enumerate(paths)
         if any(path == name or path.startswith(f"{name}.") for name in names)
     ]
-    for group in range(metadata.num_row_groups):
+    groups = column_chunks(file, size)
+    if len(groups) != metadata.num_row_groups or any(len(chunks) != len(paths) for chunks in groups):
+        raise ValueError("its row groups are damaged")
+    for chunks in groups:
         for index in used:
-            _require_chunk(file, metadata.row_group(group).column(index), size)
+            _require_chunk(file, paths[index], chunks[index], size)
 
 
-def _require_chunk(file: BinaryIO, chunk: Any, size: int) -> None:
-    name, first = chunk.path_in_schema, chunk.data_page_offset
-    if chunk.dictionary_page_offset is not None and 0 < chunk.dictionary_page_offset < first:
-        first = chunk.dictionary_page_offset
-    end = first + chunk.total_compressed_size
+class Chunk(NamedTuple):
+    """A column chunk: number of values, compressed size, and positions of the first pages, bytes."""
+
+    values: int
+    compressed: int
+    data_page: int
+    dictionary_page: int
+
+
+def column_chunks(file: BinaryIO, size: int) -> list[list[Chunk]]:
+    """The column chunks of each row group, as the metadata at the end of the file lists them."""
+    file.seek(max(size - TAIL, 0))
+    length = int.from_bytes(file.read(4), "little")
+    if length > size - TAIL:
+        raise ValueError("its metadata are cut")
+    file.seek(size - TAIL - length)
+    reader = _Reader(file.read(length))
+    return [
+        [
+            _chunk(reader)
+            # The numbers are those of the fields row_groups, columns and meta_data in parquet.thrift.
+            for _ in reader.structures(1)
+            for _ in reader.structures(3)
+        ]
+        for _ in reader.structures(4)
+    ]
+
+
+def _chunk(reader: _Reader) -> Chunk:
+    found = {}
+    for field, kind in reader.fields():
+        if field in (5, 7, 9, 11) and kind == I64:
+            found[field] = reader.signed()
+        else:
+            reader.skip(kind)
+    return Chunk(*(found.get(field, 0) for field in (5, 7, 9, 11)))
+
+
+def _require_chunk(file: BinaryIO, name: str, chunk: Chunk, size: int) -> None:
+    first = chunk.data_page
+    if 0 < chunk.dictionary_page < first:
+        first = chunk.dictionary_page
+    end = first + chunk.compressed
     # A column without values has no data page, and the offset of the data page is then 0.
-    lowest = 1 if chunk.num_values else 0
+    lowest = 1 if chunk.values else 0
     if not lowest <= first <= end <= size:
         raise ValueError(f"the column {name} is at the bytes {first} to {end} of {size}")
     position = first
     # Only pages up to the last value are checked, because Arrow stops reading there, which can be before the
     # end of the chunk.
     values = 0
-    while position < end and values < chunk.num_values:
+    while position < end and values < chunk.values:
         file.seek(position)
-        header = _Header(file.read(min(LONGEST_HEADER, end - position)))
+        header = _header(_Reader(file.read(min(LONGEST_HEADER, end - position))))
         if not 0 <= header.compressed <= end - position - header.length:
             raise ValueError(f"a page of the column {name} claims {header.compressed} bytes")
         if not 0 <= header.uncompressed <= LARGEST_PAGE:
@@ -82,40 +128,66 @@ def _require_chunk(file: BinaryIO, chunk: Any, size: int) -> None:
         position += header.length + header.compressed
 
 
-class _Header:
-    """A page header: its length and the sizes of its page, bytes, and the number of values in the page."""
+class _Header(NamedTuple):
+    """A page header: its length, the sizes of its page, bytes, and the number of values in the page."""
+
+    length: int
+    uncompressed: int
+    compressed: int
+    values: int
+
+
+def _header(reader: _Reader) -> _Header:
+    uncompressed = compressed = -1
+    values = 0
+    for field, kind in reader.fields():
+        if field == 2 and kind == I32:
+            uncompressed = reader.signed()
+        elif field == 3 and kind == I32:
+            compressed = reader.signed()
+        elif field in (5, 8) and kind == STRUCT:
+            # The header of a data page (version 1 or 2). Its field 1 is the number of values.
+            for inner, inner_kind in reader.fields():
+                if inner == 1 and inner_kind == I32:
+                    values = max(reader.signed(), 0)
+                else:
+                    reader.skip(inner_kind, 1)
+        else:
+            reader.skip(kind)
+    return _Header(reader.position, uncompressed, compressed, values)
+
+
+class _Reader:
+    """Reads structures in the compact protocol of Thrift. `position` is the number of bytes read."""
 
     def __init__(self, content: bytes) -> None:
-        self._content, self.length = content, 0
-        self.uncompressed = self.compressed = -1
-        self.values = 0
-        for field, kind in self._fields():
-            if field in (2, 3) and kind == I32:
-                number = self._signed()
-                if field == 2:
-                    self.uncompressed = number
-                else:
-                    self.compressed = number
-            elif field in (5, 8) and kind == STRUCT:
-                # This structure is the header of a data page (version 1 or 2). Its field 1 is the number of
-                # values.
-                for inner, inner_kind in self._fields():
-                    if inner == 1 and inner_kind == I32:
-                        self.values = max(self._signed(), 0)
-                    else:
-                        self._skip(inner_kind, 1)
-            else:
-                self._skip(kind, 0)
+        self._content, self.position = content, 0
 
-    def _fields(self) -> Iterator[tuple[int, int]]:
+    def structures(self, number: int) -> Iterator[None]:
+        """Stops at each structure in the field `number`: the field itself, or the items of a list."""
+        for field, kind in self.fields():
+            if field == number and kind == STRUCT:
+                yield None
+            elif field == number and kind == LIST:
+                count, kind = self._list()
+                for _ in range(count):
+                    if kind != STRUCT:
+                        raise ValueError("its metadata are damaged")
+                    yield None
+            else:
+                self.skip(kind)
+
+    def fields(self) -> Iterator[tuple[int, int]]:
+        """Number and type of each field of a structure, whose value must be read before the next one."""
         field = 0
         while (head := self._byte()) != 0:
-            field = field + (head >> 4) if head >> 4 else self._signed()
+            field = field + (head >> 4) if head >> 4 else self.signed()
             yield field, head & 15
 
-    def _skip(self, kind: int, depth: int) -> None:
+    def skip(self, kind: int, depth: int = 0) -> None:
+        """Skips the value of a field."""
         if depth > DEEPEST:
-            raise ValueError("a page header is nested too deeply")
+            raise ValueError("a structure is nested too deeply")
         if kind in (TRUE, FALSE):
             return
         if kind == BYTE:
@@ -127,10 +199,9 @@ class _Header:
         elif kind == BINARY:
             self._advance(self._unsigned())
         elif kind in (LIST, SET):
-            head = self._byte()
-            count = head >> 4 if head >> 4 < 15 else self._unsigned()
+            count, kind = self._list()
             for _ in range(count):
-                self._skip_item(head & 15, depth)
+                self._skip_item(kind, depth)
         elif kind == MAP:
             count = self._unsigned()
             kinds = self._byte() if count else 0
@@ -138,17 +209,22 @@ class _Header:
                 self._skip_item(kinds >> 4, depth)
                 self._skip_item(kinds & 15, depth)
         elif kind == STRUCT:
-            for _, inner in self._fields():
-                self._skip(inner, depth + 1)
+            for _, inner in self.fields():
+                self.skip(inner, depth + 1)
         else:
-            raise ValueError(f"a page header has a field of the unknown type {kind}")
+            raise ValueError(f"a structure has a field of the unknown type {kind}")
+
+    def _list(self) -> tuple[int, int]:
+        """Number and type of the items of a list."""
+        head = self._byte()
+        return head >> 4 if head >> 4 < 15 else self._unsigned(), head & 15
 
     def _skip_item(self, kind: int, depth: int) -> None:
         # A boolean in a list takes one byte. A boolean field takes no byte, because the type of the field
         # contains its value.
-        self._skip(BYTE if kind in (TRUE, FALSE) else kind, depth + 1)
+        self.skip(BYTE if kind in (TRUE, FALSE) else kind, depth + 1)
 
-    def _signed(self) -> int:
+    def signed(self) -> int:
         number = self._unsigned()
         return (number >> 1) ^ -(number & 1)
 
@@ -159,13 +235,13 @@ class _Header:
             number |= (byte & 0x7F) << shift
             if not byte & 0x80:
                 return number
-        raise ValueError("a number in a page header is too long")
+        raise ValueError("a number in a structure is too long")
 
     def _byte(self) -> int:
         self._advance(1)
-        return self._content[self.length - 1]
+        return self._content[self.position - 1]
 
     def _advance(self, count: int) -> None:
-        self.length += count
-        if self.length > len(self._content):
-            raise ValueError("a page header is cut")
+        self.position += count
+        if self.position > len(self._content):
+            raise ValueError("a structure is cut")

@@ -63,16 +63,21 @@ class Reading(NamedTuple):
 
 def gravity_g(values: FloatArray, unit: str) -> float:
     """The median magnitude of the accelerometer samples, g; NaN for counts."""
-    if unit == "lsb" or not len(values):
+    if unit == "lsb":
         return math.nan
-    return float(
-        np.nanmedian(np.linalg.norm(values, axis=1)) * COLUMN_UNITS["accel"][unit] / STANDARD_GRAVITY_MPS2
-    )
+    return _median_magnitude(values) * COLUMN_UNITS["accel"][unit] / STANDARD_GRAVITY_MPS2
+
+
+def _median_magnitude(values: FloatArray) -> float:
+    """The median magnitude of the samples without missing values; NaN if there are none."""
+    magnitude = np.linalg.norm(values, axis=1) if len(values) else np.empty(0)
+    magnitude = magnitude[~np.isnan(magnitude)]
+    return float(np.median(magnitude)) if len(magnitude) else math.nan
 
 
 def accel_reading(values: FloatArray) -> Reading:
     """The interpretation of an accelerometer's first samples, (N, 3)."""
-    size = float(np.nanmedian(np.linalg.norm(values, axis=1))) if len(values) else math.nan
+    size = _median_magnitude(values)
     shown = ", ".join(f"{gravity_g(values, unit):.3g} g as {UNIT_TEXT[unit]}" for unit in ("mps2", "g", "mg"))
     text = f"accelerometer: median magnitude {size:.4g}, which is {shown}"
     low, high = GRAVITY_G
