@@ -8,7 +8,6 @@ the resident memory before the data are loaded.
 
 import argparse
 import json
-import re
 import resource
 import statistics
 import subprocess
@@ -20,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from compare import REPORT, machine_name
+from peak_memory import peak_bytes, reset_peak
 from sections import write_section
 
 # Samples, rate in Hz, moves: each row has ten times the motion, the last one the same motion at a higher
@@ -36,16 +36,6 @@ MOST_READ, MOST_READ_MEMORY = 3.0, 2.0
 COLUMNS = ("time_s", "specific_force", "angular_rate")
 MOVE_S = 2.0
 ROUNDS = 3
-
-
-def peak_bytes() -> int:
-    """Maximum resident memory since the start of the process or the last reset, bytes."""
-    status = Path("/proc/self/status").read_text()
-    return int(re.search(r"VmHWM:\s+(\d+) kB", status)[1]) * 1024  # type: ignore[index]
-
-
-def reset_peak() -> None:
-    Path("/proc/self/clear_refs").write_text("5")
 
 
 def now_bytes() -> int:

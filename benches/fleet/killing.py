@@ -18,12 +18,14 @@ import imucal
 __all__ = ["Run", "check", "start", "workers_of"]
 
 PARENT = """
-import resource, sys, imucal
+import sys, imucal
 store, manifest, workers, scheduler, total, limit_s = sys.argv[1:7]
 where = {"scheduler": scheduler} if scheduler else {"workers": int(workers)}
 told = 0
 def memory():
-    print("memory", 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, flush=True)
+    # VmHWM begins with this program; ru_maxrss would include the process that started it.
+    peak = next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM"))
+    print("memory", 1024 * int(peak), flush=True)
 def tell(job, verdict, code, message):
     global told
     print("told", job.serial, verdict, flush=True)

@@ -3,7 +3,6 @@
 The statistics of all units and the report page are timed, too.
 """
 
-import resource
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,6 +17,7 @@ from imucal.fleet.outcome import Outcome
 from imucal.fleet.store import Store
 from imucal.fleet.task import Task
 from imucal.report import write_fleet_page
+from peak_memory import peak_bytes, reset_peak
 
 __all__ = ["Storage", "stored"]
 
@@ -53,14 +53,15 @@ def stored(folder: Path, rows: int) -> Storage:
     random = np.random.default_rng(7)
     started = time.perf_counter()
     memory = [0, 0]
+    reset_peak()
     with Store(path) as store:
         for first in range(0, rows, PER_TRANSACTION):
             numbers = range(first, first + PER_TRANSACTION)
             store.put([_outcome(template, number, rows, random) for number in numbers], options.text)
             if first == rows // 10 // PER_TRANSACTION * PER_TRANSACTION:
-                memory[0] = _memory()
+                memory[0] = peak_bytes()
     found.elapsed_s = time.perf_counter() - started
-    memory[1] = _memory()
+    memory[1] = peak_bytes()
     found.rows, found.memory = rows, (memory[0], memory[1])
     found.size = path.stat().st_size
     fleet = imucal.Fleet(path)
@@ -119,8 +120,3 @@ def _time(query: Callable[[], object]) -> float:
     started = time.perf_counter()
     query()
     return time.perf_counter() - started
-
-
-def _memory() -> int:
-    """Largest resident memory of this process until now, bytes."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
