@@ -28,7 +28,7 @@ WAYS = LOOP, TWO_LOOPS, ONE, TWO, DASK, PROFILED = (
 # The recordings of 1 MB: the paper's gyroscope program at this sampling rate.
 LARGE_RATE_HZ = 100.0
 # Other work of the machine only slows a round down, so the best round is the least disturbed.
-ROUNDS = 4
+ROUNDS = 3
 
 
 def rates(folder: Path, units: int, *, large: bool) -> tuple[float, dict[str, float]]:
