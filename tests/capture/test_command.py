@@ -256,7 +256,7 @@ def test_wrong_units_are_said_and_an_interrupt_leaves_a_recording(port, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("kills", "poses", "last_row"), [(4, 14, 6500), pytest.param(6, 18, 9000, marks=pytest.mark.slow)]
+    ("kills", "poses", "last_row"), [(4, 14, 6500), pytest.param(12, 18, 9000, marks=pytest.mark.slow)]
 )
 def test_a_killed_capture_loses_at_most_the_last_second_and_goes_on(kills, poses, last_row, port, tmp_path):
     # A pose that a kill interrupts does not count, and is held again in the second round.

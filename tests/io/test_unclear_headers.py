@@ -108,6 +108,18 @@ def test_the_source_of_a_unit_is_said(tmp_path):
         assert message.startswith(said)
 
 
+def test_the_source_of_a_unit_is_said_for_two_files(tmp_path):
+    gyro = tmp_path / "gyro.csv"
+    gyro.write_text("\n".join(table("t,gx (deg/s),gy (deg/s),gz (deg/s)", TIME_S, ACCEL_G.round(5))))
+    for header, said in (
+        ("t,ax,ay,az", "columns were read from the headers; the unit g follows from the size of gravity"),
+        ("t,ax (g),ay (g),az (g)", "columns and units were read from the headers"),
+    ):
+        recording = imucal.read(write(tmp_path, table(header, TIME_S, ACCEL_G.round(5))), gyro)
+        (message,) = [each.message for each in recording.findings if each.code == "read_by_header"]
+        assert message.startswith(said)
+
+
 # Units
 
 

@@ -48,7 +48,7 @@ def test_surroundings_are_those_of_a_new_process(programs, tmp_path, given):
         "import sys; sys.exit('said')",
         "import os, signal; os.kill(os.getpid(), signal.SIGTERM)",
         "import atexit; atexit.register(print, 'last')",
-        "import threading, time; threading.Thread(target=lambda: (time.sleep(0.1), print('later'))).start()",
+        "import threading as t; t.Thread(target=lambda: (t.main_thread().join(), print('later'))).start()",
         "import sys; sys.exit(259)",
     ],
 )

@@ -38,7 +38,7 @@ ABOVE_NOISE: Final = 4.0
 # A temperature coefficient is implausible if it exceeds this multiple of its typical size.
 MOST_TIMES_TYPICAL: Final = 5.0
 
-# Effects with a larger p-value are accepted only as the temperature effect beside a lag.
+# A temperature effect beside a lag is part of the model even if its p-value is larger.
 NOT_SIGNIFICANT: Final = 0.01
 
 # Generic hypotheses vary one part (block) of the model. These blocks are biases, each with its SI unit.
@@ -61,8 +61,9 @@ PATTERNS: Final = {
 def of_analysis(question: Question, analysis: _core.GapAnalysis) -> Iterator[str]:
     """Notes on rejected effects, on requested effects that are not observable, and on a given calibration."""
     yield from _refused(analysis)
+    of_model = {score.name for score in analysis.effects}
     for score in analysis.effects:
-        if score.p_value > NOT_SIGNIFICANT:
+        if score.p_value > NOT_SIGNIFICANT and f"{score.name}_lag" in of_model:
             yield (
                 f"{score.name} is not significant ({p_text(score.p_value)}). It is part of the model because "
                 "the time constant of the temperature lag depends on it"

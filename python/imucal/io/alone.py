@@ -9,7 +9,15 @@ from imucal.errors import FormatError
 from imucal.io.headed import layout_header, recording_of_text
 from imucal.io.names import SKIP, is_canonical
 from imucal.io.remarks import remark
-from imucal.io.sensor import Sensor, Units, require_gravity, sensor_of, time_of_sensor, unit_of_sensor
+from imucal.io.sensor import (
+    Sensor,
+    Units,
+    how_read,
+    require_gravity,
+    sensor_of,
+    time_of_sensor,
+    unit_of_sensor,
+)
 from imucal.io.text import Text, read_rows
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
@@ -66,17 +74,10 @@ def alone(sensor: Sensor, units: Units, rate_hz: float | None = None) -> Recordi
         names[known.index(column)] = f"{what}_{axis}_{unit}"
         shown.append(f"{what}_{axis}_{unit}={column}")
     table = read_rows(text, names)
-    program = sensor.header.program
-    is_stated = sensor.triad.unit or (program is not None and program.accel) or units.accel
-    source = (
-        "columns and units were read from the header"
-        if what == "gyro" or is_stated
-        else f"columns were read from the header; the unit {unit} follows from the size of gravity"
-    )
     as_read = remark(
         text.name,
         "read_by_header",
-        f"{source}: {', '.join(shown)}",
+        f"{how_read(sensor, what, units, unit, 'the header')}: {', '.join(shown)}",
         "if they are wrong, give the right columns and units with --columns",
     )
     table = replace(table, ticks_per_s=ticks, findings=(*table.findings, as_read))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from imucal.errors import FormatError, InputError
 from imucal.io.headed import Head, require_agreement
+from imucal.io.layout import is_number
 from imucal.io.mapping import column_list
 from imucal.io.names import NAMES, SKIP, is_canonical
 from imucal.io.suggestion import rows_of_several_sensors
@@ -53,7 +54,7 @@ def read_columns(
             f"named ({', '.join(names)}): name every column, '-' for a column to ignore"
         )
     require_agreement(text.name, layout, names, check_axes=True)
-    if layout.names is None and SKIP[0] in names:
+    if layout.names is None and SKIP[0] in names and not all(map(is_number, layout.first)):
         _refuse_rows_of_several_sensors(text, names)
     return recording_from_table(read_rows(text, names), text.sources, rate_hz)
 

@@ -16,7 +16,7 @@ from imucal.io.arrow_values import numpy_of
 from imucal.io.names import SKIP
 from imucal.io.remarks import remark
 from imucal.io.requested_columns import float64
-from imucal.io.sensor import Sensor, Units, require_gravity, time_of_sensor, unit_of_sensor
+from imucal.io.sensor import Sensor, Units, how_read, require_gravity, time_of_sensor, unit_of_sensor
 from imucal.io.streams import Stream, recording_from_streams
 from imucal.io.table import Table
 from imucal.io.text import read_rows
@@ -51,7 +51,8 @@ def joined(
     findings = [finding for table in tables for finding in table.findings]
     is_headed = accel.text.layout.names is not None
     if is_headed:
-        findings.append(_as_read(file, accel, gyro, tables))
+        how = how_read(accel, "accel", units, accel_unit, "the headers")
+        findings.append(_as_read(file, how, accel, gyro, tables))
     stamps = [_nanoseconds(table) for table in tables]
     if len(stamps[0]) == len(stamps[1]) and np.array_equal(stamps[0], stamps[1]):
         accel_table, gyro_table = tables
@@ -121,7 +122,7 @@ def _stream(table: Table, time_ns: NDArray[np.int64], what: str) -> Stream:
     return Stream(table.file, time_ns, values)
 
 
-def _as_read(file: str, accel: Sensor, gyro: Sensor, tables: Sequence[Table]) -> Finding:
+def _as_read(file: str, how: str, accel: Sensor, gyro: Sensor, tables: Sequence[Table]) -> Finding:
     shown = []
     for sensor, table, what in ((accel, tables[0], "accel"), (gyro, tables[1], "gyro")):
         names = [name for name in table.names if name.startswith(what)]
@@ -130,6 +131,6 @@ def _as_read(file: str, accel: Sensor, gyro: Sensor, tables: Sequence[Table]) ->
     return remark(
         file,
         "read_by_header",
-        f"columns and units were read from the headers: {'; '.join(shown)}",
+        f"{how}: {'; '.join(shown)}",
         "if this is wrong, correct the headers, or give the files in the order accelerometer, gyroscope",
     )

@@ -142,8 +142,9 @@ def time_reading(values: Any) -> Reading:
     unit = epoch_unit(values)
     if unit is not None:
         return Reading(unit, f"time: stamps since 1970 in {unit}")
-    steps = np.diff(np.asarray(values, dtype=np.float64))
-    if _are_whole_seconds(np.asarray(values, dtype=np.float64)):
+    times = np.asarray(values, dtype=np.float64)
+    steps = np.diff(times)
+    if _are_whole_seconds(times):
         return Reading(None, "time: whole seconds since 1970, several samples in each second")
     if len(steps) and (steps < 0).mean() > MOST_BACKWARDS:
         return Reading(None, "the column of the time does not increase")

@@ -18,6 +18,7 @@ __all__ = [
     "Sensor",
     "Units",
     "has_gravity",
+    "how_read",
     "require_gravity",
     "sensor_of",
     "time_of_sensor",
@@ -114,8 +115,8 @@ def _time_first_or_last(head: Head) -> tuple[str, str, str, str]:
     return "0", "1", "2", "3"
 
 
-def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
-    """The unit of a sensor, from the header, from the caller, or from the size of gravity."""
+def stated_unit(sensor: Sensor, what: str, units: Units) -> str | None:
+    """The unit of a sensor that the header, the manual of its program, or the caller states, or None."""
     given = units.accel if what == "accel" else units.gyro
     of_header = sensor.triad.unit
     program = sensor.header.program
@@ -126,8 +127,14 @@ def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
             f"{sensor.text.name}: the header contradicts the given unit: it says {of_header}, --{what}-unit "
             f"is {given}: leave the option out, or correct it"
         )
-    if of_header is not None or given is not None:
-        return of_header or given or ""
+    return of_header or given
+
+
+def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
+    """The unit of a sensor, from the header, from the caller, or from the size of gravity."""
+    stated = stated_unit(sensor, what, units)
+    if stated is not None:
+        return stated
     if sensor.text.layout.names is None:
         return "lsb"
     values = sensor.head.triad(sensor.triad)
@@ -144,6 +151,13 @@ def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
     raise FormatError(
         f"{sensor.text.name}: the header gives no unit ({reading.text}): give --{what}-unit {options}{shown}"
     )
+
+
+def how_read(sensor: Sensor, what: str, units: Units, unit: str, source: str) -> str:
+    """The start of a message on columns and units: what `source` states, and what follows from gravity."""
+    if stated_unit(sensor, what, units) is not None:
+        return f"columns and units were read from {source}"
+    return f"columns were read from {source}; the unit {unit} follows from the size of gravity"
 
 
 def has_gravity(sensor: Sensor) -> bool:
