@@ -65,18 +65,21 @@ pub(super) fn largest_chance(members: &[Member], k: usize, usual: f64) -> f64 {
 /// Whether member `k` is the temperature effect of a bias, and the temperature-history effect of the same bias is also
 /// a member.
 fn is_temperature_of_history(members: &[Member], k: usize) -> bool {
-    let own = Effect::<f64>::find(&members[k].name).filter(|own| is_bias_of_temperature(own));
-    let mut others = members.iter().filter_map(|member| Effect::find(&member.name));
-    own.is_some_and(|own| others.any(|other| are_partners(own, other)))
+    has_partner(&members[k].name, members.iter().map(|member| &member.name), is_of_history)
 }
 
 /// Whether `name` is the temperature effect of a bias whose lag is among `names`. Without the temperature effect, the
 /// time constant of the lag is biased and its standard deviation is too small. The temperature effect therefore stays
 /// in the model even if it is not significant.
-pub(super) fn is_temperature_of_lag<'n>(name: &str, mut names: impl Iterator<Item = &'n String>) -> bool {
+pub(super) fn is_temperature_of_lag<'n>(name: &str, names: impl Iterator<Item = &'n String>) -> bool {
+    has_partner(name, names, is_lag)
+}
+
+/// Whether `name` is the temperature effect of a bias, and one of `names` is a partner that `counts`.
+fn has_partner<'n>(name: &str, names: impl Iterator<Item = &'n String>, counts: fn(&Effect<f64>) -> bool) -> bool {
     let own = Effect::<f64>::find(name).filter(|own| is_bias_of_temperature(own));
-    let is_own = |own: &Effect<f64>, other: &Effect<f64>| is_lag(other) && are_partners(own, other);
-    own.is_some_and(|own| names.any(|other| Effect::find(other).is_some_and(|other| is_own(own, other))))
+    let mut others = names.filter_map(|other| Effect::find(other)).filter(|other| counts(other));
+    own.is_some_and(|own| others.any(|other| are_partners(own, other)))
 }
 
 impl Stage {
