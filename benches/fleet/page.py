@@ -1,5 +1,6 @@
 """The page docs/results/fleet.md."""
 
+from statistics import median
 from typing import Any
 
 from fleet import storage as store
@@ -14,7 +15,9 @@ def page(log: dict[str, Any], kill_units: int) -> str:
     planted, speed, storage, poisoned, kills = (log[part] for part in parts)
     first, second = planted["runs"]
     tiny, large = speed["rates"]["tiny"], speed["rates"]["large"]
-    rates = "\n".join(f"| {way} | {tiny['ways'][way]:.1f} | {large['ways'][way]:.1f} |" for way in WAYS)
+    rates = "\n".join(
+        f"| {way} | {median(tiny['ways'][way]):.1f} | {median(large['ways'][way]):.1f} |" for way in WAYS
+    )
     queries = "\n".join(f"| {name} | {1e3 * value:.0f} ms |" for name, value in storage["queries"].items())
     statistics = "\n".join(f"| {name} | {value:.1f} s |" for name, value in storage["statistics"].items())
     rows = ", ".join(f"{count} {verdict}" for verdict, count in sorted(poisoned["rows"].items()))
@@ -24,11 +27,10 @@ def page(log: dict[str, Any], kill_units: int) -> str:
         f"| {row['what']} | {row['kills']} | {row['runs']} | {row['lost']} | {row['completed']} |"
         for row in kills["rows"]
     )
-    (dask_tiny, dask_large), (profiled_tiny, profiled_large) = (
-        [1 - each["ways"][way] / each["ways"][TWO] for each in (tiny, large)] for way in (DASK, PROFILED)
+    two, loops, dask, profiled = (
+        [_ratio(each["ways"], way, to) for each in (tiny, large)]
+        for way, to in ((TWO, ONE), (TWO_LOOPS, LOOP), (DASK, TWO), (PROFILED, TWO))
     )
-    loops_tiny, loops_large = (each["ways"][TWO_LOOPS] / each["ways"][LOOP] for each in (tiny, large))
-    two_tiny, two_large = (each["ways"][TWO] / each["ways"][ONE] for each in (tiny, large))
     early, late = (size / 1e6 for size in storage["memory"])
     return f"""# Many units
 
@@ -51,19 +53,23 @@ Together {planted["missed"]} are missed, and there are {planted["false"]} false 
 
 The load before the measurement was {speed["load"]:.1f}. The start of the processes is included, except that
 of the Dask cluster. Tiny recordings have {tiny["size"] / 1e3:.0f} kB ({tiny["units"]} units), large ones
-{large["size"] / 1e6:.1f} MB ({large["units"]} units). Each rate is the best of {ROUNDS}
-interleaved rounds.
+{large["size"] / 1e6:.1f} MB ({large["units"]} units). Each figure is the median of {ROUNDS} rounds. Ratios
+are taken within each round, because the speed of the machine changes from round to round; the smallest and
+the largest follow in brackets.
 
 | | tiny, units/s | large, units/s |
 |---|---|---|
 {rates}
 
-Two processes are {two_tiny:.2f} times (tiny) and {two_large:.2f} times (large) as fast as one. Two plain
-loops that share nothing are {loops_tiny:.2f} and {loops_large:.2f} times as fast as one: that is what the
-two processors of this machine give. Dask costs {100 * dask_tiny:.0f} % (tiny) and {100 * dask_large:.0f} %
-(large) of the rate of two processes, and {100 * profiled_tiny:.0f} % (tiny) and
-{100 * profiled_large:.0f} % (large) with the profiler that Dask starts by default in each worker
-(docs/fleet.md says how to turn it off).
+| ratio | tiny | large |
+|---|---|---|
+| 2 processes to 1 process | {two[0]} | {two[1]} |
+| two plain loops that share nothing to one | {loops[0]} | {loops[1]} |
+| Dask to 2 processes | {dask[0]} | {dask[1]} |
+| Dask with a profiler to 2 processes | {profiled[0]} | {profiled[1]} |
+
+Two plain loops show what the two processors of this machine give. Dask starts the profiler by default in
+each worker (docs/fleet.md says how to turn it off).
 
 ## A large store
 
@@ -102,3 +108,8 @@ store.
 
 The full disk is a limit of 200 kB of each file that the run writes.
 """
+
+
+def _ratio(ways: dict[str, list[float]], way: str, to: str) -> str:
+    each = [one / other for one, other in zip(ways[way], ways[to], strict=True)]
+    return f"{median(each):.2f} ({min(each):.2f} to {max(each):.2f})"

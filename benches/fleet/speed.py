@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -27,31 +28,40 @@ WAYS = LOOP, TWO_LOOPS, ONE, TWO, DASK, PROFILED = (
 )
 # The recordings of 1 MB: the paper's gyroscope program at this sampling rate.
 LARGE_RATE_HZ = 100.0
-# Other work of the machine only slows a round down, so the best round is the least disturbed.
-ROUNDS = 3
+# The speed of a virtual machine changes within minutes. Ratios are therefore taken within a round, and every
+# second round goes through the ways backwards.
+ROUNDS = 5
 
 
-def rates(folder: Path, units: int, *, large: bool) -> tuple[float, dict[str, float]]:
-    """Mean size of a recording, bytes, and units per second of each way, the best of interleaved rounds."""
+def rates(folder: Path, units: int, *, large: bool) -> tuple[float, dict[str, list[float]]]:
+    """Mean size of a recording, bytes, and units per second of each way in each round."""
     manifest, files = _recordings(folder, units, large=large)
     size = float(np.mean([path.stat().st_size for path in files]))
-    found: dict[str, list[float]] = {way: [] for way in WAYS}
-    for _ in range(ROUNDS):
-        found[LOOP].append(_loop(files))
-        found[TWO_LOOPS].append(_two_loops(files))
-        found[ONE].append(_timed(folder, manifest, units, workers=1))
-        found[TWO].append(_timed(folder, manifest, units, workers=2))
+    measured: dict[str, Callable[[], float]] = {
+        LOOP: lambda: _loop(files),
+        TWO_LOOPS: lambda: _two_loops(files),
+        ONE: lambda: _timed(folder, manifest, units, workers=1),
+        TWO: lambda: _timed(folder, manifest, units, workers=2),
         # docs/fleet.md starts workers without the profiler, which Dask starts by default.
-        for way, has_profiler in ((DASK, False), (PROFILED, True)):
-            with (
-                dask.config.set({"distributed.worker.profile.enabled": has_profiler}),
-                LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
-                Client(cluster) as client,
-            ):
-                # A cluster stands before a run, so its workers have loaded their libraries.
-                client.run(_load)
-                found[way].append(_timed(folder, manifest, units, scheduler=client))
-    return size, {way: max(rounds) for way, rounds in found.items()}
+        DASK: lambda: _on_cluster(folder, manifest, units, has_profiler=False),
+        PROFILED: lambda: _on_cluster(folder, manifest, units, has_profiler=True),
+    }
+    found: dict[str, list[float]] = {way: [] for way in WAYS}
+    for round_number in range(ROUNDS):
+        for way in WAYS[:: 1 if round_number % 2 == 0 else -1]:
+            found[way].append(measured[way]())
+    return size, found
+
+
+def _on_cluster(folder: Path, manifest: Path, units: int, *, has_profiler: bool) -> float:
+    with (
+        dask.config.set({"distributed.worker.profile.enabled": has_profiler}),
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        # A cluster stands before a run, so its workers have loaded their libraries.
+        client.run(_load)
+        return _timed(folder, manifest, units, scheduler=client)
 
 
 def _load() -> None:
