@@ -72,12 +72,18 @@ class Head:
         names = layout.names or [str(index) for index in range(layout.width)]
         width = len(layout.first)
         rows = [row for row in rows if len(row) == width]
-        self.cells = {name: [row[i] for row in rows if i < len(row)] for i, name in enumerate(names)}
+        columns = map(list, zip(*rows, strict=True))
+        # A header may have more names than the rows have cells.
+        self.cells: dict[str, list[str]] = {name: [] for name in names}
+        self.cells |= zip(names, columns, strict=False)
         self._decimal = layout.decimal
 
     def numbers(self, name: str) -> Any:
         """The first numbers of a column; NaN for cells that are not numbers."""
-        return np.array([_number(cell, self._decimal) for cell in self.cells.get(name, [])])
+        cells = self.cells.get(name, [])
+        if all(map(is_number, cells)):
+            return np.array(list(map(float, cells)))
+        return np.array([_number(cell, self._decimal) for cell in cells])
 
     def triad(self, triad: Triad) -> Any:
         """The first samples of three columns, (N, 3)."""
