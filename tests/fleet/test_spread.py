@@ -32,7 +32,7 @@ def test_a_few_odd_units_do_not_widen_the_spread():
     assert spread.odd == pytest.approx(0.01, abs=0.004)
 
 
-@pytest.mark.parametrize("units", [30, 300])
+@pytest.mark.parametrize("units", [10, 30, 300])
 def test_the_interval_covers_the_truth(units):
     random = np.random.default_rng(13)
     covered = 0
@@ -41,6 +41,23 @@ def test_the_interval_covers_the_truth(units):
         spread = spread_of(random.normal(size=units) + sigmas * random.normal(size=units), sigmas)
         covered += spread.low <= 1.0 <= spread.high
     assert covered >= 180
+
+
+@pytest.mark.parametrize(("units", "low"), [(5, 0.8), (10, 0.92)])
+def test_the_spread_of_few_units_is_not_too_small(units, low):
+    random = np.random.default_rng(17)
+    spreads = [
+        spread_of(random.normal(size=units), np.full(units, 0.02), interval=False).spread for _ in range(300)
+    ]
+    assert low < np.median(spreads) < 1.05
+
+
+def test_two_equal_units_are_not_the_only_normal_ones():
+    # gyro_sensitivity_yz of seven units, two of which are the same unit under two serial numbers, in mrad.
+    values = np.array([-2.041, 2.336, 6.146, -3.368, -1.711, -2.041, -12.398])
+    spread = spread_of(values, np.full(7, 0.11))
+    assert spread.spread == pytest.approx(values.std(ddof=1), rel=0.05)
+    assert spread.odd < 0.1
 
 
 def test_units_without_a_spread():

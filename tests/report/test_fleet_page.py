@@ -49,7 +49,7 @@ def test_a_small_fleet_has_a_page_with_the_reasons(tmp_path):
     planted = planted_fleet(units=4, dates=1, drifting=0, odd=0)
     write_fleet_page(tmp_path / "fleet.html", PlantedFleet(planted.measurements))
     page = (tmp_path / "fleet.html").read_text()
-    assert "control charts need 10" in page or "distances need" in page
+    assert "control charts need 10" in page or "outliers need" in page
     with pytest.raises(imucal.InputError, match="nothing to report"):
         write_fleet_page(
             tmp_path / "none.html", PlantedFleet(planted.measurements.where(np.zeros(4, dtype=bool)))

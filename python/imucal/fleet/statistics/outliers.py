@@ -125,10 +125,12 @@ def outliers(measurements: Measurements) -> OutlierResult:
     common = np.isfinite(values).mean(axis=0) > 0.9
     names = tuple(name for name, is_common in zip(all_columns.names, common, strict=True) if is_common)
     complete = np.isfinite(values[:, common]).all(axis=1)
-    if complete.sum() < max(UNITS_PER_COLUMN * len(names), 10):
+    # A column with fewer than ten values is not in `names`, so a small fleet may have no column at all.
+    needed = max(UNITS_PER_COLUMN * max(len(names), len(kept.names)), 10)
+    if complete.sum() < needed:
         raise InputError(
-            f"{int(complete.sum())} units have all of {len(names)} parameters and figures: distances need "
-            f"{max(UNITS_PER_COLUMN * len(names), 10)} units"
+            f"{int(complete.sum())} units have all parameters and figures: outliers need twice as many units "
+            f"as parameters and figures, at least {needed}"
         )
     own, rows, values = own.where(complete), rows[complete], values[complete][:, common]
     variances = all_columns.variances[rows][:, common]

@@ -1,11 +1,15 @@
-"""Spread of the true values of units without measurement noise, by maximum likelihood.
+"""Spread of the true values of units without measurement noise, by restricted maximum likelihood.
 
     y_i = theta_i + e_i      theta_i ~ N(mean, spread^2),  e_i ~ N(0, sigma_i^2) with known sigma_i
 
-y_i is the measured value of unit i, theta_i its true value, and e_i the measurement noise.
+y_i is the measured value of unit i, theta_i its true value, and e_i the measurement noise. The likelihood is
+restricted, that is, integrated over the unknown mean. The plain likelihood underestimates the spread of few
+units, as does a standard deviation with the divisor n.
 
 A share of the units may be outliers, which belong to a second, ten times wider distribution with the same
 mean. The share is estimated together with mean and spread, so that a few outliers do not widen the spread.
+Its prior counts as NORMAL_UNITS further normal units. Without the prior, two nearly equal values among few
+units would be the normal units, with a spread near zero, and all other units would be outliers.
 """
 
 from __future__ import annotations
@@ -27,6 +31,8 @@ __all__ = ["MEDIAN_DEVIATION", "Spread", "spread_of"]
 # With this multiple, a unit beyond about 4 standard deviations is more probably an outlier than a normal
 # unit.
 ODD_WIDTH: Final = 10.0
+# Weight of the prior that units are normal, as a number of normal units.
+NORMAL_UNITS: Final = 20
 # Maximum number of iterations.
 MOST_STEPS: Final = 200
 # Relative change of the variance at which the iteration ends.
@@ -118,11 +124,16 @@ def _fit(y: FloatArray, noise: FloatArray) -> tuple[float, float, float, FloatAr
         odd = share * np.exp(-0.5 * (y - mean) ** 2 / wide) / np.sqrt(wide)
         sum_of_both = normal + odd
         core = np.divide(normal, sum_of_both, out=np.zeros_like(y), where=sum_of_both > 0)
-        share = float(1.0 - core.mean())
+        share = float((1.0 - core).sum()) / (len(y) + NORMAL_UNITS)
         weights = core / total
         mean = float((weights * y).sum() / weights.sum())
-        information = float((core / total**2).sum())
-        score = float((core * ((y - mean) ** 2 - total) / total**2).sum())
+        # `of_mean` is the part of the score that the restricted likelihood adds, because the mean is
+        # estimated from the same values.
+        of_mean = float((weights / total).sum() / weights.sum())
+        score = float((core * ((y - mean) ** 2 - total) / total**2).sum()) + of_mean
+        # With fewer than two normal units, the information without its mean would not be positive.
+        squares = float((core / total**2).sum())
+        information = max(squares - of_mean**2, 0.5 * squares)
         before, variance = variance, max(variance + score / information, 0.0)
         if abs(variance - before) <= SETTLED * max(variance, 1.0):
             break
@@ -135,7 +146,7 @@ TINY: Final = 1e-24
 
 
 def _interval(y: FloatArray, noise: FloatArray, core: FloatArray, variance: float) -> tuple[float, float]:
-    """95 % interval of the variance by the likelihood ratio, maximised over the mean."""
+    """95 % interval of the variance by the ratio of the restricted likelihoods."""
     optimize: Any = scipy_part("optimize")
     quarter = 0.5 * float(scipy_part("stats").chi2.ppf(0.95, 1))
 
@@ -143,7 +154,8 @@ def _interval(y: FloatArray, noise: FloatArray, core: FloatArray, variance: floa
         total = np.maximum(candidate + noise, TINY)
         weights = core / total
         mean = (weights * y).sum() / weights.sum()
-        return float(-0.5 * (core * (np.log(total) + (y - mean) ** 2 / total)).sum())
+        squares = core * (np.log(total) + (y - mean) ** 2 / total)
+        return -0.5 * float(squares.sum() + np.log(weights.sum()))
 
     best = log_likelihood(variance)
 
