@@ -180,6 +180,16 @@ def test_checks_say_what_limit_value_and_verdict_the_worst_first(tmp_path):
     assert judgement.summary().endswith("limits.json are kept")
 
 
+def test_a_permitted_verdict_is_not_the_check_closest_to_its_limit(tmp_path):
+    fields = of_parameter("gyro_bias_x", min=-0.02, max=0.02) | {"verdict": "incomplete"}
+    incomplete = unit(verdict="incomplete", reasons=("residuals exceed their noise",))
+    judgement = limits_from_dict(tmp_path, fields).judge(incomplete)
+    assert judgement.passed
+    assert judgement.by_use[0].what == "gyro_bias_x"
+    stricter = limits_from_dict(tmp_path, fields | {"verdict": "good"}).judge(incomplete)
+    assert stricter.by_use[0].what == "verdict"
+
+
 BAD_FILES = [
     ("", "is empty (0 bytes)"),
     ('{"schema": "imucal.limits/1",', "limits.json is not JSON: line 1"),

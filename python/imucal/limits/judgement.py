@@ -139,6 +139,11 @@ class VerdictCheck(Check):
         return VerdictCheck("verdict", float(value), None, float(high), problem=problem)
 
     @property
+    def used(self) -> float:
+        """0 if the check passes, because a verdict has no margin to its limit that could be compared."""
+        return 0.0 if self.passed else math.inf
+
+    @property
     def value_text(self) -> str:
         """The verdict."""
         return VERDICTS[int(self.value or 0)]
