@@ -166,7 +166,8 @@ def test_certificate_as_pdf(store, tmp_path, capsys, monkeypatch):
 
 def test_report_and_certificate(store, tmp_path, capsys):
     assert main(["fleet", "report", str(store), "-o", str(tmp_path / "fleet.html")]) == 0
-    assert "2.0 MB" in capsys.readouterr().out or (tmp_path / "fleet.html").stat().st_size < 5e6
+    assert f"page written to {tmp_path / 'fleet.html'}" in capsys.readouterr().out
+    assert (tmp_path / "fleet.html").stat().st_size < 5e6
     words = ["fleet", "certificate", str(store), "U00000", "-o", str(tmp_path / "unit.html")]
     assert main([*words, "--json", str(tmp_path / "unit.json")]) == 0
     digest = json.loads((tmp_path / "unit.json").read_text())["sha256"]

@@ -68,6 +68,8 @@ def test_a_recording_that_is_given_twice_is_stored_once(small_fleet, tmp_path):
         assert (tally.done, tally.skipped, tally.unreadable) == (done, skipped, 1)
         assert ("3", "failed", "file_missing") in told
         assert fleet.count() == {"good": 2, "failed": 1}
+        assert fleet.same_recordings() == [["1", "2"]] and fleet.same_recordings(serial="2") == []
+        assert fleet.failures() == {"file_missing": 1} and fleet.failures(serial="1") == {}
     with imucal.fleet.store.Store(tmp_path / "units.sqlite") as store:
         assert not store.is_new
 

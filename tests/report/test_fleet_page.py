@@ -16,14 +16,20 @@ class PlantedFleet(Judging):
 
     path = "planted"
 
-    def __init__(self, measurements):
-        self._measurements = measurements
+    def __init__(self, measurements, same=()):
+        self._measurements, self._same = measurements, list(same)
 
     def measurements(self, **_):
         return self._measurements
 
     def query(self, sql, arguments=()):
-        return ["code", "count(*)"], [("samples_missing", 3)]
+        raise NotImplementedError
+
+    def failures(self, **_):
+        return {"samples_missing": 3}
+
+    def same_recordings(self, **_):
+        return self._same
 
     def count(self, **_):
         return {"good": len(self._measurements), "failed": 3}
@@ -49,7 +55,14 @@ def test_a_small_fleet_has_a_page_with_the_reasons(tmp_path):
     planted = planted_fleet(units=4, dates=1, drifting=0, odd=0)
     write_fleet_page(tmp_path / "fleet.html", PlantedFleet(planted.measurements))
     page = (tmp_path / "fleet.html").read_text()
-    assert "control charts need 10" in page or "outliers need" in page
+    assert "control charts need 10" in page and "outliers need" in page
+    # Without an alarm, units without a result still show, and a test that was not made is no passed test.
+    assert 'class="verdict incomplete"' in page
+    assert "no alarm; not tested: shifts of stations, odd units" in page
+    write_fleet_page(tmp_path / "same.html", PlantedFleet(planted.measurements, [["U1", "U2"]]))
+    page = (tmp_path / "same.html").read_text()
+    assert 'class="verdict poor"' in page and "1 recording under several serial numbers" in page
+    assert "U1 and U2" in page
     with pytest.raises(imucal.InputError, match="nothing to report"):
         write_fleet_page(
             tmp_path / "none.html", PlantedFleet(planted.measurements.where(np.zeros(4, dtype=bool)))
@@ -89,8 +102,11 @@ def test_a_certificate(tmp_path):
     row = re.search(r"gyro_<wbr>bias_<wbr>x.*?</tr>", page)[0]
     assert "0.5730" in row and "0.0057" in row and "deg/s" in row and "FAIL" in row
     row = re.search(r"gyro_<wbr>sensitivity_<wbr>yy.*?</tr>", page)[0]
-    assert "20000" in row and "ppm" in row and "-3e+04 to 3e+04" in row and "pass" in row
+    assert "yy − 1" in row and "20000" in row and "-30000 to 30000" in row and "pass" in row
     assert "run-0042.csv" in page and "ab" * 32 in page
+    # A reader of a certificate cannot know that standard deviations exclude an error of gravity.
+    assert "9.80665 m/s², standard gravity was assumed; its error is not included in 1 σ" in page
+    assert "taken as exact; its error is not included in 1 σ" in page
     assert calibration_hash(calibration) in page
     assert calibration_hash(calibration) != calibration_hash(bare)
     assert "script" not in page

@@ -8,6 +8,7 @@ fleet.to_pandas()
 
 from __future__ import annotations
 
+import json
 import os
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -133,6 +134,32 @@ class Fleet(Judging):
         with self._reading() as connection:
             sql = f"SELECT verdict, count(*) FROM measurements WHERE {where} GROUP BY verdict"
             return dict(query(connection, sql, arguments)[1])
+
+    def failures(self, **selection: str | None) -> dict[str, int]:
+        """The number of selected rows without a result by the code of the reason, the most frequent first."""
+        where, arguments = _selected(selection)
+        with self._reading() as connection:
+            sql = (
+                f"SELECT code, count(*) FROM measurements WHERE {where} AND code IS NOT NULL "
+                "GROUP BY code ORDER BY count(*) DESC, code"
+            )
+            return dict(query(connection, sql, arguments)[1])
+
+    def same_recordings(self, **selection: str | None) -> list[list[str]]:
+        """Serial numbers of units whose calibrations are equal to the last bit, one list per calibration.
+
+        These units have the same recording: a file was copied, or a serial number is wrong. Two recordings of
+        one unit never have equal results, because their noise differs.
+        """
+        where, arguments = _selected(selection)
+        with self._reading() as connection:
+            sql = (
+                "SELECT json_group_array(DISTINCT serial) FROM measurements "
+                f"WHERE {where} AND parameter_values IS NOT NULL GROUP BY parameter_values, sigmas "
+                "HAVING count(DISTINCT serial) > 1"
+            )
+            found = query(connection, sql, arguments)[1]
+        return sorted(sorted(json.loads(serials)) for (serials,) in found)
 
     def to_arrow(self, **selection: str | None) -> pa.Table:
         """The selected rows as an Arrow table, including rows without a result."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -14,8 +14,9 @@ from imucal.errors import InputError
 from imucal.fleet.statistics.shifts import days_of
 from imucal.plot.style import shown_unit
 from imucal.report.page import Shown, Tab, Verdict, write_page
-from imucal.report.tables import heading, item_list, paragraph, table
+from imucal.report.tables import heading, item_list, paragraph, rounded_to, shown_name, table
 from imucal.report.unit_section import unit_section
+from imucal.units import Scale, datasheet
 
 if TYPE_CHECKING:
     from imucal.fleet.fleet import Fleet
@@ -24,15 +25,13 @@ if TYPE_CHECKING:
     from imucal.fleet.statistics.drift import DriftResult
     from imucal.fleet.statistics.outliers import OutlierResult
     from imucal.fleet.statistics.spc import SpcResult
+    from imucal.fleet.statistics.spread import Spread
     from imucal.limits.limits import Limits
 
 __all__ = ["write_fleet_page"]
 
 # Maximum number of units of each kind (outlying, drifting, poor) that have a section.
 MOST_UNITS: Final = 20
-FAILURES: Final = (
-    "SELECT code, count(*) FROM measurements WHERE code IS NOT NULL GROUP BY code ORDER BY count(*) DESC"
-)
 
 
 def write_fleet_page(
@@ -56,21 +55,21 @@ def write_fleet_page(
     measured = fleet.measurements(covariances=False, **selection)
     if not len(measured):
         raise InputError(f"{fleet.path} has no selected calibration: there is nothing to report")
-    counts = fleet.count(**selection)
-    _, failures = fleet.query(FAILURES)
+    counts, failures = fleet.count(**selection), fleet.failures(**selection)
+    same = fleet.same_recordings(**selection)
     capability = _or_reason(lambda: fleet.capability(limits, **selection))
     spc = _or_reason(lambda: fleet.spc(**selection))
     odd = _or_reason(lambda: fleet.outliers(**selection))
     drift = _or_reason(lambda: fleet.drift(**selection))
     shown = _shown(measured, odd, drift)
     tabs = (
-        Tab("Yield", tuple(_yield(measured, counts, failures))),
+        Tab("Yield", tuple(_yield(measured, counts, failures, same))),
         Tab("Parameters", tuple(_parameters(measured, capability, spc))),
         Tab("Odd units", tuple(_odd(odd, shown))),
         Tab("Drift", tuple(_drift(drift, shown))),
         Tab("Units", tuple(_units(measured, shown, odd))),
     )
-    write_page(path, title, tabs, _verdict(counts, spc, odd, drift), compressed=True, reload_s=reload_s)
+    write_page(path, title, tabs, _verdict(counts, same, spc, odd, drift), compressed=True, reload_s=reload_s)
 
 
 def _or_reason(compute: Any) -> Any:
@@ -82,11 +81,20 @@ def _or_reason(compute: Any) -> Any:
 
 
 def _verdict(
-    counts: dict[str, int], spc: SpcResult | str, odd: OutlierResult | str, drift: DriftResult | str
+    counts: Mapping[str, int],
+    same: Sequence[Sequence[str]],
+    spc: SpcResult | str,
+    odd: OutlierResult | str,
+    drift: DriftResult | str,
 ) -> Verdict:
     total = sum(counts.values())
     passed = counts.get("good", 0) + counts.get("incomplete", 0)
     alarms = [
+        *(
+            []
+            if not same
+            else [_counted(len(same), "recording", "recordings") + " under several serial numbers"]
+        ),
         *(
             []
             if isinstance(spc, str) or not spc.shifted
@@ -100,7 +108,12 @@ def _verdict(
         ),
     ]
     sentence = f"{passed} of {total} calibrations pass ({100 * passed / total:.1f} %)"
-    return Verdict("poor" if alarms else "good", sentence, "; ".join(alarms) or "no alarm")
+    tests = {"shifts of stations": spc, "odd units": odd, "drift": drift}
+    untested = [name for name, result in tests.items() if isinstance(result, str)]
+    detail = "; ".join(alarms) or "no alarm"
+    if untested:
+        detail += f"; not tested: {', '.join(untested)} (the tabs give the reasons)"
+    return Verdict("poor" if alarms else "good" if passed == total else "incomplete", sentence, detail)
 
 
 def _counted(count: int, one: str, several: str) -> str:
@@ -108,7 +121,10 @@ def _counted(count: int, one: str, several: str) -> str:
 
 
 def _yield(
-    measured: Measurements, counts: dict[str, int], failures: Sequence[tuple[Any, ...]]
+    measured: Measurements,
+    counts: Mapping[str, int],
+    failures: Mapping[str, int],
+    same: Sequence[Sequence[str]],
 ) -> list[Shown | str]:
     edges, bins = _bins(measured)
     content: list[Shown | str] = []
@@ -130,8 +146,13 @@ def _yield(
     ]
     content += [heading("Stations"), table(["station", "with a result", "% not poor"], stations)]
     if failures:
-        rows = [[code, str(count)] for code, count in failures]
+        rows = [[code, str(count)] for code, count in failures.items()]
         content += [heading("Without a result"), table(["reason", "calibrations"], rows)]
+    if same:
+        content += [
+            heading("The same recording under several serial numbers"),
+            item_list([" and ".join(serials) for serials in same]),
+        ]
     return content
 
 
@@ -139,7 +160,9 @@ def _parameters(
     measured: Measurements, capability: CapabilityResult | str, spc: SpcResult | str
 ) -> list[Shown | str]:
     content: list[Shown | str] = []
-    if not isinstance(spc, str) and spc.shifts:
+    if isinstance(spc, str):
+        content.append(paragraph(spc))
+    elif spc.shifts:
         content += [
             heading("Shifts that all units of a station have in common"),
             item_list(
@@ -152,16 +175,18 @@ def _parameters(
         ]
     if isinstance(capability, str):
         return [*content, paragraph(capability)]
-    rows = [
-        [
-            row.name,
-            *(["-"] * 3 if row.spread is None else [f"{n:.4g}" for n in _of_spread(row.spread)]),
-            *_indices(row.indices),
-            "-" if row.out_true is None else f"{100 * row.out_true:.2g}",
-            shown_unit(row.unit) or "1",
-        ]
-        for row in capability.rows
-    ]
+    rows = []
+    for row in capability.rows:
+        scale = datasheet(row.name, row.unit)
+        rows.append(
+            [
+                shown_name(row.name, scale),
+                *(["-"] * 3 if row.spread is None else _of_spread(row.spread, scale)),
+                *_indices(row.indices),
+                "-" if row.out_true is None else f"{100 * row.out_true:.2g}",
+                shown_unit(scale.unit) or "1",
+            ]
+        )
     content.append(table(["", "mean", "spread", "noise", "Cpk", "Ppk", "% out", "unit"], rows))
     content.append(
         paragraph(
@@ -177,16 +202,25 @@ def _parameters(
     for row in drawn.values():
         if row.spread is not None and len(edges):
             column = measured.names.index(row.name)
-            quantiles = _quantiles(measured, measured.values_si[:, column], bins, len(edges))
-            figure = plot.over_time(edges, quantiles, row.spread.mean, (row.low, row.high), row.unit)
+            scale = datasheet(row.name, row.unit)
+            values = scale.factor * (measured.values_si[:, column] - scale.zero)
+            quantiles = _quantiles(measured, values, bins, len(edges))
+            limits = [None if limit is None else scale.shown(limit) for limit in (row.low, row.high)]
+            figure = plot.over_time(
+                edges, quantiles, scale.shown(row.spread.mean), (limits[0], limits[1]), scale.unit
+            )
+            name = shown_name(row.name, scale)
             content.append(
-                Shown(f"time-{row.name}", figure, f"{row.name}: median and middle 90 % of the units by date.")
+                Shown(f"time-{row.name}", figure, f"{name}: median and middle 90 % of the units by date.")
             )
     return content
 
 
-def _of_spread(spread: Any) -> tuple[float, float, float]:
-    return spread.mean, spread.spread, spread.noise
+def _of_spread(spread: Spread, scale: Scale) -> list[str]:
+    """Mean, spread and noise with two significant digits of their uncertainty or value."""
+    stds = [scale.factor * std for std in (spread.mean_std, spread.spread, spread.noise)]
+    shown = [scale.shown(spread.mean), *stds[1:]]
+    return [rounded_to(value, std) for value, std in zip(shown, stds, strict=True)]
 
 
 def _indices(indices: Any) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from imucal.document.plain import plain
 from imucal.plot.style import shown_unit
-from imucal.units import SHOWN, datasheet
+from imucal.units import SHOWN, Scale, datasheet
 
 if TYPE_CHECKING:
     from imucal.calibration.triad import Parameter
@@ -81,8 +81,7 @@ def parameter_table(parameters: Iterable[Parameter], truth: Mapping[str, float] 
         std = math.nan if p.std is None else abs(scale.factor) * p.std
         value = scale.shown(p.value)
         row = [
-            # A diagonal entry in ppm is shown as its difference from 1.
-            f"{p.name} − {scale.zero:g}" if scale.zero else p.name,
+            shown_name(p.name, scale),
             rounded_to(value, std),
             rounded_to(std, std) if p.std else "-",
             shown_unit(scale.unit) or "1",
@@ -92,6 +91,11 @@ def parameter_table(parameters: Iterable[Parameter], truth: Mapping[str, float] 
             row += _beside_truth(value, std, None if true is None else scale.shown(true))
         rows.append(row)
     return table(header, rows)
+
+
+def shown_name(name: str, scale: Scale) -> str:
+    """The name of a parameter in a table. A diagonal entry in ppm is shown as its difference from 1."""
+    return f"{name} − {scale.zero:g}" if scale.zero else name
 
 
 def figures_table(columns: Mapping[str, object]) -> str:

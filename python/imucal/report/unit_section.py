@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucal.plot.style import shown_unit
-from imucal.report.tables import rounded_to, table
+from imucal.report.tables import rounded_to, shown_name, table
+from imucal.units import datasheet
 
 if TYPE_CHECKING:
     from imucal.fleet.measurements import Measurements
@@ -32,17 +33,19 @@ def unit_section(measured: Measurements, serial: str, distance: UnitDistance | N
         )
     ]
     median = np.nanmedian(measured.values_si, axis=0) if len(measured.names) else np.zeros(0)
-    rows = [
-        [
-            name,
-            rounded_to(own.values_si[-1, column], own.sigmas_si[-1, column]),
-            f"{own.sigmas_si[-1, column]:.2g}",
-            f"{median[column]:.4g}",
-            shown_unit(unit) or "1",
-        ]
-        for column, (name, unit) in enumerate(zip(own.names, own.units, strict=True))
-        if np.isfinite(own.values_si[-1, column])
-    ]
+    rows = []
+    for column, (name, unit) in enumerate(zip(own.names, own.units, strict=True)):
+        if np.isfinite(own.values_si[-1, column]):
+            scale = datasheet(name, unit)
+            std = abs(scale.factor) * float(own.sigmas_si[-1, column])
+            value, middle = (scale.shown(float(of)) for of in (own.values_si[-1, column], median[column]))
+            rows.append(
+                [
+                    shown_name(name, scale),
+                    *(rounded_to(each, std) for each in (value, std, middle)),
+                    shown_unit(scale.unit) or "1",
+                ]
+            )
     words = ""
     if distance is not None and distance.decides:
         decides = ", ".join(f"{item.name} ({item.z:+.1f} sigma)" for item in distance.decides)

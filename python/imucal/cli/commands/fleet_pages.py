@@ -45,7 +45,7 @@ def report(
     out = Output(json)
     size = output.stat().st_size
     out.document({"schema": "imucal.fleet-report/1", "page": str(output), "bytes": size})
-    out.line(f"{output}: {size / 1e6:.1f} MB")
+    out.line(f"page written to {output}")
 
 
 def certificate(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -50,6 +50,8 @@ SCHEMA: Final = "imucal.fleet-run/1"
 # Interval, s, at which a watched folder is checked. A file whose size and modification time have not changed
 # during one interval counts as complete.
 WATCH_S: Final = 2.0
+# Maximum number of recordings with several serial numbers that are printed. The JSON document has all.
+MOST_SAME: Final = 10
 
 
 @dataclass(frozen=True)
@@ -185,10 +187,18 @@ def run(
     if report is not None:
         _write_page(out, report, fleet, given["limits"])
     if tally is not None:
+        same = fleet.same_recordings()
         out.document(
-            {"schema": SCHEMA, **tally.to_dict(), "imucal_version": imucal.__version__, "date": now()}
+            {
+                "schema": SCHEMA,
+                **tally.to_dict(),
+                "same_recordings": same,
+                "imucal_version": imucal.__version__,
+                "date": now(),
+            }
         )
-        _finish(out, tally, time.monotonic() - start_s, require)
+        elapsed_s = time.monotonic() - start_s
+        _finish(out, tally, elapsed_s, require, store, same)
 
 
 def _write_page(out: Output, page: Path, fleet: Fleet, limits: Limits | None) -> None:
@@ -200,7 +210,7 @@ def _write_page(out: Output, page: Path, fleet: Fleet, limits: Limits | None) ->
         # The error does not end the command, because the results of the run are valid without the page.
         out.line(f"{page} is not written: {error}")
         return
-    out.line(f"{page}: {page.stat().st_size / 1e6:.1f} MB")
+    out.line(f"page written to {page}")
 
 
 def _jobs(
@@ -299,7 +309,14 @@ def _state(name: str) -> tuple[int, int]:
     return state.st_size, state.st_mtime_ns
 
 
-def _finish(out: Output, tally: Tally, elapsed_s: float, require: Required) -> None:
+def _finish(
+    out: Output,
+    tally: Tally,
+    elapsed_s: float,
+    require: Required,
+    store: Path,
+    same: Sequence[Sequence[str]],
+) -> None:
     counts = tally.to_dict()
     order = ("good", "incomplete", "poor", "failed", "poisoned")
     out.table(("verdict", "units"), [(name, str(tally.verdicts[name])) for name in order])
@@ -310,6 +327,15 @@ def _finish(out: Output, tally: Tally, elapsed_s: float, require: Required) -> N
         f"{tally.units} units: {tally.done} computed in {elapsed_s:.1f} s{rate}, {tally.skipped} were in the "
         f"store, {tally.unreadable} could not be read"
     )
+    for serials in same[:MOST_SAME]:
+        out.line(f"warning: {' and '.join(serials)} have the same recording, so a serial number is wrong")
+    if len(same) > MOST_SAME:
+        out.line(f"warning: {len(same) - MOST_SAME} more recordings have several serial numbers, see --json")
+    if tally.verdicts["poor"]:
+        out.line(
+            f"`imucal fleet list {store} --verdict poor` lists the poor units, and "
+            f"`imucal fleet show {store} SERIAL` prints the reasons"
+        )
     out.line(f"verdict: {tally.verdict}")
     if tally.verdict == "no_result":
         raise Exit(NO_RESULT)

@@ -135,7 +135,7 @@ def spc(measurements: Measurements, *, station: str | None = None) -> SpcResult:
     if len(np.unique(dated.serials)) < FEWEST_UNITS:
         raise InputError(
             f"{len(np.unique(dated.serials))} units have a date: control charts need {FEWEST_UNITS}; give "
-            "dates in the manifest"
+            "dates in the manifest, or by {date} in --names"
         )
     shifts = common_shifts(dated, columns_of(dated)).found
     first, _ = first_of_each_unit(dated)
