@@ -32,6 +32,7 @@ def test_the_parameters_and_the_verdict_of_a_file(file, result, capsys):
             assert float(std) == pytest.approx(parameter.std, rel=0.05)
             assert unit == parameter.unit
     assert shown.startswith("unit 0042: accelerometer in m/s^2, gyroscope in rad/s; body frame symmetric\n")
+    assert "standard gravity 9.80665 m/s^2 is assumed" in shown and "the clock of the time stamps" in shown
     assert shown.splitlines()[-1].startswith(f"verdict: {result.calibration.verdict}")
 
 

@@ -12,12 +12,12 @@ import math
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from imucal.document.atomic import write_text
 from imucal.limits.limits import Limits
 from imucal.report.printed import write_pdf
-from imucal.report.tables import figures_table, rounded_to, table
+from imucal.report.tables import figures_table, rounded_to, shown_name, table
 from imucal.units import datasheet
 
 if TYPE_CHECKING:
@@ -26,6 +26,14 @@ if TYPE_CHECKING:
     from imucal.limits.judgement import Judgement
 
 __all__ = ["calibration_hash", "write_certificate"]
+
+
+GRAVITY_SOURCES: Final = {
+    "standard": "standard gravity was assumed",
+    "given": "given",
+    "latitude": "normal gravity at the latitude",
+    "unknown": "source unknown",
+}
 
 
 def write_certificate(
@@ -84,11 +92,27 @@ def _conditions(calibration: Calibration, given: Mapping[str, str]) -> list[tupl
             "temperature",
             "not recorded" if temperature is None else f"{temperature[0]:.1f} to {temperature[1]:.1f} °C",
         ),
-        ("gravity", f"{calibration.gravity_mps2:.6g} m/s²"),
+        ("gravity", _gravity(calibration)),
+        *([] if calibration.gyroscope is None else [("clock", _clock(calibration.references.clock_ppm))]),
         ("raw units", f"accelerometer {calibration.accel_unit}, gyroscope {calibration.gyro_unit}"),
         ("body frame", calibration.frame),
         ("software", f"imucal {calibration.provenance.imucal_version or 'of unknown version'}"),
     ]
+
+
+def _gravity(calibration: Calibration) -> str:
+    """Local gravity, its source, and whether the standard deviations of the scales include its error."""
+    references = calibration.references
+    text, source = f"{calibration.gravity_mps2:.6g}", GRAVITY_SOURCES[references.gravity_from]
+    if references.gravity_sigma_mps2 is not None:
+        return f"{text} ± {references.gravity_sigma_mps2:.2g} m/s², {source}, included in 1 σ"
+    return f"{text} m/s², {source}; its error is not included in 1 σ"
+
+
+def _clock(ppm: float | None) -> str:
+    if ppm is None:
+        return "taken as exact; its error is not included in 1 σ"
+    return f"± {ppm:g} ppm, included in 1 σ"
 
 
 def _parameters(parameters: Sequence[Parameter], judgement: Judgement | None) -> str:
@@ -103,7 +127,7 @@ def _parameters(parameters: Sequence[Parameter], judgement: Judgement | None) ->
         check = ranges.get(parameter.name)
         std = math.nan if parameter.std is None else parameter.std * abs(scale.factor)
         row = [
-            parameter.name,
+            shown_name(parameter.name, scale),
             rounded_to(scale.shown(parameter.value), std),
             "-" if parameter.std is None else rounded_to(std, std),
             scale.unit,
@@ -111,14 +135,20 @@ def _parameters(parameters: Sequence[Parameter], judgement: Judgement | None) ->
         if judgement is not None:
             low, high = (None, None) if check is None else (check.low, check.high)
             row += [
-                "-" if low is None or high is None else f"{scale.shown(low):.4g} to {scale.shown(high):.4g}",
+                "-"
+                if low is None or high is None
+                else f"{_plain(scale.shown(low))} to {_plain(scale.shown(high))}",
                 "-" if check is None else "pass" if check.passed else "FAIL",
             ]
         rows.append(row)
     header = ["parameter", "value", "1 σ", "unit", *([] if judgement is None else ["limits", ""])]
     failed = [] if judgement is None else [check.reason for check in judgement.failed]
-    note = "<p>A diagonal sensitivity in ppm is its deviation from 1.</p>"
-    return table(header, rows) + note + "".join(f"<p>{escape(reason)}</p>" for reason in failed)
+    return table(header, rows) + "".join(f"<p>{escape(reason)}</p>" for reason in failed)
+
+
+def _plain(number: float) -> str:
+    """A limit with four significant digits and without an exponent, such as 52100 ppm."""
+    return f"{float(f'{number:.4g}'):.10g}"
 
 
 def _figures(calibration: Calibration) -> str:

@@ -35,6 +35,8 @@ def show(
         out.line(line)
     out.parameters(loaded.parameters)
     out.figures({"calibration set": loaded.calibration_set, "control set": loaded.control_set})
+    for note in loaded.references.notes(loaded.gravity_mps2, has_gyroscope=loaded.gyroscope is not None):
+        out.line(note)
     verdict, reasons = loaded.judged
     out.line("; ".join((f"verdict: {verdict}", *reasons)), verdict)
 
