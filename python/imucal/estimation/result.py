@@ -13,7 +13,7 @@ from imucal.calibration.provenance import Provenance
 from imucal.calibration.triad import Parameter
 from imucal.calibration.verdict import RESIDUALS, ResidualFit, Verdict
 from imucal.document.plain import plain, without_nan
-from imucal.estimation.fit import Diagnosis, Fit, HeldOut
+from imucal.estimation.fit import Diagnosis, Fit, HeldOut, NoiseTest
 from imucal.estimation.rests import FittedMove, FittedRest, used_of
 from imucal.finding import Finding
 from imucal.notebook import html_of
@@ -113,9 +113,8 @@ class CalibrationResult:
         noise_alone = self.fit.noise_alone
         if noise_alone is not None and noise_alone.p_value is not None and noise_alone.p_value < UNLIKELY:
             notes.append(
-                f"noise alone does not explain these data: chi2 is {noise_alone.chi2:.4g} with "
-                f"{noise_alone.degrees_of_freedom} degrees of freedom; `imucal gap` searches for the missing "
-                "effect"
+                f"noise alone does not explain these data: {self._chi2_text(noise_alone)}; `imucal gap` "
+                "searches for the missing effect"
             )
         if self.fit.bias_instability_radps is not None:
             deg_per_h = math.degrees(max(self.fit.bias_instability_radps)) * 3600.0
@@ -152,6 +151,11 @@ class CalibrationResult:
         notes += self.calibration.references.notes(self.calibration.gravity_mps2, has_gyroscope=has_gyroscope)
         return tuple(notes)
 
+    def _chi2_text(self, test: NoiseTest) -> str:
+        """chi2 of all residuals. Unlike the figures, it contains the mean rates at the rests."""
+        rates = " with the mean rates at the rests" if self.calibration.gyroscope is not None else ""
+        return f"chi2{rates} is {test.chi2:.4g} for {test.degrees_of_freedom} degrees of freedom"
+
     def _widened(self) -> list[tuple[str, float | None]]:
         """For each kind of residual, its name and the factor by which its standard deviations are widened."""
         if self.fit.joint is not None:
@@ -184,10 +188,10 @@ class CalibrationResult:
             if figures is not None:
                 lines.append(f"{name}: {figures_text(figures)}")
         noise_alone = self.fit.noise_alone
-        if noise_alone is not None and noise_alone.p_value is not None:
+        if noise_alone is not None and noise_alone.p_value is not None and noise_alone.p_value >= UNLIKELY:
             lines.append(
-                f"chi2 is {noise_alone.chi2:.4g} with {noise_alone.degrees_of_freedom} degrees of freedom; "
-                f"the probability of a larger chi2 from noise alone is {noise_alone.p_value:.2g}"
+                f"{self._chi2_text(noise_alone)}; the probability of a larger chi2 from noise alone is "
+                f"{noise_alone.p_value:.2g}"
             )
         lines += self.notes
         findings = [*self.findings, *(self.control.findings if self.control else ())]

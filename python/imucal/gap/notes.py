@@ -312,11 +312,11 @@ def above_noise_of(found: _core.Remainder, result: CalibrationResult) -> dict[st
     groups = control or result.residuals
     own = next((own for own in groups if own.kind == found.block), None)
     of = "control" if control else "calibration"
-    words = "residuals exceed their noise" if own is None else own.text
+    words = "the residuals that exceed their noise" if own is None else own.text
     return {
         "block": found.block,
         "kernel": "above_noise",
-        "description": f"{of} recordings: {words}, and match none of the known patterns",
+        "description": f"{of} recordings: {words}; no known pattern matches these residuals",
     }
 
 

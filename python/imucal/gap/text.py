@@ -8,6 +8,7 @@ from typing import Any, Final
 from imucal.estimation.result import CalibrationResult
 from imucal.gap.fields import GapFields
 from imucal.gap.sizes import for_people, p_text
+from imucal.units import SHOWN
 
 __all__ = ["explanation", "sentences"]
 
@@ -31,6 +32,11 @@ WITHOUT_AXIS: Final = {"move_direction": "direction after moves", "move_force": 
 LEAST_TIMES_NOISE: Final = 0.05
 # Variables that explain residuals and whose names in texts differ from those in JSON documents.
 EXPLAINED_BY: Final = {"gravity": "gravity direction"}
+# Figures of the control or held-out recordings: words, factor and unit of the text.
+VERIFIED: Final = {
+    "gravity_direction_rms_deg": ("gravity direction per move", 1.0, "deg"),
+    "gravity_norm_rms_mps2": ("|f| - g", *SHOWN["m/s^2"]),
+}
 # Maximum number of kinds of residuals that are printed.
 MOST_CHANNELS: Final = 4
 # An improvement factor is printed if the lower end of its 95 % interval is at least this value.
@@ -77,12 +83,18 @@ def sentences(gap: GapFields) -> Iterator[str]:
     if gap.gap is not None:
         figure = gap.gap
         where = "control recordings" if gap.control_set is not None else "held-out rests and moves"
+        words, factor, unit = ("chi2 per degree of freedom", 1.0, "")
+        if figure["metric"] != "chi2_per_dof":
+            words, factor, unit = VERIFIED[figure["metric"].removeprefix("held_out_")]
+        before, after, floor = (factor * figure[name] for name in ("before", "after", "floor"))
         refitted = (
-            "" if figure.get("refitted") is None else f", {figure['refitted']:.4g} refitted without effects"
+            ""
+            if figure.get("refitted") is None
+            else f", {factor * figure['refitted']:.4g} refitted without effects"
         )
         yield (
-            f"{where}: {figure['metric']} {figure['before']:.4g} before{refitted}, "
-            f"{figure['after']:.4g} after, floor {figure['floor']:.3g}: "
+            f"{where}: {words} {before:.4g} before{refitted}, {after:.4g} after, "
+            f"noise floor {floor:.3g}{f' {unit} rms' if unit else ''}: "
             # A negative closed share means that the difference is within the scatter of the two figures.
             + (
                 "the difference is not significant"
@@ -94,11 +106,8 @@ def sentences(gap: GapFields) -> Iterator[str]:
     if verified is not None:
         before, after = verified["before"], verified["after"]
         known = [
-            (words, before[name], after[name], unit)
-            for words, name, unit in (
-                ("gravity direction per move", "gravity_direction_rms_deg", "deg"),
-                ("|f| - g", "gravity_norm_rms_mps2", "m/s^2"),
-            )
+            (words, factor * before[name], factor * after[name], unit)
+            for name, (words, factor, unit) in VERIFIED.items()
             if before[name] is not None and after[name] is not None
         ]
         yield ", ".join(f"{words} {a:.3g} -> {b:.3g} {unit} rms" for words, a, b, unit in known)
@@ -180,14 +189,11 @@ def _finding(gap: GapFields) -> str:
         and (row is None or _times_noise_less(figure) > LEAST_SHARE_OF_CONTROL * _drop(row))
     ):
         before, after = verified["before"], verified["after"]
-        name, unit, words = ("gravity_direction_rms_deg", "deg", "gravity direction")
-        if _ratio(before, after, "gravity_norm_rms_mps2") > _ratio(before, after, name):
-            name, unit, words = ("gravity_norm_rms_mps2", "m/s^2", "|f| - g")
+        name = max(VERIFIED, key=lambda each: _ratio(before, after, each))
+        words, factor, unit = VERIFIED[name]
         closed = min(100.0, 100 * figure["closed"])
-        return (
-            f"{names} {explain} {closed:.0f} % of the gap; {set_name} {words}: {before[name]:.2g} -> "
-            f"{after[name]:.2g} {unit}"
-        )
+        change = f"{factor * before[name]:.2g} -> {factor * after[name]:.2g} {unit} rms"
+        return f"{names} {explain} {closed:.0f} % of the gap; {set_name} {words}: {change}"
     # Without a figure from control or held-out data, the sentence does not claim an improvement.
     if row is None or row["times_noise_after"] is None:
         return f"{names} {'is' if len(gap.effects) == 1 else 'are'} part of the model"
