@@ -195,10 +195,22 @@ def test_a_resolution_makes_counts_of_si_units(program):
     turn = [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
     np.testing.assert_allclose(out[:, 1:4], rate @ np.transpose(turn), atol=1e-6)
     np.testing.assert_allclose(out[:, 4:], force @ np.transpose(turn), atol=3e-6)
+    assert "raw samples in lsb (2048 per g) and lsb (16.4 per deg/s)" in exported.text
+    assert "int16_t" not in exported.text
     with pytest.raises(imucal.InputError, match="needs both"):
         imucal.export(UNIT, "blob", accel_lsb_per_g=2048)
     _, out = run(program, imucal.export(UNIT, "blob").binary, np.zeros((1, 11)), "counts")
     assert out[0, 0] == -2 and np.isnan(out[0, 1:]).all()
+
+
+def test_counts_of_an_unsigned_sensor_are_too_large_for_the_function_of_counts():
+    unsigned = imucal.Calibration(
+        accelerometer=imucal.Triad(400.0 * np.eye(3), [33000.0, 33000.0, 32000.0]),
+        gyroscope=imucal.Triad(4800.0 * np.eye(3), [32700.0, 32700.0, 32500.0]),
+        accel_unit="lsb",
+        gyro_unit="lsb",
+    )
+    assert "Counts at rest reach 36923 and exceed int16_t" in imucal.export(unsigned, "blob").text
 
 
 def test_a_temperature_outside_the_recordings_is_limited_and_a_missing_one_reported(program):

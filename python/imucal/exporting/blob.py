@@ -37,6 +37,8 @@ VERSION: Final = 1
 RATE_IN_COUNTS: Final = 1
 FORCE_IN_COUNTS: Final = 2
 HAS_TEMPERATURE_RANGE: Final = 4
+# Largest value of int16_t.
+LARGEST_COUNT: Final = 32767
 
 
 def write(
@@ -64,10 +66,13 @@ def write(
         + ("" if axes == UNCHANGED else f"; corrected samples along {axes} of it"),
         notes=(
             *_warnings(calibration, kept, lost),
-            *(["Raw samples are counts of the given resolution"] if resolution is not None else []),
+            *_too_large_counts(calibration),
             *temperature_note(calibration),
         ),
         binary=blob_of(calibration, axes),
+        raw_units=None
+        if resolution is None
+        else "lsb ({:.10g} per g) and lsb ({:.10g} per deg/s)".format(*resolution),
     )
 
 
@@ -83,6 +88,21 @@ def _warnings(calibration: Calibration, kept: Sequence[EffectValues], lost: Sequ
             "firmware can refuse the calibration"
         )
     return notes
+
+
+def _too_large_counts(calibration: Calibration) -> list[str]:
+    """A note if the counts of a unit at rest exceed the argument of `imucal_correct_counts`, int16_t."""
+    if calibration.accel_unit != "lsb" or calibration.gyroscope is None:
+        return []
+    accel = calibration.accelerometer
+    at_rest = np.abs(accel.bias) + STANDARD_GRAVITY_MPS2 * np.linalg.norm(accel.sensitivity, axis=1)
+    largest = float(max(at_rest.max(), np.abs(calibration.gyroscope.bias).max()))
+    if largest <= LARGEST_COUNT:
+        return []
+    return [
+        f"Counts at rest reach {largest:.0f} and exceed int16_t, the argument of imucal_correct_counts: call "
+        "imucal_correct"
+    ]
 
 
 def _of_counts(calibration: Calibration, accel_lsb_per_g: float, gyro_lsb_per_dps: float) -> Calibration:

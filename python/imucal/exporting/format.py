@@ -52,6 +52,7 @@ class Written:
     frame      body frame of the corrected samples
     notes      further information for the user of the file
     binary     contents of a binary file, for which `body` is empty; None for a text file
+    raw_units  units of the raw samples, if they are not those of the calibration
     """
 
     body: str
@@ -60,6 +61,7 @@ class Written:
     frame: str
     notes: tuple[str, ...] = ()
     binary: bytes | None = None
+    raw_units: str | None = None
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,7 @@ def header(calibration: Calibration, form: Format, written: Written) -> list[str
         + (f" by imucal {made.imucal_version}" if made.imucal_version else "")
         + (f" from {files}" if files else ""),
         f"Apply: {form.formula}",
-        _units(calibration, form),
+        _units(calibration, form, written.raw_units),
         f"Body frame: {written.frame}",
         *written.notes,
         *(f"Not exported: {loss}" for loss in written.lost),
@@ -136,13 +138,13 @@ def header(calibration: Calibration, form: Format, written: Written) -> list[str
     return [shown(line) for line in lines]
 
 
-def _units(calibration: Calibration, form: Format) -> str:
+def _units(calibration: Calibration, form: Format, raw: str | None) -> str:
     if calibration.gyroscope is None:
         corrected = form.units.replace(" and rad/s", "").replace(" and deg/s", "")
         return (
             f"Units: raw samples in {calibration.accel_unit} (accelerometer alone), corrected in {corrected}"
         )
-    raw = f"{calibration.accel_unit} and {calibration.gyro_unit}"
+    raw = raw or f"{calibration.accel_unit} and {calibration.gyro_unit}"
     return f"Units: raw samples in {raw}, corrected samples in {form.units}"
 
 
