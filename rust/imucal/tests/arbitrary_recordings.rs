@@ -9,6 +9,9 @@ use rand_chacha::ChaCha8Rng;
 /// Number of cases; a case of a calibration takes some milliseconds.
 const CASES: u64 = 150;
 
+/// Inputs that have caused a panic: the first samples of a run have time stamps near zero.
+const FOUND: [&[u8]; 1] = [b"[\x02\0\0\0\xd3\0\0\x0010\0\0\0\x0f"];
+
 fn arbitrary_bytes(seed: u64) -> Vec<u8> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     // From a single change to a recording of arbitrary numbers.
@@ -31,4 +34,13 @@ fn rests_are_sought_in_any_numbers() {
 #[test]
 fn a_calibration_of_any_numbers_ends() {
     (0..CASES).for_each(|seed| recordings::calibrate(&arbitrary_bytes(seed)));
+}
+
+#[test]
+fn inputs_that_caused_a_panic_are_accepted() {
+    for bytes in FOUND {
+        recordings::check(bytes);
+        recordings::inspect(bytes);
+        recordings::calibrate(bytes);
+    }
 }

@@ -86,8 +86,9 @@ struct Pair {
 
 fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: Vector3<f64>, pairs: &mut Vec<Pair>) {
     let dt_s = m.interval_s;
-    // A block has an even number of samples, so its centre is between two samples.
-    let block = (((BLOCK_S / dt_s / 2.0).round() as usize).max(1)) * 2;
+    // A block has an even number of samples, so its centre is between two samples. If the time stamps of a move hardly
+    // increase, a block would be longer than the move.
+    let block = ((BLOCK_S / dt_s / 2.0).round() as usize).clamp(1, m.last + 1 - m.first) * 2;
     let up = |start: usize| {
         let sum: Vector3<f64> = recording.specific_force.slice(start..start + block).iter().map(Vector3::from).sum();
         accelerometer.correct(sum / block as f64).normalize()
@@ -159,5 +160,14 @@ mod tests {
         let whole = Move { recording: 0, from: 0, to: 1, first: 0, last: 1999, duration_s: 10.0, interval_s: 0.005 };
         let p = rate_from_gravity(&[recording], &[whole], &Triad::identity(), *gyroscope.bias()).unwrap();
         assert!((p * sensitivity - Matrix3::identity()).norm() < 0.05, "{}", p * sensitivity);
+    }
+
+    #[test]
+    fn time_stamps_that_hardly_increase_determine_nothing() {
+        let time: Vec<f64> = (0..100).map(|k| f64::from(k) * 1e-300).collect();
+        let (force, rate) = (vec![[0.0, 0.0, 9.81]; 100], vec![[0.1, 0.2, 0.3]; 100]);
+        let recording = Recording::try_new("compressed", &time, &force, &rate).unwrap();
+        let whole = Move { recording: 0, from: 0, to: 1, first: 0, last: 99, duration_s: 1e-298, interval_s: 1e-300 };
+        assert!(scale_from_gravity(&[recording], &[whole], &Triad::identity(), Vector3::zeros()).is_none());
     }
 }
