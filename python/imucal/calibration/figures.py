@@ -51,9 +51,9 @@ def figures_text(figures: object, units: Units = datasheet) -> str:
     for name, (words, unit) in FIGURE_TEXT.items():
         if fields.get(name) is not None:
             scale = units(name, unit)
-            parts.append(
-                f"{words} {scale.shown(fields[name]):.3g} {scale.unit}{' rms' if unit else ''}".rstrip()
-            )
+            # Three digits without an exponent, such as 1220 for chi2.
+            value = f"{float(f'{scale.shown(fields[name]):.3g}'):.10g}"
+            parts.append(f"{words} {value} {scale.unit}{' rms' if unit else ''}".rstrip())
     return ", ".join(parts)
 
 

@@ -117,9 +117,9 @@ class CalibrationResult:
                 "searches for the missing effect"
             )
         if self.fit.bias_instability_radps is not None:
-            deg_per_h = math.degrees(max(self.fit.bias_instability_radps)) * 3600.0
+            deg_per_h = float(f"{math.degrees(max(self.fit.bias_instability_radps)) * 3600.0:.2g}")
             notes.append(
-                f"the gyroscope has a bias instability of {deg_per_h:.2g} deg/h: it is included in the "
+                f"the gyroscope has a bias instability of {deg_per_h:g} deg/h: it is included in the "
                 "standard deviations, and the estimated bias is the mean over the recording "
                 "(docs/model.md (28))"
             )

@@ -343,10 +343,10 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
             f"{text.name}: the header gives units that are not read ({', '.join(unknown)}): convert the "
             "columns to m/s^2, g or mg, and to rad/s, deg/s or mdeg/s"
         )
+    proposal = suggestion(header, head.cells, works, head.numbers, layout.preamble)
+    name = "Otherwise name" if "--columns" in proposal else "Name"
     return (
-        f"{text.name}: {lead}: {shown[:200]}. "
-        f"{suggestion(header, head.cells, works, head.numbers, layout.preamble)}"
-        f"Name the columns (columns=..., --columns): {NAMES}"
+        f"{text.name}: {lead}: {shown[:200]}. {proposal}{name} the columns (columns=..., --columns): {NAMES}"
     )
 
 

@@ -78,8 +78,9 @@ def _median_magnitude(values: FloatArray) -> float:
 def accel_reading(values: FloatArray) -> Reading:
     """The interpretation of an accelerometer's first samples, (N, 3)."""
     size = _median_magnitude(values)
-    shown = ", ".join(f"{gravity_g(values, unit):.3g} g as {UNIT_TEXT[unit]}" for unit in ("mps2", "g", "mg"))
-    text = f"accelerometer: median magnitude {size:.4g}, which is {shown}"
+    in_g = {unit: float(f"{gravity_g(values, unit):.3g}") for unit in ("mps2", "g", "mg")}
+    shown = ", ".join(f"{value:.10g} g as {UNIT_TEXT[unit]}" for unit, value in in_g.items())
+    text = f"accelerometer: median magnitude {float(f'{size:.4g}'):.10g}, which is {shown}"
     low, high = GRAVITY_G
     likely = next((unit for unit in ("mps2", "g", "mg") if low < gravity_g(values, unit) < high), None)
     is_whole = bool(len(values)) and _is_whole(values)

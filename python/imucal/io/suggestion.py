@@ -88,7 +88,7 @@ def suggestion(
         return shown
     if len(lines) > 1:
         return f"{shown}Give the one that is right: {' or '.join(lines)}. "
-    return f"{shown}If these are the columns and their units: {lines[0]} (columns=...). "
+    return f"{shown}If these are the columns and their units: {lines[0]}. "
 
 
 def _with_gravity(header: Header, numbers: Callable[[str], Any]) -> Header:
@@ -139,7 +139,7 @@ def time_suggested(
     if pair is None:
         return ""
     shown = f"{'; '.join(sentences)}. " if sentences else ""
-    return f"{shown}If this is the time: --columns '{pair}' (columns=...). "
+    return f"{shown}If this is the time: --columns '{pair}'. "
 
 
 def rows_of_several_sensors(cells: Mapping[str, Sequence[str]]) -> str:

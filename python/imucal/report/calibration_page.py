@@ -158,7 +158,8 @@ def _summary(result: CalibrationResult) -> list[str]:
 
 
 def _reasons(verdict: str, reasons: Sequence[str]) -> list[str]:
-    return [heading(f"Why it is {verdict}"), item_list(reasons)] if reasons else []
+    """The list of reasons. A single reason is in the verdict at the top of the page."""
+    return [heading(f"Why it is {verdict}"), item_list(reasons)] if len(reasons) > 1 else []
 
 
 def _beside_noise(residuals: Sequence[ResidualFit]) -> list[str]:
