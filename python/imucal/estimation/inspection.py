@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -91,6 +92,12 @@ class Inspection:
     def usable(self) -> bool:
         """Whether the recording has no fault that prevents a calibration."""
         return all(finding.severity != "error" for finding in self.findings)
+
+    @property
+    def rate_in_words(self) -> str:
+        """The sampling rate with its unit, or why it is not known."""
+        is_known = math.isfinite(self.rate_hz)
+        return f"{self.rate_hz:.6g} Hz" if is_known else "rate unknown (most time steps are 0)"
 
     @property
     def sensors_in_words(self) -> str:

@@ -14,12 +14,14 @@ ACCEL: Final = {
     *("specific", "gf", "gforce", "acce", "accs", "accelero", "totalacceleration"),
     # The word "acceleration" as apps translate it, without accents: German, Spanish, Italian, Portuguese,
     # Dutch. French has the English word.
+    *("acel", "acelerometro", "accelerometro"),
     *("beschleunigung", "aceleracion", "accelerazione", "aceleracao", "versnelling"),
 }
 GYRO: Final = {
     *("g", "gy", "gyr", "gyro", "gyros", "gyroscope", "w", "omega", "angular", "rotation", "rate"),
     *("ang", "rot"),
     *("angvel", "anglvel", "angrate", "turnrate"),
+    *("gir", "giro", "giros"),
     *("gyroskop", "drehrate", "winkelgeschwindigkeit", "giroscopio", "gyroscoop"),
 }
 # If a column name contains one of these words, the column belongs to neither the accelerometer (with gravity)
@@ -50,8 +52,8 @@ NOT_TIME: Final = {"zone", "step", "delta", "dt", "diff", "ntp", "gps"}
 WORD: Final = r"[A-Z]+(?![a-z])|[A-Z]?[a-z']+|[A-Za-z]+|\d+|%"
 # Matches names in which sensor and axis are one word: ax, gyroX, xAccel, ACCEL_XOUT, AcX, gFz, GForceX.
 JOINED: Final = (
-    r"^(?:(a|acc|accel|ac|f|gf|gforce|g|gy|gyr|gyro|w|omega)([xyz])|"
-    r"([xyz])[-_ ]?(acc|accel|accl|gyro|gyr|rate))$"
+    r"^(?:(a|acc|accel|acel|ac|f|gf|gforce|g|gy|gyr|gyro|gir|giro|w|omega)([xyz])|"
+    r"([xyz])[-_ ]?(acc|accel|accl|acel|gyro|gyr|giro|rate))$"
 )
 
 
@@ -113,7 +115,8 @@ def is_time(words: list[str], unit: tuple[str, str] | None) -> bool:
     if words == ["gps", "tow"]:
         return True
     return any(re.match(TIME, word) for word in words) and not any(
-        word in NOT_TIME or word in OTHER or word in ACCEL or word in GYRO for word in words
+        word in NOT_TIME or word in OTHER or (len(word) > 1 and (word in ACCEL or word in GYRO))
+        for word in words
     )
 
 

@@ -6,7 +6,9 @@ import os
 from collections.abc import Sequence
 
 from imucal.errors import FormatError, InputError
-from imucal.io.headed import Head, require_agreement
+from imucal.io.head import Head
+from imucal.io.headed import require_agreement
+from imucal.io.interleaved import refuse_interleaved
 from imucal.io.layout import is_number
 from imucal.io.mapping import column_list
 from imucal.io.names import NAMES, SKIP, is_canonical
@@ -56,6 +58,7 @@ def read_columns(
     require_agreement(text.name, layout, names, check_axes=True)
     if layout.names is None and SKIP[0] in names and not all(map(is_number, layout.first)):
         _refuse_rows_of_several_sensors(text, names)
+    refuse_interleaved(text, names)
     return recording_from_table(read_rows(text, names), text.sources, rate_hz)
 
 

@@ -193,7 +193,7 @@ FORMATS: Final[dict[str, Format]] = {
         title="label:value lines",
         files=1,
         extra=None,
-        known_by="lines such as ax:0.01 ay:0.02 az:9.81, or Accel X:0.01 Y:0.02 Z:9.81",
+        known_by="lines such as ax:0.01 ay:0.02 az:9.81, or ACCEL: X=0.01 Y=0.02 Z=9.81",
         reads=(
             "the values, with the labels as column names of the format csv; if each line contains the three "
             "axes of one sensor, the lines of all sensors together are one sample; lines with other labels "
@@ -230,10 +230,16 @@ FORMATS: Final[dict[str, Format]] = {
         title="WitMotion binary packets",
         files=1,
         extra=None,
-        known_by="packets 0x51 and 0x52 with valid check sums",
-        reads="acceleration, angular rate and temperature; packets with a wrong check sum are skipped",
+        known_by="packets 0x51 and 0x52 with valid check sums, or packets 0x61",
+        reads=(
+            "acceleration, angular rate and temperature; packets with a wrong check sum are skipped; packets "
+            "0x61 (Bluetooth and SD-card models) contain acceleration and angular rate, and no check sum"
+        ),
         units="raw counts of the ranges 16 g and 2000 deg/s (WT901 series), converted to m/s^2 and rad/s",
-        time="time packets (0x50), relative to the first sample; without such packets, give --rate-hz",
+        time=(
+            "time packets (0x50), or the time in packets 0x61 of an SD card, relative to the first sample; "
+            "without a time, give --rate-hz"
+        ),
         options=("rate_hz",),
         example="wt901.bin --rate-hz 100",
     ),

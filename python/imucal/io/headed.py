@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Final, Protocol
+from typing import Final
 
 import numpy as np
 
 from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
-from imucal.io.dates import is_date_column
-from imucal.io.first_cells import HEAD_ROWS
-from imucal.io.header import Header, Triad, header_of, unknown_units
-from imucal.io.layout import Layout, is_number, split_line
+from imucal.io.head import FirstCells, Head
+from imucal.io.header import Header, header_of, unknown_units
+from imucal.io.interleaved import refuse_interleaved
+from imucal.io.layout import Layout
 from imucal.io.mapping import mapping_of
 from imucal.io.names import NAMES, SKIP, is_canonical, time_unit, triad_part
 from imucal.io.programs import Program, program_of
 from imucal.io.remarks import corrected_by_px4, remark
-from imucal.io.scale import NO_GRAVITY_G, accel_reading, epoch_unit, gravity_g
+from imucal.io.scale import NO_GRAVITY_G, accel_reading, epoch_unit, gravity_g, is_constant
 from imucal.io.stamps import NANOSECONDS, joined_stamps
 from imucal.io.suggestion import suggestion
 from imucal.io.table import Table
@@ -28,8 +28,6 @@ from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 
 __all__ = [
-    "FirstCells",
-    "Head",
     "as_read",
     "canonical_names",
     "certain_time",
@@ -44,67 +42,6 @@ __all__ = [
 
 # Ticks per second of SampleTimeFine of an MTi, from the MT low-level communication protocol.
 TICKS_100US: Final = 1e4
-
-
-class FirstCells(Protocol):
-    """The first cells of a table by column name."""
-
-    def numbers(self, name: str) -> Any:
-        """The first numbers of a column; NaN for cells that are not numbers."""
-
-    def triad(self, triad: Triad) -> Any:
-        """The first samples of three columns, (N, 3)."""
-
-    def is_date(self, name: str) -> bool:
-        """Whether a column contains dates or times of day."""
-
-
-class Head:
-    """The first cells of a text table by column name."""
-
-    def __init__(self, text: Text) -> None:
-        layout = text.layout
-        start, is_all = text.first_rows(1 << 16)
-        lines = start.decode(errors="replace").split("\n")
-        if not is_all:
-            lines = lines[:-1]
-        rows = [split_line(line, layout.separator) for line in lines[:HEAD_ROWS] if line.strip()]
-        names = layout.names or [str(index) for index in range(layout.width)]
-        width = len(layout.first)
-        rows = [row for row in rows if len(row) == width]
-        columns = map(list, zip(*rows, strict=True))
-        # A header may have more names than the rows have cells.
-        self.cells: dict[str, list[str]] = {name: [] for name in names}
-        self.cells |= zip(names, columns, strict=False)
-        self._decimal = layout.decimal
-
-    def numbers(self, name: str) -> Any:
-        """The first numbers of a column; NaN for cells that are not numbers."""
-        cells = self.cells.get(name, [])
-        if all(map(is_number, cells)):
-            return np.array(list(map(float, cells)))
-        return np.array([_number(cell, self._decimal) for cell in cells])
-
-    def triad(self, triad: Triad) -> Any:
-        """The first samples of three columns, (N, 3)."""
-        return np.column_stack([self.numbers(name) for name in triad.columns])
-
-    def is_date(self, name: str) -> bool:
-        """Whether a column contains dates or times of day."""
-        cells = self.cells.get(name, [])[:50]
-        if all(map(is_number, cells)):
-            return False
-        import pyarrow as pa
-
-        return is_date_column(pa.array(cells, pa.string())) is not None
-
-
-def _number(cell: str, decimal: str) -> float:
-    try:
-        # float() would accept the date 2026_01_31 as a number.
-        return float("nan" if "_" in cell else cell.replace(",", ".") if decimal == "," else cell)
-    except ValueError:
-        return float("nan")
 
 
 def recording_of_text(text: Text, columns: str | Sequence[str] | None, rate_hz: float | None) -> Recording:
@@ -132,7 +69,9 @@ def read_headed(text: Text, columns: str | Sequence[str] | None, rate_hz: float 
         any(map(is_canonical, layout.names)) and not layout_header(layout).accel
     )
     if columns is not None or by_names:
-        table = read_rows(text, names_given(text.name, layout, columns))
+        given = names_given(text.name, layout, columns)
+        refuse_interleaved(text, given)
+        table = read_rows(text, given)
     else:
         table = _by_header(text, rate_hz)
     return with_corrections(table, program_of(layout.names, layout.preamble))
@@ -220,6 +159,7 @@ def _by_header(text: Text, rate_hz: float | None) -> Table:
         raise FormatError(_unsure(text, header, head))
     time, ticks = certain
     names = canonical_names(layout.names or [], header, time)
+    refuse_interleaved(text, names, head)
     table = joined_stamps(replace(read_rows(text, names), ticks_per_s=ticks))
     return replace(table, findings=(*table.findings, as_read(text.name, header, time)))
 
@@ -267,18 +207,19 @@ def time_of(header: Header, head: FirstCells) -> tuple[tuple[str, str], float | 
     """(name, canonical name) of the time column, and its ticks per second if no canonical name has them.
 
     Time stamps since 1970 take precedence over a time since the start, because only they are comparable
-    between two files.
+    between two files. A column whose first time stamps are all equal, such as zeros, is not used.
     """
-    for name, _ in header.times:
+    usable = [(name, unit) for name, unit in header.times if not is_constant(head.numbers(name))]
+    for name, _ in usable:
         unit = epoch_unit(head.numbers(name))
         if unit is not None:
             return (name, f"time_{unit}"), None
-    for name, unit in header.times:
+    for name, unit in usable:
         if unit == "100us":
             return (name, "time_us"), TICKS_100US
         if unit is not None and not head.is_date(name):
             return (name, f"time_{unit}"), None
-    for name, _ in header.times:
+    for name, _ in usable:
         if head.is_date(name):
             return (name, "time_s"), None
     return None
@@ -335,8 +276,10 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
     is_known = (header.accel or header.linear) and header.gyro
     lead = "the format could not be determined; first line"
     if header.accel or header.gyro:
-        known = "does not give every unit" if is_known else "names the columns of one sensor only"
-        lead = f"the header {known}"
+        has_units = all(triad.unit is not None for triad in (*header.accel[:1], *header.gyro[:1]))
+        is_timeless = all(is_constant(head.numbers(name)) for name, _ in header.times)
+        known = "gives no usable time" if has_units and is_timeless else "does not give every unit"
+        lead = f"the header {known if is_known else 'names the columns of one sensor only'}"
     unknown = unknown_units(layout.described)
     if unknown and not is_known:
         return (

@@ -111,6 +111,8 @@ def header_of(
         units = {found[axis][1] for axis in "xyz"}
         unit_name = units.pop() if len(units) == 1 else None
         columns = (found["x"][0], found["y"][0], found["z"][0])
+        if what.startswith("plain") and _is_quaternion(columns[0], names):
+            continue
         of = {"plain-accel": "accel", "plain-gyro": "gyro"}.get(what, what)
         source = "header"
         if unit_name is None and program is not None and of in ("accel", "gyro"):
@@ -157,6 +159,11 @@ def unknown_units(described: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(bare[name] for name in used if bare[name]))
 
 
+def _is_quaternion(x: str, names: Sequence[str]) -> bool:
+    """Whether there is a column w besides the column x, as in x, y, z, w."""
+    return re.sub(r"x(?=[^x]*$)", "w", x.lower()) in {name.lower() for name in names}
+
+
 def _shared_start(names: Sequence[str]) -> str:
     """The common prefix of all names, up to a separator."""
     least, most = min(names, default=""), max(names, default="")
@@ -192,10 +199,22 @@ def _sensors_by_unit(names: Sequence[str], described: Sequence[str], groups: _Gr
 
 
 def _index_axes(names: Sequence[str], described: Sequence[str], groups: _Groups) -> None:
-    """Add sensors whose column names number the axes, such as gyroADC[0], gyroADC[1], gyroADC[2]."""
+    """Add sensors whose column names number the axes, such as gyroADC[0], gyroADC[1], gyroADC[2].
+
+    Names without brackets, such as acc0, acc1, acc2, are those of a sensor if no acc3 follows.
+    """
+    low = {text.lower() for text in described}
     for name, text in zip(names, described, strict=True):
         match = re.search(r"^\s*(\w+)\[([012])\]", text)
         if match is None:
+            plain = re.match(r"\s*([A-Za-z]+)_?([012])(?=\W|$)", text)
+            if plain is None or any(f"{plain[1]}{mark}3".lower() in low for mark in ("", "_")):
+                continue
+            _, unit = split_unit(text)
+            role = role_of(["x", *words_of(plain[1])], plain[1], unit)
+            if role is not None and role[0] in ("accel", "gyro"):
+                axis = "xyz"[int(plain[2])]
+                groups.setdefault((role[0], plain[1]), {}).setdefault(axis, (name, unit[1] if unit else None))
             continue
         _, unit = split_unit(text.replace(match[0], match[1]))
         stem = match[1].lower()

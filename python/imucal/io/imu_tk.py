@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
-from typing import Final, get_args
+from typing import get_args
 
-import numpy as np
-
-from imucal.arrays import FloatArray
 from imucal.errors import InputError
-from imucal.finding import Finding
-from imucal.io.remarks import remark
-from imucal.io.scale import accel_reading
 from imucal.io.sensor_files import read_pair
-from imucal.io.text import head_of
 from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 
 __all__ = ["read_imu_tk"]
-
-# Number of samples that are tested for whole numbers. Samples with a fraction cannot be raw counts.
-FIRST: Final = 2000
 
 
 def read_imu_tk(
@@ -48,35 +37,4 @@ def read_imu_tk(
             raise InputError(
                 f"{what} is {unit!r}: give one of {', '.join(known)}, and convert other units first"
             )
-    # If a file has a header, units and axes are taken from the header.
-    has_header = any(head_of(path)[1].names is not None for path in (accel_path, gyro_path))
-    recording = read_pair(
-        accel_path,
-        gyro_path,
-        time_unit=time_unit,
-        accel_unit=accel_unit if accel_unit is not None or has_header else "lsb",
-        gyro_unit=gyro_unit if gyro_unit is not None or has_header else "lsb",
-    )
-    if has_header or accel_unit is not None or gyro_unit is not None or _are_whole(recording):
-        return recording
-    return replace(recording, findings=(*recording.findings, _counts_assumed(recording)))
-
-
-def _first(recording: Recording) -> FloatArray:
-    return np.asarray(recording.specific_force, dtype=np.float64)[:FIRST]
-
-
-def _are_whole(recording: Recording) -> bool:
-    """Whether the samples can be counts; resampled counts are not whole."""
-    first = _first(recording)
-    return bool((first == np.round(first)).all()) or any(f.code == "resampled" for f in recording.findings)
-
-
-def _counts_assumed(recording: Recording) -> Finding:
-    return remark(
-        recording.name,
-        "counts_assumed",
-        "the files have no header, so the numbers were taken as counts, but they are not whole "
-        f"({accel_reading(_first(recording)).text})",
-        "if they have a unit, give it with --accel-unit m/s^2 --gyro-unit rad/s",
-    )
+    return read_pair(accel_path, gyro_path, time_unit=time_unit, accel_unit=accel_unit, gyro_unit=gyro_unit)

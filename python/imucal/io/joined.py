@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from imucal.arrays import FloatArray
 from imucal.document.source import Source
 from imucal.errors import FormatError
 from imucal.finding import Finding
@@ -16,7 +17,15 @@ from imucal.io.arrow_values import numpy_of
 from imucal.io.names import SKIP
 from imucal.io.remarks import remark
 from imucal.io.requested_columns import float64
-from imucal.io.sensor import Sensor, Units, how_read, require_gravity, time_of_sensor, unit_of_sensor
+from imucal.io.scale import accel_reading, is_whole
+from imucal.io.sensor import (
+    Sensor,
+    Units,
+    how_read,
+    require_gravity,
+    time_of_sensor,
+    unit_of_sensor,
+)
 from imucal.io.streams import Stream, recording_from_streams
 from imucal.io.table import Table
 from imucal.io.text import read_rows
@@ -53,6 +62,9 @@ def joined(
     if is_headed:
         how = how_read(accel, "accel", units, accel_unit, "the headers")
         findings.append(_as_read(file, how, accel, gyro, tables))
+    elif units.accel is None and units.gyro is None:
+        first = accel.head.triad(accel.triad)
+        findings += [] if is_whole(first) else [_counts_assumed(file, first)]
     stamps = [_nanoseconds(table) for table in tables]
     if len(stamps[0]) == len(stamps[1]) and np.array_equal(stamps[0], stamps[1]):
         accel_table, gyro_table = tables
@@ -120,6 +132,16 @@ def _stream(table: Table, time_ns: NDArray[np.int64], what: str) -> Stream:
     by_axis = sorted(names)
     values: Any = np.column_stack([float64(table.column(name)) for name in by_axis]) * factor
     return Stream(table.file, time_ns, values)
+
+
+def _counts_assumed(file: str, values: FloatArray) -> Finding:
+    return remark(
+        file,
+        "counts_assumed",
+        "the files have no header, so the numbers were taken as counts, but they are not whole "
+        f"({accel_reading(values).text})",
+        "if they have a unit, give it with --accel-unit m/s^2 --gyro-unit rad/s",
+    )
 
 
 def _as_read(file: str, how: str, accel: Sensor, gyro: Sensor, tables: Sequence[Table]) -> Finding:

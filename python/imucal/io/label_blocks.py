@@ -2,7 +2,7 @@
 
 The examples of Adafruit print one line per sensor. The lines of all sensors together form one sample:
 
-    Acceleration X: 0.04, Y: 0.11, Z: 9.79 m/s^2
+    Acceleration X: 0.04, Y: 0.11, Z: 9.79 m/s^2    (or: ACCEL: X=0.04 Y=0.11 Z=9.79)
     Rotation X: 0.01, Y: -0.02, Z: 0.00 rad/s
     Temperature: 27.63 degC
 
@@ -22,8 +22,8 @@ __all__ = ["are_blocks", "rows_of_blocks"]
 _NUMBER: Final = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 # Matches a line with the name of a sensor, its three axes, and the unit.
 VECTOR: Final = re.compile(
-    rf"^\s*([A-Za-z][\w .]*?)\s*X\s*[:=]\s*{_NUMBER}\s*,?\s*Y\s*[:=]\s*{_NUMBER}\s*,?\s*Z\s*[:=]\s*{_NUMBER}"
-    r"\s*([^\d\s,;:=][^\d,;:=]{0,20}\d?)?\s*$"
+    rf"^\s*([A-Za-z][\w .]*?)\s*(?:[:=|>-]+\s*)?\bX\s*[:=]\s*{_NUMBER}\s*,?\s*Y\s*[:=]\s*{_NUMBER}\s*,?"
+    rf"\s*Z\s*[:=]\s*{_NUMBER}\s*([^\d\s,;:=][^\d,;:=]{{0,20}}\d?)?\s*$"
 )
 BRACKETS: Final = re.compile(
     rf"([A-Za-z][\w .]*?)\s*\(([^()\[\]]*)\)\s*\[\s*{_NUMBER}\s*,\s*{_NUMBER}\s*,\s*{_NUMBER}\s*\]"

@@ -57,6 +57,10 @@ STARTS: Final = (
 BLACKBOX: Final = b"H Product:Blackbox flight data recorder"
 # First line of a log of ArduPilot that Mission Planner has converted to text.
 ARDUPILOT_TEXT: Final = rb"FMT, ?\d+, ?\d+, ?\w+, ?\w+, "
+# Start of a text in JSON. A line of a log may also start with a bracket: `[12.5][STATE] ...`.
+JSON: Final = rb"\s*(?:\{|\[\s*(?:[\[{\"]|[-\d.eE+]+\s*,))"
+# Start of a cell with a list or an object in JSON.
+CELL_LIST: Final = rb'"[\[{]'
 # A text of labels (ax:0.01) or sentences ($VNIMU,...) contains at least one of these characters.
 MARKS_OF_LABELS: Final = b":=$[*"
 # Extensions that only one format uses. They identify the format if the first bytes of the file are damaged.
@@ -113,14 +117,19 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
         return "columns"
     if "columns" in options:
         return "csv"
-    if head.lstrip()[:1] in (b"[", b"{"):
+    if re.match(JSON, head):
         raise FormatError(
             f"{path.name} is JSON: choose CSV in the export, or write one line with the names of the columns "
             "and one line per sample"
         )
     start, layout = head_of(path)
+    if not layout.first and re.search(CELL_LIST, start):
+        raise FormatError(
+            f"{path.name}: the cells hold lists: write one line per sample, with one number in each cell"
+        )
     if layout.names is not None:
         return "euroc" if is_euroc(layout.names) else "csv"
+    more = f", ... ({len(layout.first)} columns)" if len(layout.first) > 12 else ""
     shown = ", ".join(layout.first[:12])
     hint = (
         "It looks like one file of an imu_tk pair: add --format imu_tk for two files. "
@@ -128,7 +137,7 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
         else _several_sensors(start, layout)
     )
     raise FormatError(
-        f"{path.name}: the format could not be determined; first line: {shown[:200]}. "
+        f"{path.name}: the format could not be determined; first line: {shown[:200]}{more}. "
         f"{hint}Give the format ({', '.join(FORMATS)}), or name the columns (columns=..., --columns): {NAMES}"
     )
 

@@ -15,7 +15,17 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.units import COLUMN_UNITS, DEGREE_RAD, STANDARD_GRAVITY_MPS2, TICKS_PER_S
 
-__all__ = ["Reading", "accel_reading", "epoch_unit", "gravity_g", "gyro_reading", "is_still", "time_reading"]
+__all__ = [
+    "Reading",
+    "accel_reading",
+    "epoch_unit",
+    "gravity_g",
+    "gyro_reading",
+    "is_constant",
+    "is_still",
+    "is_whole",
+    "time_reading",
+]
 
 # Range of the median magnitude of an accelerometer, g, that is accepted as gravity. It allows for motion.
 GRAVITY_G: Final = (0.7, 1.4)
@@ -36,6 +46,15 @@ UNLIKELY_FACTOR: Final = 12.0
 LARGEST_RATE_RADPS: Final = 4100 * DEGREE_RAD
 # Plausible range of sampling rates, Hz.
 RATES_HZ: Final = (5.0, 40_000.0)
+# Range of the median magnitude of whole numbers that can be mg. Biases of MEMS sensors reach 0.05 g.
+MG: Final = (900, 1100)
+# Ranges in which whole numbers, and others, can also be counts of 0.01 m/s^2, of which 981 are 1 g (BNO055).
+MG_OR_CM_PER_S2: Final = ((900, 1030), (971, 991))
+# Acceleration may lack gravity if the interquartile range of its magnitude exceeds this share of the median
+# magnitude, and its mean vector is shorter than this share. Without gravity, random motion gives 0.6 and 0.
+UNSTEADY: Final = 0.5
+# Least share of repeated time stamps for which the clock counts as too coarse, or rows as written twice.
+REPEATED: Final = 0.25
 # Largest share of time steps that may be negative in a column of time.
 MOST_BACKWARDS: Final = 0.1
 # Largest noise of the accelerometer per sample, g, at which a unit can be at rest.
@@ -55,10 +74,12 @@ class Reading(NamedTuple):
 
     likely  suffix of the canonical names for the likely unit, or None
     text    sentence with the values in each unit
+    either  suffixes of the units between which the numbers do not decide
     """
 
     likely: str | None
     text: str
+    either: tuple[str, ...] = ()
 
 
 def gravity_g(values: FloatArray, unit: str) -> float:
@@ -83,14 +104,32 @@ def accel_reading(values: FloatArray) -> Reading:
     text = f"accelerometer: median magnitude {float(f'{size:.4g}'):.10g}, which is {shown}"
     low, high = GRAVITY_G
     likely = next((unit for unit in ("mps2", "g", "mg") if low < gravity_g(values, unit) < high), None)
-    is_whole = bool(len(values)) and _is_whole(values)
-    if likely == "mg" and is_whole and not 900 < size < 1100:
+    are_whole = is_whole(values)
+    low, high = MG_OR_CM_PER_S2[0 if are_whole else 1]
+    if likely == "mg" and low < size < high:
+        return Reading(None, f"{text}, and {size / 981:.3g} g as counts of 0.01 m/s^2 (lsb)", ("mg", "lsb"))
+    if likely == "mg" and are_whole and not MG[0] < size < MG[1]:
         likely = None
-    if likely is None and is_whole and size > 50:
+    if likely in ("g", "mg") and (doubt := _without_gravity(values, size)):
+        return Reading(None, text + doubt, (likely, "mps2"))
+    if likely is None and are_whole and size > 50:
         likely, text = "lsb", f"{text}; whole numbers, so probably counts ({size:.0f} per g)"
     elif likely is None and size * 1.0 < NO_GRAVITY_G * STANDARD_GRAVITY_MPS2:
         text += "; it seems not to include gravity, which a calibration needs"
     return Reading(likely, text)
+
+
+def _without_gravity(values: FloatArray, size: float) -> str:
+    """The end of a sentence on samples that vary like acceleration without gravity; empty for others."""
+    values = values[np.isfinite(values).all(axis=1)]
+    low, high = np.quantile(np.linalg.norm(values, axis=1), (0.25, 0.75)) / size
+    mean = float(np.linalg.norm(values.mean(axis=0))) / size
+    if high - low < UNSTEADY or mean > UNSTEADY:
+        return ""
+    return (
+        f"; the middle half of the magnitudes spreads by {100 * (high - low):.0f} %, and the magnitude of "
+        f"the mean is {100 * mean:.0f} %, so it may be acceleration without gravity in m/s^2"
+    )
 
 
 def is_still(accel: FloatArray, unit: str | None) -> bool:
@@ -111,7 +150,7 @@ def gyro_reading(values: FloatArray, *, is_moving: bool = False) -> Reading:
         f"gyroscope: noise per sample {noise:.2g}, which is {noise:.2g} deg/s as deg/s, "
         f"{noise / DEGREE_RAD:.2g} deg/s as rad/s"
     )
-    if len(values) and _is_whole(values) and largest > 5:
+    if is_whole(values) and largest > 5:
         return Reading("lsb", f"gyroscope: whole numbers up to {largest:.0f}, so probably counts")
     for unit, factor in (("dps", 1.0), ("radps", 1 / DEGREE_RAD), ("mdps", 1e-3)):
         counts = _counts_per_dps(values * factor)
@@ -140,25 +179,53 @@ def _unit_of_noise(noise: float) -> str | None:
 
 def time_reading(values: Any) -> Reading:
     """The interpretation of a time column without a unit, from its time step."""
+    times = np.asarray(values, dtype=np.float64)
+    if is_constant(times):
+        return Reading(None, f"the first {len(times)} time stamps are all {times[0]:g}, so they are no time")
     unit = epoch_unit(values)
     if unit is not None:
         return Reading(unit, f"time: stamps since 1970 in {unit}")
-    times = np.asarray(values, dtype=np.float64)
-    steps = np.diff(times)
+    steps = np.diff(_without_copies(times))
     if _are_whole_seconds(times):
         return Reading(None, "time: whole seconds since 1970, several samples in each second")
     if len(steps) and (steps < 0).mean() > MOST_BACKWARDS:
         return Reading(None, "the column of the time does not increase")
     if len(steps) and (steps == 1).all():
         return Reading(None, "the column of the time counts by 1, so it can be the number of the sample")
-    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else math.nan
+    positive = steps[steps > 0]
+    if len(positive) and (positive == 1).all() and (steps == 0).mean() > REPEATED:
+        return Reading(
+            None,
+            f"time: {100 * (steps == 0).mean():.0f} % of the stamps repeat the stamp before, and the others "
+            "count by 1, so they are too coarse",
+        )
+    step = float(np.median(positive)) if len(positive) else math.nan
     rates = {unit: ticks / step for unit, ticks in TICKS_PER_S.items()}
     fitting = [unit for unit, rate in rates.items() if RATES_HZ[0] <= rate <= RATES_HZ[1]]
     shown = ", ".join(f"{rates[unit]:.4g} Hz as {unit}" for unit in rates if 0.01 < rates[unit] < 1e7)
     # Times with fractions are assumed to be in s, because counters in ms or us are integers.
-    is_whole = bool(len(steps)) and _is_whole(np.asarray(values, dtype=np.float64))
-    fitting = [unit for unit in fitting if (unit == "s") != is_whole or len(fitting) == 1]
+    are_whole = bool(len(steps)) and is_whole(times)
+    fitting = [unit for unit in fitting if (unit == "s") != are_whole or len(fitting) == 1]
     return Reading(fitting[0] if fitting else None, f"time: steps of {step:.4g}, {shown}")
+
+
+def is_constant(values: Any) -> bool:
+    """Whether two or more time stamps are all equal."""
+    times = np.asarray(values, dtype=np.float64)
+    return len(times) > 1 and bool((times == times[0]).all())
+
+
+def _without_copies(times: FloatArray) -> FloatArray:
+    """Each time stamp where it first occurs, if blocks of rows occur twice; otherwise all time stamps.
+
+    Loggers that write a block again, for example after a lost connection, repeat stamps out of order.
+    """
+    finite = times[np.isfinite(times)]
+    if not (np.diff(finite) < 0).any():
+        return times
+    first = finite[np.sort(np.unique(finite, return_index=True)[1])]
+    are_copies = 1 < len(first) <= (1 - REPEATED) * len(finite)
+    return first if are_copies and (np.diff(first) < 0).mean() <= MOST_BACKWARDS else times
 
 
 def epoch_unit(values: Any) -> str | None:
@@ -168,7 +235,7 @@ def epoch_unit(values: Any) -> str | None:
     if not len(finite):
         return None
     for unit, ticks in TICKS_PER_S.items():
-        if EPOCH_S[0] <= finite[0] / ticks <= EPOCH_S[1] and (unit != "s" or not _is_whole(finite)):
+        if EPOCH_S[0] <= finite[0] / ticks <= EPOCH_S[1] and (unit != "s" or not is_whole(finite)):
             # Integers near 1e9 are not accepted as s since 1970, because they can also be an uptime of a
             # quarter of an hour in us.
             return unit if unit != "ns" or finite[0] > 1e18 else None
@@ -178,13 +245,14 @@ def epoch_unit(values: Any) -> str | None:
 def _are_whole_seconds(values: FloatArray) -> bool:
     """Whether time stamps are times since 1970 in whole seconds, of which most occur more than once."""
     finite = values[np.isfinite(values)]
-    if not (len(finite) and _is_whole(finite) and EPOCH_S[0] <= finite[0] <= EPOCH_S[1]):
+    if not (len(finite) and is_whole(finite) and EPOCH_S[0] <= finite[0] <= EPOCH_S[1]):
         return False
     steps = np.diff(finite)
     return bool(np.isin(steps, (0, 1)).all() and 2 * (steps == 0).sum() > len(steps))
 
 
-def _is_whole(values: FloatArray) -> bool:
+def is_whole(values: FloatArray) -> bool:
+    """Whether all finite values are whole numbers, and there are any."""
     finite = values[np.isfinite(values)]
     return bool(len(finite)) and bool((finite == np.round(finite)).all())
 

@@ -8,7 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from imucal.errors import FormatError, InputError
-from imucal.io.headed import Head, layout_header, time_of
+from imucal.io.head import Head
+from imucal.io.headed import layout_header, time_of
 from imucal.io.header import Header, Triad
 from imucal.io.scale import NO_GRAVITY_G, accel_reading, epoch_unit, gravity_g, gyro_reading, time_reading
 from imucal.io.text import Text
@@ -79,7 +80,8 @@ def sensor_of(text: Text) -> Sensor:
     if layout.names is None:
         if len(layout.first) != 4:
             raise FormatError(
-                f"{text.name}: {len(layout.first)} columns without a header, four are needed: time, x, y, z"
+                f"{text.name}: {len(layout.first)} columns without a header, four are needed: time, x, y, z: "
+                "leave the others out, or write a line with the names of all columns above the rows"
             )
         head = Head(text)
         time, *axes = _time_first_or_last(head)

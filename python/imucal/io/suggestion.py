@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
@@ -13,13 +14,25 @@ from imucal.arrays import FloatArray
 from imucal.io.dates import is_date_column
 from imucal.io.header import Header, Triad, header_of, names_sensor
 from imucal.io.names import is_canonical
-from imucal.io.scale import Reading, accel_reading, gyro_reading, is_still, time_reading
+from imucal.io.scale import (
+    Reading,
+    accel_reading,
+    epoch_unit,
+    gyro_reading,
+    is_constant,
+    is_still,
+    time_reading,
+)
 from imucal.io.unit_words import split_unit
 
 __all__ = ["columns_suggested", "rows_of_several_sensors", "suggestion", "time_suggested"]
 
-# A sampling rate in a line before the header: "Update Rate: 100.0Hz", "Sample rate,100 Hz", "#sps,100".
-RATE: Final = r"(?i)\b(?:rate|sps)\b\W{0,4}(\d+(?:\.\d+)?)"
+# A sampling rate in a line before the header: "Update Rate: 100.0Hz", "data_rate = 100 Hz", "#sps,100",
+# "Frecuencia (Hz);100".
+RATE: Final = (
+    r"(?i)(?:(?<![a-z])(?<!baud )(?<!baud_)(?:rate|sps)|(?:^\W*|sampl\w*[ _])fr[eé][qck]\w*)"
+    r"(?: *[(\[]hz[)\]])?[\W_]{0,4}(\d+(?:\.\d+)?)"
+)
 # A name of a temperature. Its values are probably in degC if their median is in this range.
 TEMPERATURE: Final = r"(?i)temp(?:erature)?(?![a-z])"
 PLAUSIBLE_DEGC: Final = (-60.0, 130.0)
@@ -39,7 +52,7 @@ def suggestion(
     numbers   the first numbers of a column
     preamble  lines before the header
     """
-    header = _with_rates(_with_gravity(header, numbers), list(cells))
+    header = _likely_first(_with_rates(_with_gravity(header, numbers), list(cells)), numbers)
     lead = ""
     if not (header.accel and header.gyro):
         several = rows_of_several_sensors(cells)
@@ -47,18 +60,19 @@ def suggestion(
             return several or _without_a_sensor(header)
         lead = _alone(header)
     sentences: list[str] = []
-    guessed: list[tuple[Triad, str, str | None]] = []
+    # The units of each triad that the numbers allow.
+    guessed: list[tuple[Triad, str, tuple[str, ...]]] = []
     is_moving = False
     for triad in header.accel[:1]:
         values = _values(triad, numbers)
-        unit, sentence = _unit(triad, accel_reading(values))
-        is_moving = not is_still(values, unit)
+        units, sentence = _units(triad, accel_reading(values))
+        is_moving = not is_still(values, units[0] if len(units) == 1 else None)
         sentences += sentence
-        guessed.append((triad, "accel", unit))
+        guessed.append((triad, "accel", units))
     for triad in header.gyro[:1]:
-        unit, sentence = _unit(triad, gyro_reading(_values(triad, numbers), is_moving=is_moving))
+        units, sentence = _units(triad, gyro_reading(_values(triad, numbers), is_moving=is_moving))
         sentences += sentence
-        guessed.append((triad, "gyro", unit))
+        guessed.append((triad, "gyro", units or (() if lead else ("dps", "radps"))))
     time, sentence = _time(header, cells, numbers)
     sentences += sentence
     if any(triad in header.linear for triad in header.accel[:1]):
@@ -69,20 +83,17 @@ def suggestion(
     if others:
         sentences.append(f"there are further sensors ({', '.join(others)}, ...): choose one")
     shown = f"{lead}No unit is assumed: {'; '.join(sentences)}. " if sentences else lead
-    missing = [what for _, what, unit in guessed if unit is None]
-    if lead and missing:
-        return shown
     pairs = [time] if time and not is_canonical(time.partition("=")[2]) else []
     lines = []
-    for gyro_unit in ("dps", "radps") if missing == ["gyro"] else ("",):
+    for chosen in product(*(units for _, _, units in guessed)):
         names = [
-            f"{what}_{axis}_{unit or gyro_unit}={name}"
-            for triad, what, unit in guessed
+            f"{what}_{axis}_{unit}={name}"
+            for (triad, what, _), unit in zip(guessed, chosen, strict=True)
             for axis, name in zip("xyz", triad.columns, strict=True)
             if not is_canonical(name)
         ]
         columns = ",".join([*pairs, *names, *temperature])
-        if "accel" not in missing and (pairs or names) and works(columns):
+        if (pairs or names) and works(columns):
             lines.append(f"--columns '{columns}'" + ("" if time else f" --rate-hz {_rate_in(preamble)}"))
     if not lines:
         return shown
@@ -100,6 +111,20 @@ def _with_gravity(header: Header, numbers: Callable[[str], Any]) -> Header:
     if likely not in ("mps2", "g", "mg") or triad.unit not in (None, likely):
         return header
     return replace(header, accel=[triad])
+
+
+def _likely_first(header: Header, numbers: Callable[[str], Any]) -> Header:
+    """The header with accelerometers whose samples include gravity first, and those that are zero last."""
+    if len(header.accel) < 2:
+        return header
+    samples = [_values(triad, numbers) for triad in header.accel]
+    ranks = [
+        2 if not np.nanmedian(np.abs(values).max(axis=1)) > 0 else accel_reading(values).likely is None
+        for values in samples
+    ]
+    return replace(
+        header, accel=[header.accel[at] for at in sorted(range(len(ranks)), key=ranks.__getitem__)]
+    )
 
 
 def _with_rates(header: Header, names: Sequence[str]) -> Header:
@@ -182,10 +207,11 @@ def _values(triad: Triad, numbers: Callable[[str], Any]) -> FloatArray:
     return np.column_stack([numbers(name) for name in triad.columns])
 
 
-def _unit(triad: Triad, reading: Reading) -> tuple[str | None, list[str]]:
+def _units(triad: Triad, reading: Reading) -> tuple[tuple[str, ...], list[str]]:
+    """The units of a triad that its header or its numbers allow, and a sentence on the numbers."""
     if triad.unit is not None:
-        return triad.unit, []
-    return reading.likely, [reading.text]
+        return (triad.unit,), []
+    return (reading.likely,) if reading.likely is not None else reading.either, [reading.text]
 
 
 def _time(
@@ -194,15 +220,21 @@ def _time(
     """The text canonical=name for the time column, or None, and sentences that explain the unit."""
     import pyarrow as pa
 
-    for name, unit in header.times:
+    # The order is that of `headed.time_of`: stamps since 1970, columns with a unit, dates, others.
+    readings = [(name, time_reading(numbers(name))) for name, _ in header.times]
+    usable = [(name, unit) for name, unit in header.times if not is_constant(numbers(name))]
+    for name, _ in usable:
+        if (epoch := epoch_unit(numbers(name))) is not None:
+            return f"time_{epoch}={name}", [reading.text for other, reading in readings if other == name]
+    dates = [n for n, _ in usable if is_date_column(pa.array([str(cell) for cell in cells[n]])) is not None]
+    for name, unit in usable:
         if unit == "100us":
             # No canonical name has this unit of time, so `suggestion` proposes --rate-hz instead.
             return None, []
-        if unit is not None:
+        if unit is not None and name not in dates:
             return f"time_{unit}={name}", []
-        if is_date_column(pa.array([str(cell) for cell in cells[name]])) is not None:
-            return f"time_s={name}", []
-    readings = [(name, time_reading(numbers(name))) for name, _ in header.times]
+    if dates:
+        return f"time_s={dates[0]}", []
     for name, reading in readings:
         if reading.likely is not None:
             return f"time_{reading.likely}={name}", [reading.text]

@@ -54,7 +54,7 @@ def facts_table(inspection: Inspection) -> str:
     rows = [
         ["samples", str(inspection.samples)],
         ["duration", f"{inspection.duration_s:.5g} s"],
-        ["sampling rate", f"{inspection.rate_hz:.5g} Hz"],
+        ["sampling rate", inspection.rate_in_words],
         ["sensors", inspection.sensors_in_words],
         ["rests", str(len(inspection.rests))],
     ]

@@ -56,7 +56,7 @@ def of_evaluation(judged: Evaluation) -> Verdict:
 def of_inspection(seen: Inspection) -> Verdict:
     """Whether a recording can be calibrated, and whether it determines all parameters."""
     beside = (
-        f"{seen.samples} samples, {seen.duration_s:.5g} s, {seen.rate_hz:.5g} Hz, {seen.sensors_in_words}, "
+        f"{seen.samples} samples, {seen.duration_s:.5g} s, {seen.rate_in_words}, {seen.sensors_in_words}, "
         f"{len(seen.rests)} rests."
     )
     if not seen.usable:

@@ -55,7 +55,7 @@ def inspect(
     out.document({"recordings": [inspection.to_dict() for inspection in inspections]})
     for seen in inspections:
         out.line(
-            f"{seen.name}: {seen.samples} samples, {seen.duration_s:.3f} s, {seen.rate_hz:.6g} Hz, "
+            f"{seen.name}: {seen.samples} samples, {seen.duration_s:.3f} s, {seen.rate_in_words}, "
             f"{seen.sensors_in_words}, {len(seen.rests)} rests"
         )
         are_long = any(rest.epochs > 1 for rest in seen.rests)

@@ -1,0 +1,75 @@
+"""Rows of several units in one text table: a column, such as an address, names the unit of each row.
+
+Read as one unit, such rows give wrong samples at a wrong rate. Labels of other kinds, such as classes of a
+motion, do not divide the samples: within one label they vary as much as from row to row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.errors import FormatError
+from imucal.io.head import Head
+from imucal.io.names import is_canonical, triad_part
+from imucal.io.text import Text
+
+__all__ = ["refuse_interleaved"]
+
+# Largest number of units in one table.
+MOST_UNITS: Final = 8
+# Least number of rows, and least share of rows with another label than the row before.
+LEAST_ROWS: Final = 40
+LEAST_CHANGES: Final = 0.1
+# The samples belong to several units if their median change from one label to the next exceeds this number of
+# median changes between successive samples with one label.
+CLEAR: Final = 5.0
+
+
+def refuse_interleaved(text: Text, names: Sequence[str], head: Head | None = None) -> None:
+    """Raises FormatError if the values of a column without a canonical name divide the samples into units.
+
+    names  canonical names of the columns, or others
+    head   the first cells, if they are known
+    """
+    keys = text.layout.names or [str(index) for index in range(len(names))]
+    others = [key for key, name in zip(keys, names, strict=False) if not is_canonical(name)]
+    triads = {
+        part: key for key, name in zip(keys, names, strict=False) if (part := triad_part(name)) is not None
+    }
+    if not others or not triads:
+        return
+    head = head or Head(text)
+    sensor = min(part[0] for part in triads)
+    samples = np.column_stack(
+        [head.numbers(key) for part, key in sorted(triads.items()) if part[0] == sensor]
+    )
+    for other in others:
+        labels = head.cells.get(other, [])
+        if len(labels) == len(samples) >= LEAST_ROWS and _divide(labels, samples):
+            units = list(dict.fromkeys(labels))
+            raise FormatError(
+                f"{text.name}: each row belongs to one of {len(units)} units, named in the column {other!r} "
+                f"({', '.join(units)[:60]}): write the rows of each unit to a separate file"
+            )
+
+
+def _divide(labels: Sequence[str], samples: FloatArray) -> bool:
+    kinds = set(labels)
+    if not 2 <= len(kinds) <= MOST_UNITS:
+        return False
+    array = np.array(labels)
+    is_change = array[1:] != array[:-1]
+    if is_change.mean() < LEAST_CHANGES:
+        return False
+    across = _sizes(samples)[is_change]
+    within = np.concatenate([_sizes(samples[array == kind]) for kind in kinds])
+    return bool(np.nanmedian(across) > CLEAR * np.nanmedian(within)) if len(within) else False
+
+
+def _sizes(samples: FloatArray) -> FloatArray:
+    """The magnitudes of the changes from sample to sample."""
+    return np.asarray(np.linalg.norm(np.diff(samples, axis=0), axis=1))
