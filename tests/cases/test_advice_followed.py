@@ -102,7 +102,7 @@ def test_a_walk_is_not_called_a_wrong_unit(case_file, capsys):
     # Without these moves there is no calibration, either, for want of poses.
     assert main(["calibrate", str(path), "--exclude-saturated", "-o", "unused.json"]) == 1
     said = " ".join(capsys.readouterr().err.split())
-    assert "1 rests do not determine the accelerometer's bias x" in said
+    assert "1 rest does not determine the accelerometer's bias x" in said
     assert "gyro_units" not in said
 
 

@@ -72,7 +72,7 @@ MISTAKES = {
     "one face": (
         CALIBRATE.format("one_face"),
         1,
-        "1 rests do not determine",
+        "1 rest does not determine",
         "add rests with x up and with x down",
     ),
     "wrong columns": (

@@ -42,7 +42,7 @@ def test_a_soak_is_one_rest_with_its_epochs_counted(cycled):
     # 50 K up and down, 2 K an epoch.
     assert rest.epochs == 50 and rest.end_s - rest.start_s > 0.99 * SOAK_S
     assert seen.to_dict()["rests"][0]["epochs"] == 50
-    assert "1 rests do not determine" in seen.missing
+    assert "1 rest does not determine" in seen.missing
 
 
 def test_a_rest_of_up_to_two_minutes_has_one_epoch(run):

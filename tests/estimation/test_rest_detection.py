@@ -104,7 +104,7 @@ def test_a_static_recording_is_one_rest(run):
     inspection = imucal.inspect(recording)
     assert true.tolist() == [[0, 30]]
     require_true_rests(inspection, true)
-    assert "1 rests do not determine" in inspection.missing
+    assert "1 rest does not determine" in inspection.missing
 
 
 def test_it_says_which_threshold_and_why(run):

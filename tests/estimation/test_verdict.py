@@ -169,3 +169,15 @@ def test_limits_can_require_a_verdict(lacking, files, tmp_path, capsys):
         imucal.Limits.load(tmp_path / "limits.json")
     with pytest.raises(imucal.InputError, match="give good or incomplete"):
         imucal.Limits(verdict="poor")
+
+
+@pytest.mark.parametrize(("lost", "code"), [(1, "residuals_above_noise"), (20, "irregular_clock")])
+def test_a_single_lost_sample_is_not_the_reason_for_residuals_of_all_moves(lost, code):
+    effects = {"gyro_scale_quadratic": [3e-4, 3e-4, 3e-4]}
+    recording = imucal.simulate("random", seed=3, rate_hz=100.0, effects=effects).recording
+    kept = np.ones(len(recording.time_s), dtype=bool)
+    for move in imucal.calibrate(recording).moves[:lost]:
+        kept[(move.first + move.last) // 2] = False
+    columns = (recording.time_s, recording.specific_force, recording.angular_rate)
+    (reason,) = imucal.calibrate(imucal.Recording(*(column[kept] for column in columns))).reasons
+    assert reason.endswith(f"[{code}]")

@@ -65,6 +65,11 @@ impl fmt::Display for Place {
     }
 }
 
+/// A number with its noun, such as "1 sample" or "3 samples".
+pub(crate) fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
 /// Formats a number with `digits` significant digits like `%g` of C: without trailing zeros, and with an exponent if
 /// the number is very large or very small.
 pub(crate) fn general(value: f64, digits: usize) -> String {

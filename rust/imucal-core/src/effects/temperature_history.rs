@@ -22,6 +22,7 @@ use super::temperature_memory::TemperatureHistory;
 use super::{Alias, Effect, Need, Parameter, Sensor, State, Surroundings, Terms, effect, same};
 use nalgebra::RealField;
 
+#[cfg(feature = "catalogue")]
 const OBSERVABLE: &str = "rests while the temperature rises and while it falls";
 const SEVERAL_RATES: &str = "temperature changes of several rates and durations";
 /// Shape of the lag effects: the time constant, typically 60 s for a sensor on a board.

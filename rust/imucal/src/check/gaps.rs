@@ -5,7 +5,7 @@
 //! samples agrees with the duration, and no sample is missing.
 
 use super::{Tally, names, stamps};
-use crate::finding::{Finding, Place};
+use crate::finding::{Finding, Place, counted};
 use crate::recording::Recording;
 
 /// A late time stamp is followed by short time steps. A time step counts as short if it is below this multiple of the
@@ -64,8 +64,11 @@ impl Gaps {
             value: share,
             unit: "%",
             message: format!(
-                "about {:.0} samples ({share:.2} %) are missing in {} gaps, the first {place}, the longest {:.3} s",
-                self.lost, self.after_lost.samples, self.longest_s
+                "about {} ({share:.2} %) {} missing in {}, the first {place}, the longest {:.3} s",
+                counted(self.lost as usize, "sample"),
+                if self.lost == 1.0 { "is" } else { "are" },
+                counted(self.after_lost.samples, "gap"),
+                self.longest_s
             ),
             way_out: "nothing to do for a few; else look for lost packets or a full buffer, and record again".into(),
             ..Finding::warning("samples_missing", recording.name)
@@ -83,9 +86,10 @@ impl Gaps {
             value: 1e3 * self.latest_s,
             unit: "ms",
             message: format!(
-                "{} samples are stamped late, by up to {:.3} ms, the first {place}; none is missing, because the following \
-                 time steps are shorter",
-                self.late.samples,
+                "{} {} stamped late, by up to {:.3} ms, the first {place}; none is missing, because the following time \
+                 steps are shorter",
+                counted(self.late.samples, "sample"),
+                if self.late.samples == 1 { "is" } else { "are" },
                 1e3 * self.latest_s
             ),
             way_out: format!("nothing to do for a few; else {}", stamps::from_sensor(recording)),

@@ -6,7 +6,7 @@ use super::plateau::{equal_neighbours, piles_up, plateaus};
 use super::survey::Survey;
 use super::values::converter_step;
 use super::{ACCEL, GYRO, Tally, names, unit_name};
-use crate::finding::Finding;
+use crate::finding::{Finding, counted};
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
@@ -100,11 +100,11 @@ fn finding(
                 columns.push(axes[axis]);
             }
             parts.push(format!(
-                "{} holds its extreme value {} {unit} for {} samples in {} run(s), first {}",
+                "{} holds its extreme value {} {unit} for {} in {}, first {}",
                 axes[axis],
                 if unit == "lsb" { rail.to_string() } else { format!("{rail:.5}") },
-                held.samples,
-                held.runs,
+                counted(held.samples, "sample"),
+                counted(held.runs, "interval"),
                 held.first_place(recording)
             ));
             value = value.max(rail.abs());

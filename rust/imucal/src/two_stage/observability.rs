@@ -14,6 +14,7 @@ use faer::Mat;
 use nalgebra::Vector3;
 
 use crate::error::Error;
+use crate::finding::counted;
 use crate::numerics::lsq;
 use crate::parameters::{self, ACCELEROMETER, WORDS};
 
@@ -110,12 +111,17 @@ impl Open {
         let mut parts = Vec::new();
         if !accelerometer.is_empty() {
             parts.push(format!(
-                "{rests} rests do not determine the accelerometer's {}: {poses}",
+                "{} not determine the accelerometer's {}: {poses}",
+                items_do(rests, "rest"),
                 accelerometer.join(", ")
             ));
         }
         if !gyroscope.is_empty() {
-            parts.push(format!("{moves} moves do not determine the gyroscope's {}: {turns}", gyroscope.join(", ")));
+            parts.push(format!(
+                "{} not determine the gyroscope's {}: {turns}",
+                items_do(moves, "move"),
+                gyroscope.join(", ")
+            ));
         }
         if parts.is_empty() {
             return None;
@@ -259,6 +265,11 @@ pub(crate) fn missing_turns(open: &[usize], turned_rad: &Vector3<f64>) -> String
     }
     let axes = idle.join(" and ");
     format!("hardly any rotation about body {axes}: add moves of 90 deg or more about {axes}")
+}
+
+/// The subject of a sentence, such as "1 rest does" or "6 rests do".
+fn items_do(count: usize, noun: &str) -> String {
+    format!("{} {}", counted(count, noun), if count == 1 { "does" } else { "do" })
 }
 
 #[cfg(test)]

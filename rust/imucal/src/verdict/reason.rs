@@ -10,6 +10,10 @@ use crate::finding::{Finding, general};
 use crate::held::PriorCost;
 use crate::numerics::fit_report::FitReport;
 
+/// A finding on time stamps that concerns fewer samples than this multiple of the number of residuals does not explain
+/// residuals that exceed their noise. A move has two residuals, so the limit is one sample for ten moves.
+const FEW_OF_RESIDUALS: f64 = 0.05;
+
 /// Reason for a verdict that is not good. Messages contain it as a sentence with numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reason {
@@ -197,7 +201,7 @@ impl Reason {
 
     /// The reason for an incomplete verdict if the residuals of any group exceed their noise, otherwise `None`. The
     /// reason is an irregular clock if two conditions hold: only residuals of moves exceed their noise, and there is a
-    /// finding about time stamps or about missing or repeated samples.
+    /// finding about time stamps or about missing or repeated samples that concerns more than a few samples.
     pub(crate) fn above_noise(set: RecordingSet, groups: &[GroupMisfit], findings: &[Finding]) -> Option<Self> {
         let groups: Vec<GroupMisfit> = groups.iter().filter(|group| group.exceeds_noise()).copied().collect();
         let is_of_move = |misfit: &GroupMisfit| {
@@ -206,8 +210,13 @@ impl Reason {
                 ResidualGroup::MoveDirections | ResidualGroup::MoveForces | ResidualGroup::StandAttitudes
             )
         };
-        let clock =
-            findings.iter().find(|finding| finding.is_about_time_stamps()).filter(|_| groups.iter().all(is_of_move));
+        // A few late or missing samples disturb at most as many moves, which cannot increase the rms over all moves.
+        let residuals = groups.iter().map(|misfit| misfit.degrees_of_freedom).fold(0.0, f64::max);
+        let is_of_few = |finding: &&Finding| (finding.count as f64) < FEW_OF_RESIDUALS * residuals;
+        let clock = findings
+            .iter()
+            .find(|finding| finding.is_about_time_stamps() && !is_of_few(finding))
+            .filter(|_| groups.iter().all(is_of_move));
         match clock.cloned() {
             _ if groups.is_empty() => None,
             Some(clock) => Some(Self::IrregularClock { set, groups, clock }),
