@@ -498,7 +498,7 @@ BAD_FILES = {
     ),
     "short row": (f"{HEADER}\n{ROW}\n0,0,0\n", imucal.FormatError, "line 3 has 3 values, 7 are needed"),
     "long row": (f"{HEADER}\n{ROW},1\n", imucal.FormatError, "line 2 has 8 values, 7 are needed"),
-    "one of two": ("0.0 1 2 3\n", imucal.FormatError, "an imu_tk pair: add --format imu_tk for two files"),
+    "one of two": ("0.0 1 2 3\n", imucal.FormatError, "give both files with --format imu_tk"),
     "part of stand": (f"{HEADER},stand_1_rad\n{ROW},1\n", imucal.FormatError, r"stand_2_\* is missing"),
 }
 

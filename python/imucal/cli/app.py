@@ -55,7 +55,7 @@ TASKS: Final[dict[str, dict[str, str]]] = {
     },
     "Use a calibration": {
         "show": "Print the parameters of a calibration file, its verdict and its origin.",
-        "apply": "Correct a recording: SI units, body frame, the same column names; effects are compensated.",
+        "apply": "Correct a recording: samples in SI units and in the body frame; other columns are kept.",
         "export": "Write a calibration for another program: firmware, autopilots, estimators, simulators.",
         "import": "Read a calibration of another program, such as Kalibr, Basalt, RealSense, PX4 or "
         "ArduPilot.",

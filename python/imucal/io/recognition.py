@@ -132,7 +132,7 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
     more = f", ... ({len(layout.first)} columns)" if len(layout.first) > 12 else ""
     shown = ", ".join(layout.first[:12])
     hint = (
-        "It looks like one file of an imu_tk pair: add --format imu_tk for two files. "
+        "It looks like one of the two files of imu_tk: give both files with --format imu_tk. "
         if len(layout.first) == 4 and all(map(is_number, layout.first))
         else _several_sensors(start, layout)
     )

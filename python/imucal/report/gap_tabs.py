@@ -43,7 +43,9 @@ def where(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
     yield Shown(
         "where",
         plot.disagreement(gap),
-        "Residuals of the model without effects, relative to their noise: 1 means that noise explains them.",
+        "Residuals of the model without effects, relative to the white noise of the sensors. If noise "
+        "explains them, the ratio is 1 or less. The verdict of a calibration uses a smaller noise, because "
+        "the fitted parameters absorb a part of it.",
     )
     shown = [] if motion is None else plot.dependences(motion)[:MOST_PANELS]
     if shown:

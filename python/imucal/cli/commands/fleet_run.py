@@ -83,7 +83,9 @@ class Calibrating:
 @options_of("calibrating", Calibrating)
 @reading_options
 def run(
-    store: Annotated[Path, argument(metavar="STORE", help="Store to make, or to go on with.")],
+    store: Annotated[
+        Path, argument(metavar="STORE", help="Store, one file; it is made if it does not exist.")
+    ],
     reading: Reading,
     calibrating: Calibrating,
     recordings: Annotated[
