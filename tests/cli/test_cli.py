@@ -419,7 +419,7 @@ def test_verbose_says_each_decision(stand_runs, tmp_path, capsys):
     shown = capsys.readouterr().out
     result = json.loads(output.read_text())
     threshold = result["fit"]["rest_thresholds"][0]
-    assert f"below {threshold['factor']:.3g} times the noise floor" in shown
+    assert f"below {threshold['factor']:.3g} times the noise variance" in shown
     assert f"joint fit: converged after {result['fit']['joint']['iterations']} iterations" in shown
     lines = shown.splitlines()
     assert sum(line.endswith(" used") for line in lines) == len(result["rests"]) + len(result["moves"])

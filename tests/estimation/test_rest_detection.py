@@ -112,9 +112,9 @@ def test_it_says_which_threshold_and_why(run):
     inspection = imucal.inspect(recording)
     threshold = inspection.threshold
     assert threshold.stable_from <= threshold.factor <= threshold.stable_to
-    assert f"below {threshold.factor:.1f} times the noise floor" in inspection.explanation
+    assert f"below {threshold.factor:.1f} times the noise variance" in inspection.explanation
     assert f"gives {len(true)} rests" in inspection.explanation
-    # The noise floor, one sample's standard deviation, is the one that was put in.
+    # The field noise_floor is the standard deviation of a sample that was put in.
     put_in = np.repeat(DENSITY, 3) * 10
     assert threshold.noise_floor == pytest.approx(put_in, rel=0.15)
     assert threshold.window_s == pytest.approx(0.5)
@@ -136,7 +136,7 @@ def test_by_the_command(run, command, tmp_path):
     imucal.write(recording, tmp_path / "run.csv")
     done = command("inspect", tmp_path / "run.csv")
     assert f"{len(true)} rests" in done.stdout
-    assert "times the noise floor" in " ".join(done.stdout.split())
+    assert "times the noise variance" in " ".join(done.stdout.split())
 
 
 def test_a_noisy_gyroscope_is_not_too_insensitive():

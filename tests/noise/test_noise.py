@@ -6,6 +6,7 @@ recording in memory.
 
 import dataclasses
 import json
+import re
 
 import allantools
 import numpy as np
@@ -377,6 +378,22 @@ def test_degrees_read_as_radians_are_named_with_their_count():
     right = imucal.Recording(time_s, force, np.deg2rad(degrees))
     assert "noise_implausible" not in codes(imucal.noise(right))
     assert "noise_implausible" not in codes(imucal.inspect(right))
+
+
+@pytest.mark.parametrize(
+    ("shaken_mps2", "says"), [(1.05, "never rests$"), (0.4, "gyro_x_dps.*; or, .* never rests$")]
+)
+def test_a_unit_that_never_rests_is_not_called_a_wrong_unit(shaken_mps2, says):
+    rng = np.random.default_rng(6)
+    force = shaken_mps2 * rng.standard_normal((6000, 3)) + [0, 0, 9.81]
+    rate = 0.3 * rng.standard_normal((6000, 3))
+    found = imucal.noise(imucal.Recording(np.arange(6000) / RATE_HZ, force, rate)).findings
+    way_out = {
+        f.columns[0]: f.way_out.partition(": hold it")[0] for f in found if f.code == "noise_implausible"
+    }
+    assert re.search(says, way_out["gyro_x"])
+    if "accel_x" in way_out:
+        assert way_out["accel_x"] == "the unit never rests"
 
 
 def test_tremor_of_a_hand_is_not_noise_of_the_sensor():

@@ -80,7 +80,7 @@ class Watch:
         self._rests_seen = 0
         self._forgets_gap = False
         # The message about an axis that was clipped at rest. A clipped axis has no noise, so the estimated
-        # noise floor is too small, and rests in other poses look like shaking.
+        # noise is too small, and rests in other poses look like shaking.
         self._clipped: str | None = None
 
     def forget_gaps(self) -> None:

@@ -20,8 +20,8 @@ def show_fit(out: Output, fit: Fit) -> None:
     """Print the threshold of the rest detection for each recording, and how each fit ended."""
     for number, threshold in enumerate(fit.rest_thresholds, start=1):
         out.line(
-            f"recording {number}: rests are windows of {threshold.window_s:.3g} s below "
-            f"{threshold.factor:.3g} times the noise floor; factors from {threshold.stable_from:.3g} "
+            f"recording {number}: rests are windows of {threshold.window_s:.3g} s with a variance below "
+            f"{threshold.factor:.3g} times the noise variance; factors from {threshold.stable_from:.3g} "
             f"to {threshold.stable_to:.3g} give the same rests"
         )
     for stage, name in STAGES.items():

@@ -106,7 +106,7 @@ class RestThreshold:
     """How the rests of one recording were detected.
 
     factor                 threshold of the mean over the axes of (variance of the samples in a window /
-                           variance of the noise floor); see (11) in docs/model.md
+                           noise variance); see (11) in docs/model.md
     stable_from, stable_to range of factors with the same rests
     window_s               length of the window over which samples are compared, s
     noise_floor            (6,) standard deviation of a sample at rest, gyroscope x, y, z, accelerometer x, y,

@@ -22,7 +22,7 @@ class Rest:
     start_s, end_s       times of the first and last sample of the rest, s; None in a table of means
     epochs               number of epochs, the parts of a long rest with a separate mean and temperature each;
                          1 if the rest is not split
-    unsteadiness         variance of the samples of the rest divided by the variance of the noise floor
+    unsteadiness         variance of the samples of the rest divided by the noise variance
                          (median over the windows), or the drift of the mean force if it is larger; see (11)
                          in docs/model.md
     mean_specific_force  (3,) mean of the raw samples, in the raw unit

@@ -64,8 +64,8 @@ pub struct RestReport {
     /// Number of epochs of the rest. Each epoch has its own mean. The number is 1 if one mean describes the rest.
     pub epochs: usize,
     /// Unsteadiness (model.md (11)): the larger of two ratios, both near 1 on a table and larger in a hand. The first
-    /// is the variance of the samples within half a second divided by the noise floor. The second measures the drift of
-    /// the mean force.
+    /// is the variance of the samples within half a second divided by the noise variance. The second measures the drift
+    /// of the mean force.
     pub unsteadiness: f64,
     /// Mean accelerometer reading in raw units. If effects were removed beforehand, it is in m/s^2.
     pub mean_specific_force: Vector3<f64>,

@@ -2,7 +2,7 @@
 
 use super::part::Part;
 use super::{Tally, bursts, gaps, names, stamps};
-use crate::finding::{Finding, Place};
+use crate::finding::{Finding, Place, general};
 use crate::numerics::stats::{quantile_of, steps_s};
 use crate::recording::Recording;
 
@@ -295,8 +295,9 @@ fn rate(recording: &Recording, median_s: f64) -> Option<Finding> {
         value: 1.0 / median_s,
         unit: "Hz",
         message: format!(
-            "the median time step is {median_s:.3e} s, a rate of {:.3e} Hz; rates from {:.0} Hz to {:.0} Hz are plausible",
-            1.0 / median_s,
+            "the median time step is {} s, a rate of {} Hz; rates from {:.0} Hz to {:.0} Hz are plausible",
+            general(median_s, 4),
+            general(1.0 / median_s, 4),
             RATES_HZ[0],
             RATES_HZ[1]
         ),

@@ -22,9 +22,11 @@ use std::f64::consts::PI;
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 
+use super::units::given_gyro_unit;
 use super::values::converter_step;
 use super::{CHANNELS, names};
 use crate::finding::{Finding, general};
+use crate::numerics::stats::median;
 use crate::recording::{RawUnit, Recording};
 
 const DEGREE_RAD: f64 = PI / 180.0;
@@ -37,6 +39,12 @@ const GYRO_BIAS_RADPS: f64 = 50.0 * DEGREE_RAD;
 /// Range of the noise densities of usual MEMS gyroscopes, deg/s/sqrt(Hz). A unit is recommended if the density is in
 /// this range when the columns are read in this unit.
 const USUAL: [f64; 2] = [1e-3, 0.1];
+/// Highest noise density of usual MEMS accelerometers, m/s^2/sqrt(Hz); source (3) above.
+const USUAL_ACCEL_DENSITY: f64 = 3e-3 * STANDARD_GRAVITY_MPS2;
+/// Range of the median specific force, in g, that counts as gravity. It allows for motion.
+const GRAVITY_RATIO: [f64; 2] = [0.7, 1.4];
+/// Way out for a unit that moves in the intervals that count as rests.
+const NEVER_RESTS: &str = "the unit never rests: hold it still on something rigid, away from motors and hands";
 /// Sizes of a count of usual gyroscopes, deg/s: a full scale of 125, 250, ... 2000 deg/s over 32768 counts, and the
 /// rounded sensitivities of the datasheets of TDK InvenSense (131, 65.5, 32.8, 16.4 and 14.375 counts per deg/s),
 /// STMicroelectronics (4.375, 8.75, 17.5, 35 and 70 mdeg/s) and NXP (7.8125 to 62.5 mdeg/s).
@@ -89,11 +97,12 @@ pub fn check_noise(recording: &Recording, columns: &[RestNoise; 6]) -> Vec<Findi
     let mut findings = Vec::new();
     if recording.accel_unit == RawUnit::Si {
         let shown = Shown { name: "accelerometer", unit: "mg/sqrt(Hz)", si: 1e-3 * STANDARD_GRAVITY_MPS2 };
-        findings.extend(densities(recording, 0, &accel, ACCEL_DENSITY, &shown, accel_way_out));
+        let way_out = |density: f64| accel_way_out(recording, density);
+        findings.extend(densities(recording, 0, &accel, ACCEL_DENSITY, &shown, way_out));
     }
     if recording.gyro_unit == RawUnit::Si {
         let shown = Shown { name: "gyroscope", unit: "deg/s/sqrt(Hz)", si: DEGREE_RAD };
-        let way_out = |density: f64| gyro_way_out(recording, density);
+        let way_out = |density: f64| gyro_way_out(recording, density, &accel);
         findings.extend(densities(recording, 3, &gyro, GYRO_DENSITY, &shown, way_out));
         findings.extend(biases(recording, &gyro));
     }
@@ -140,24 +149,75 @@ fn densities(
     })
 }
 
-/// Recommends the unit in which this density of a gyroscope, rad/s/sqrt(Hz), would be the density of a usual sensor.
-fn gyro_way_out(recording: &Recording, density: f64) -> String {
+/// Whether the accelerometer moves in the intervals that count as rests.
+#[derive(PartialEq)]
+enum Motion {
+    /// Its noise is that of a usual sensor at rest, or there is no accelerometer in SI units.
+    None,
+    /// Its noise is higher than that of usual sensors.
+    Possible,
+    /// Its noise is higher than that of any sensor, and the size of gravity confirms its unit.
+    Certain,
+}
+
+impl Motion {
+    fn of(recording: &Recording, accel: &[RestNoise; 3]) -> Self {
+        let density = accel.iter().filter_map(|axis| axis.density).fold(0.0, f64::max);
+        if recording.accel_unit != RawUnit::Si || density <= USUAL_ACCEL_DENSITY || !is_gravity(median_force(recording))
+        {
+            Self::None
+        } else if density > ACCEL_DENSITY[1] {
+            Self::Certain
+        } else {
+            Self::Possible
+        }
+    }
+}
+
+/// The median magnitude of the specific force, m/s^2.
+fn median_force(recording: &Recording) -> f64 {
+    let sizes = recording.specific_force.iter().map(|[x, y, z]| (x * x + y * y + z * z).sqrt());
+    median(&mut sizes.filter(|size| size.is_finite()).collect::<Vec<_>>())
+}
+
+/// Whether a median specific force, m/s^2, can be gravity.
+fn is_gravity(force_mps2: f64) -> bool {
+    (GRAVITY_RATIO[0]..=GRAVITY_RATIO[1]).contains(&(force_mps2 / STANDARD_GRAVITY_MPS2))
+}
+
+/// Recommends the unit in which this density of a gyroscope, rad/s/sqrt(Hz), would be the density of a usual sensor,
+/// unless motion of the unit explains the density.
+fn gyro_way_out(recording: &Recording, density: f64, accel: &[RestNoise; 3]) -> String {
     let usual = |density: f64| (USUAL[0]..=USUAL[1]).contains(&density);
-    let count = (0..3).find_map(|axis| known_count(converter_step(recording.angular_rate, axis)));
-    let is_in_dps = count.is_some() || usual(density);
-    if is_in_dps {
+    let (given, size_radps, _) = given_gyro_unit(recording);
+    // The density of the numbers in the file, which another unit would leave unchanged.
+    let in_file = density / size_radps;
+    let is_radps = *given == "radps";
+    let count = (0..3).find_map(|axis| known_count(converter_step(recording.angular_rate, axis))).filter(|_| is_radps);
+    let motion = Motion::of(recording, accel);
+    if motion == Motion::Certain && count.is_none() {
+        return NEVER_RESTS.into();
+    }
+    if is_radps && (count.is_some() || usual(in_file)) {
         let counts = count.map_or_else(String::new, |text| {
             format!(", and the values are multiples of {text}, a usual size of a count in deg/s")
         });
+        let names = "name the columns gyro_x_dps, gyro_y_dps, gyro_z_dps";
+        let or_moving = match motion {
+            Motion::Possible if count.is_none() => {
+                format!("; or, because the accelerometer is noisier than usual, too, {NEVER_RESTS}")
+            }
+            _ => String::new(),
+        };
         return format!(
-            "in deg/s the density would be {} deg/s/sqrt(Hz){counts}: name the columns gyro_x_dps, gyro_y_dps, gyro_z_dps",
-            general(density, 3)
+            "in deg/s the density would be {} deg/s/sqrt(Hz){counts}: {names}{or_moving}",
+            general(in_file, 3)
         );
     }
-    if usual(density / 1000.0) {
+    if *given != "mdps" && usual(in_file / 1000.0) {
         return format!(
             "in mdeg/s the density would be {} deg/s/sqrt(Hz): name the columns gyro_x_mdps, gyro_y_mdps, gyro_z_mdps",
-            general(density / 1000.0, 3)
+            general(in_file / 1000.0, 3)
         );
     }
     if density > GYRO_DENSITY[1] {
@@ -171,13 +231,19 @@ fn gyro_way_out(recording: &Recording, density: f64) -> String {
 }
 
 /// Recommends the unit in which this density of an accelerometer, m/s^2/sqrt(Hz), would be the density of a usual
-/// sensor.
-fn accel_way_out(density: f64) -> String {
+/// sensor, unless motion of the unit explains the density. The size of gravity decides between both.
+fn accel_way_out(recording: &Recording, density: f64) -> String {
     let usual = |density_mg: f64| (0.03..=3.0).contains(&density_mg);
-    if usual(density) {
+    let force = median_force(recording);
+    if density > ACCEL_DENSITY[1] && is_gravity(force) {
+        return NEVER_RESTS.into();
+    }
+    let per_number = if recording.column_units[0] == Some("g") { STANDARD_GRAVITY_MPS2 } else { 1.0 };
+    let in_file = density / per_number;
+    if usual(in_file) && is_gravity(1e-3 * STANDARD_GRAVITY_MPS2 * force / per_number) {
         return format!(
             "in mg the density would be {} mg/sqrt(Hz): name the columns accel_x_mg, accel_y_mg, accel_z_mg",
-            general(density, 3)
+            general(in_file, 3)
         );
     }
     if density > ACCEL_DENSITY[1] {
@@ -260,6 +326,29 @@ mod tests {
         assert_eq!((findings[0].severity, findings[0].count), (Severity::Warning, 3));
         assert!(findings[0].way_out.contains("gyro_x_dps") && findings[0].way_out.contains("1/131"), "{findings:?}");
         assert!(found(1e-3, 6.0, 0.07, 0.0)[0].way_out.contains("gyro_x_mdps"));
+    }
+
+    #[test]
+    fn motion_is_not_called_a_wrong_unit() {
+        let moving = found(0.2, 6e-3, 0.0, 0.0);
+        assert_eq!(moving.iter().map(|f| f.way_out.as_str()).collect::<Vec<_>>(), [NEVER_RESTS; 2]);
+        let undecided = &found(0.05, 6e-3, 0.0, 0.0)[0].way_out;
+        assert!(undecided.contains("gyro_x_dps") && undecided.ends_with(NEVER_RESTS), "{undecided}");
+        // The counts of the converter show the unit of a moving gyroscope.
+        assert!(found(0.2, 6e-3, 0.0, 0.007_633_6)[1].way_out.contains("gyro_x_dps"));
+    }
+
+    #[test]
+    fn columns_are_not_advised_to_have_the_unit_that_they_have() {
+        let mut columns = Columns::tumbling();
+        let noise = RestNoise { density: Some(6e-3), mean: Some(0.0) };
+        let recording = Recording { column_units: [Some("g"), Some("dps")], ..columns.recording() };
+        let way_out = &check_noise(&recording, &[noise; 6])[0].way_out;
+        assert!(!way_out.contains("name the columns gyro_x_dps"), "{way_out}");
+        columns.force.iter_mut().flatten().for_each(|f| *f *= 102.0);
+        let in_mg = RestNoise { density: Some(0.2), mean: Some(0.0) };
+        let way_out = &check_noise(&columns.recording(), &[in_mg; 6])[0].way_out;
+        assert!(way_out.contains("accel_x_mg"), "{way_out}");
     }
 
     #[test]

@@ -211,7 +211,7 @@ fn gyroscope_has_gravity(recording: &Recording, gravity_mps2: f64) -> bool {
     has_size && low > STEADY_NORM[0] * median && high < STEADY_NORM[1] * median
 }
 
-fn given_gyro_unit(recording: &Recording) -> &'static (&'static str, f64, &'static str) {
+pub(super) fn given_gyro_unit(recording: &Recording) -> &'static (&'static str, f64, &'static str) {
     let [_, given] = recording.column_units;
     GYRO_UNITS.iter().find(|unit| unit.0 == given.unwrap_or("radps")).unwrap_or(&GYRO_UNITS[0])
 }

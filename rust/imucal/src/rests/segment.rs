@@ -1,10 +1,10 @@
 //! Detection of rests (model.md (11)).
 //!
-//! Each window of half a second has a statistic: variance / noise floor, averaged over the six channels. At 400 Hz and
-//! above, the samples are first averaged over about 5 ms. The user specifies neither an initial rest nor a threshold.
-//! The noise floor is estimated from the quietest windows. The threshold is chosen from the widest range of thresholds
-//! that give the same number of rests. The sum of squared residuals of a calibration is not suitable for the choice,
-//! because it is always smaller with fewer rests.
+//! Each window of half a second has a statistic: variance / noise variance, averaged over the six channels. At 400 Hz
+//! and above, the samples are first averaged over about 5 ms. The user specifies neither an initial rest nor a
+//! threshold. The noise variance is estimated from the quietest windows. The threshold is chosen from the widest range
+//! of thresholds that give the same number of rests. The sum of squared residuals of a calibration is not suitable for
+//! the choice, because it is always smaller with fewer rests.
 
 mod blocks;
 mod edges;
@@ -40,7 +40,7 @@ const WINDOW_BLOCKS: usize = 10;
 /// Threshold of the window statistic, with the range of thresholds from which it was chosen.
 #[derive(Clone, Debug)]
 pub struct Threshold {
-    /// The threshold. A window is at rest if its statistic (variance / noise floor, averaged over the channels) is
+    /// The threshold. A window is at rest if its statistic (variance / noise variance, averaged over the channels) is
     /// below this value.
     pub factor: f64,
     /// Lower end of the chosen range. All thresholds in this range give the same number n of rests. Among all such
@@ -228,7 +228,7 @@ impl Threshold {
     /// Describes the threshold in one sentence for the user.
     pub fn explain(&self, rests: usize) -> String {
         format!(
-            "a {:.2} s window is at rest if its variance is below {:.1} times the noise floor; every threshold from {:.1} \
+            "a {:.2} s window is at rest if its variance is below {:.1} times the noise variance; every threshold from {:.1} \
              to {:.1} gives {rests} rests, the widest such range (weighted by the logarithm of the number)",
             self.window_s, self.factor, self.stable_from, self.stable_to
         )

@@ -18,7 +18,7 @@ pub(super) struct Stretch {
     pub(super) whole: Block,
     /// Sums over the first and over the last third of the interval; `None` for fewer than three blocks.
     thirds: Option<[Block; 2]>,
-    /// Median over the windows of the interval of (variance / noise floor).
+    /// Median over the windows of the interval of (variance / noise variance).
     scatter: f64,
     /// Sums from which the factor c of model.md (10) is computed: the factor by which the correlation of the noise
     /// increases the variance of a mean.

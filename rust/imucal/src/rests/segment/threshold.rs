@@ -1,4 +1,4 @@
-//! Noise floor, window statistic, and choice of the threshold (model.md (11)).
+//! Noise variance, window statistic, and choice of the threshold (model.md (11)).
 
 use std::ops::Range;
 
@@ -11,7 +11,7 @@ use crate::numerics::instructions::Instructions;
 use crate::numerics::stats::quantile_of;
 use crate::rounding::LEAST_SCATTER;
 
-/// Returns the statistic of each window, the noise floor of each channel (a variance, squared raw units), and the
+/// Returns the statistic of each window, the noise variance of each channel (squared raw units), and the
 /// quantisation step of each channel. The step is zero if the noise of the channel is not below its step.
 ///
 /// `variances` contains the variance of each channel in each window. `steps` contains, for each channel, (smallest
@@ -75,8 +75,8 @@ fn runs_up_to(statistic: &[f64], limit: f64) -> Vec<Range<usize>> {
     runs
 }
 
-/// Computes the statistic of every window as [`imucal_core::rest::statistic_of`] does: variance / noise floor, averaged
-/// over the six channels.
+/// Computes the statistic of every window as [`imucal_core::rest::statistic_of`] does: variance / noise variance,
+/// averaged over the six channels.
 struct Ratios<'a> {
     variances: &'a [Vec<f64>; 6],
     floor: &'a Vector6<f64>,
