@@ -1,6 +1,7 @@
 """The commands that judge a store: tables, documents, CSV and exit codes."""
 
 import csv
+import hashlib
 import json
 import re
 import shutil
@@ -173,6 +174,12 @@ def test_report_and_certificate(store, tmp_path, capsys):
     digest = json.loads((tmp_path / "unit.json").read_text())["sha256"]
     page = (tmp_path / "unit.html").read_text()
     assert digest in page and "Unit U00000" in page and "batch" in page
+    # The limits that decide the verdict are identified like the recordings.
+    limits = tmp_path / "limits.json"
+    imucal.Limits((imucal.ParameterLimit("gyro_bias_*", "rad/s", -1.0, 1.0),)).save(limits)
+    assert main([*words, "--limits", str(limits)]) == 0
+    page = (tmp_path / "unit.html").read_text()
+    assert "limits.json" in page and hashlib.sha256(limits.read_bytes()).hexdigest() in page
     assert main(["fleet", "certificate", str(store), "nobody", "-o", str(tmp_path / "none.html")]) == 1
     assert "no calibration of unit 'nobody'" in capsys.readouterr().err
 

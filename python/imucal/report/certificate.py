@@ -54,6 +54,7 @@ def write_certificate(
     verdict, reasons = calibration.judged
     if judgement is not None:
         verdict, reasons = judgement.applied(verdict, reasons)
+    limits_file = [] if judgement is None or judgement.source is None else [judgement.source]
     serial = calibration.serial_number or "without a number"
     page = _PAGE.format(
         title=escape(f"Calibration certificate of unit {serial}"),
@@ -67,7 +68,11 @@ def write_certificate(
         files=_pairs(
             [
                 (source.path.rsplit("/", 1)[-1], f"SHA-256 {source.sha256}")
-                for source in (*calibration.provenance.files, *calibration.provenance.control_files)
+                for source in (
+                    *calibration.provenance.files,
+                    *calibration.provenance.control_files,
+                    *limits_file,
+                )
             ]
             or [("recordings", "not recorded")]
         ),
