@@ -255,6 +255,16 @@ def test_an_unknown_rate_is_not_printed_as_a_number(tmp_path, capsys):
     assert "nan" not in first
 
 
+def test_two_files_with_whole_seconds_say_that_they_are_too_coarse(tmp_path):
+    dates = [f"2026-05-21 16:07:{second:02}" for second in np.arange(ROWS) // 50]
+    accel = write(tmp_path, table("Timestamp,ax (g),ay (g),az (g)", dates, ACCEL_G.round(4)), "a.csv")
+    other = ["2026-05-21 16:07:00", *dates[:-1]]
+    gyro = write(tmp_path, table("Timestamp,gx (deg/s),gy (deg/s),gz (deg/s)", other, GYRO_DPS), "g.csv")
+    message = refusal(accel, gyro)
+    assert f"{ROWS - 8} time stamps of a.csv are those of the sample before" in message
+    assert "write time stamps of finer resolution" in message
+
+
 # Rows of several units
 
 OTHER_G = np.array([0.97, 0.1, -0.2]) + RANDOM.normal(scale=0.002, size=(ROWS, 3))

@@ -154,9 +154,16 @@ def _resampleable(file: str, stream: Stream) -> Stream:
     # different values is an error, which is detected below.
     is_new[1:] |= (stream.values[1:] != stream.values[:-1]).any(axis=1)
     once = _part(stream, is_new)
-    bad = np.flatnonzero(np.diff(once.time_ns) <= 0)
+    steps_ns = np.diff(once.time_ns)
+    bad = np.flatnonzero(steps_ns <= 0)
     if len(bad):
         row = int(bad[0])
+        repeated = np.count_nonzero(steps_ns == 0)
+        if 2 * repeated > len(bad):
+            raise FormatError(
+                f"{file}: {repeated} time stamps of {stream.name} are those of the sample before, so the "
+                "sensors cannot be resampled to one clock: write time stamps of finer resolution"
+            )
         raise FormatError(
             f"{file}: the time stamps of {stream.name} do not increase at {len(bad)} samples, first after "
             f"{(once.time_ns[row] - once.time_ns[0]) / 1e9:.6f} s, so the sensors cannot be resampled to one "
