@@ -136,6 +136,9 @@ def test_names_in_other_languages_and_numbered_axes(tmp_path, header):
 def test_a_quaternion_is_no_sensor(tmp_path):
     turned = np.tile([0.1, 0.2, 0.3, 0.927], (ROWS, 1))
     assert "one sensor only" not in refusal(write(tmp_path, table("t,x,y,z,w", TIME_S, turned)))
+    # Names that occur more than once do not tell which x, y, z belong to w.
+    twice = write(tmp_path, table("t,x,y,z,x,y,z,w", TIME_S, ACCEL_G, turned))
+    assert "the columns x, y, z occur more than once" in refusal(twice)
     # Four numbered columns are no axes either.
     numbered = write(tmp_path, table("t,acc0,acc1,acc2,acc3", TIME_S, turned))
     assert proposed(refusal(numbered)) == []

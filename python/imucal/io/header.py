@@ -160,8 +160,9 @@ def unknown_units(described: Sequence[str]) -> list[str]:
 
 
 def _is_quaternion(x: str, names: Sequence[str]) -> bool:
-    """Whether there is a column w besides the column x, as in x, y, z, w."""
-    return re.sub(r"x(?=[^x]*$)", "w", x.lower()) in {name.lower() for name in names}
+    """Whether there is a column w besides the only column x, as in x, y, z, w."""
+    w = re.sub(r"x(?=[^x]*$)", "w", x.lower())
+    return list(names).count(x) == 1 and any(name.lower() == w for name in names)
 
 
 def _shared_start(names: Sequence[str]) -> str:
