@@ -132,6 +132,10 @@ class Scale(NamedTuple):
         """The value as a table shows it."""
         return self.factor * (value - self.zero)
 
+    def named(self, name: str) -> str:
+        """The name of the quantity in a table, such as `accel_sensitivity_xx - 1` for a difference from 1."""
+        return f"{name} - {self.zero:g}" if self.zero else name
+
 
 def si(name: str, unit: str) -> Scale:
     """The scale of a table in SI units."""

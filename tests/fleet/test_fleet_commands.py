@@ -94,8 +94,13 @@ def test_capability(store, tmp_path, capsys):
     limits.save(tmp_path / "limits.json")
     words = ("capability", store, "--limits", tmp_path / "limits.json", "-o", tmp_path / "proposed.json")
     code, document, rows = run(tmp_path, *words)
-    assert code == 2 and "3 of 3 indices Ppk are below 1" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert code == 2 and "3 of 3 indices Ppk are below 1" in printed
     row = next(row for row in document["rows"] if row["name"] == "gyro_bias_x")
+    # The printed table has the units of datasheets; the CSV file and the document have SI units.
+    cells = next(line.split() for line in printed.splitlines() if line.startswith("gyro_bias_x"))
+    assert cells[-1] == "deg/s"
+    assert float(cells[2]) == pytest.approx(np.degrees(row["spread"]["spread"]), rel=1e-3)
     assert row["indices"]["ppk"]["low"] < row["indices"]["ppk"]["value"] < 1.0
     assert (
         float(next(r for r in rows if r["parameter"] == "gyro_bias_x")["out_true"]) == row["out_true"] > 0.05
@@ -126,7 +131,12 @@ def test_grr(tmp_path, capsys):
     assert (document["units"], document["operators"], document["repeats"]) == (6, 2, 3)
     assert len(rows) == 6 and all(int(row["ndc"]) >= 5 for row in rows)
     assert all(0.5 < float(row["repeatability / stated"]) < 1.6 for row in rows)
-    assert "6 units x 2 operators x 3 repeats" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "6 units x 2 operators x 3 repeats" in printed
+    cells = next(line.split() for line in printed.splitlines() if line.startswith("gyro_bias_x"))
+    bias = next(row for row in rows if row["parameter"] == "gyro_bias_x")
+    assert cells[-1] == "deg/s"
+    assert float(cells[1]) == pytest.approx(np.degrees(float(bias["repeatability"])), rel=1e-3)
     assert main(["fleet", "grr", str(tmp_path / "units.sqlite"), "--by", "station"]) in (0, 1, 2)
 
 

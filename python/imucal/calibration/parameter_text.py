@@ -39,12 +39,10 @@ class ParameterRow(NamedTuple):
 def parameter_row(parameter: Parameter, units: Units = datasheet) -> ParameterRow:
     """The row of a parameter, whose value has the same number of decimals as its standard deviation."""
     scale = units(parameter.name, parameter.unit)
-    name = f"{parameter.name} - {scale.zero:g}" if scale.zero else parameter.name
     value = scale.shown(parameter.value)
     std = None if parameter.std is None else scale.factor * parameter.std
-    return ParameterRow(
-        name, difference_text(value, std), "-" if std is None else sigma_text(std), scale.unit
-    )
+    sigma = "-" if std is None else sigma_text(std)
+    return ParameterRow(scale.named(parameter.name), difference_text(value, std), sigma, scale.unit)
 
 
 def sigma_text(std: float) -> str:

@@ -95,7 +95,7 @@ def parameter_table(parameters: Iterable[Parameter], truth: Mapping[str, float] 
 
 def shown_name(name: str, scale: Scale) -> str:
     """The name of a parameter in a table. A diagonal entry in ppm is shown as its difference from 1."""
-    return f"{name} − {scale.zero:g}" if scale.zero else name
+    return scale.named(name).replace("-", "−")
 
 
 def figures_table(columns: Mapping[str, object]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +11,7 @@ from imucal.cli.fleet_selection import CsvPath, Selection, StorePath, selection_
 from imucal.cli.options import JsonPath
 from imucal.cli.output import Output
 from imucal.cli.parameters import option
+from imucal.units import datasheet
 
 if TYPE_CHECKING:
     from imucal.fleet.statistics.capability import Capability
@@ -26,6 +28,8 @@ LimitsOption = Annotated[
 # Systems Analysis.
 LEAST_PPK = 1.0
 LEAST_CATEGORIES = 5
+# Number of standard deviations at the start of a row of a gauge study, after its name.
+STD_COLUMNS = 4
 
 
 class By(str, Enum):
@@ -71,8 +75,7 @@ def capability(
     verdict = "poor" if poor else "good"
     out.document(result.to_dict() | {"verdict": verdict})
     shown = ("parameter", "mean", "spread", "noise", "cp", "cpk", "ppk", "out_measured", "out_true", "unit")
-    picked = [headings.index(name) for name in shown]
-    out.table(shown, [[_cell(row[column]) for column in picked] for row in rows])
+    out.table(shown, [_cells(_shown(row)) for row in result.rows])
     if output is not None:
         out.line(f"{output}: mean -+ 4 standard deviations of a measured value")
     out.verdict(verdict, [f"{poor} of {len(limited)} indices Ppk are below {LEAST_PPK:g}"] if limited else [])
@@ -117,7 +120,7 @@ def grr(
     verdict = "poor" if few else "good"
     out.document(result.to_dict() | {"verdict": verdict})
     out.line(f"{result.units} units x {result.operators} {result.by}s x {result.repeats} repeats")
-    out.table(headings, [[_cell(value) for value in row] for row in rows])
+    out.table(headings, [_cells(_shown_study(row)) for row in rows])
     if result.left_out:
         out.line(f"{result.left_out} calibrations beyond the balanced study are left out")
     for study in result.studies:
@@ -154,6 +157,24 @@ def _row(row: Capability) -> tuple[Any, ...]:
     )
 
 
+def _shown(row: Capability) -> tuple[Any, ...]:
+    """The printed columns of a row, in the units of datasheets."""
+    scale, spread, indices = datasheet(row.name, row.unit), row.spread, row.indices
+    return (
+        scale.named(row.name),
+        *(
+            (None,) * 3
+            if spread is None
+            else (scale.shown(spread.mean), scale.factor * spread.spread, scale.factor * spread.noise)
+        ),
+        None if indices is None or indices.cp is None else indices.cp.value,
+        *((None,) * 2 if indices is None else (indices.cpk.value, indices.ppk.value)),
+        row.out_measured,
+        row.out_true,
+        scale.unit,
+    )
+
+
 def _three(index: Any) -> tuple[float, float, float]:
     return index.value, index.low, index.high
 
@@ -175,7 +196,17 @@ def _study(study: GaugeStudy) -> tuple[Any, ...]:
     )
 
 
-def _cell(value: Any) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def _shown_study(row: Sequence[Any]) -> tuple[Any, ...]:
+    """A row of a study with its name and standard deviations in the units of datasheets."""
+    name, *deviations = row[: 1 + STD_COLUMNS]
+    scale = datasheet(name, row[-1])
+    return (
+        scale.named(name),
+        *(scale.factor * std for std in deviations),
+        *row[1 + STD_COLUMNS : -1],
+        scale.unit,
+    )
+
+
+def _cells(row: Sequence[Any]) -> list[str]:
+    return ["-" if cell is None else f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row]
