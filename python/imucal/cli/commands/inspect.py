@@ -56,7 +56,7 @@ def inspect(
     for seen in inspections:
         out.line(
             f"{seen.name}: {seen.samples} samples, {seen.duration_s:.3f} s, {seen.rate_in_words}, "
-            f"{seen.sensors_in_words}, {len(seen.rests)} rests"
+            f"{seen.sensors_in_words}, {len(seen.rests)} rest{'' if len(seen.rests) == 1 else 's'}"
         )
         are_long = any(rest.epochs > 1 for rest in seen.rests)
         if seen.rests:
