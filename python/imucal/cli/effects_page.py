@@ -127,7 +127,8 @@ def page() -> str:
         "",
         "## Noise and faults",
         "",
-        "Noise and faults have no field. They are named but cannot be compensated.",
+        "Noise and faults are named but cannot be compensated, because they do not follow from the motion or "
+        "the temperature.",
         "",
     ]
     lines += ["| name | where | kind | parameters | typical size | appears as |", "|---|---|---|---|---|---|"]

@@ -59,7 +59,7 @@ PATTERNS: Final = {
 
 
 def of_analysis(question: Question, analysis: _core.GapAnalysis) -> Iterator[str]:
-    """Notes on rejected effects, on requested effects that are not observable, and on a given calibration."""
+    """Notes on rejected effects, on unobservable requested effects, and on the given calibration."""
     yield from _refused(analysis)
     of_model = {score.name for score in analysis.effects}
     for score in analysis.effects:

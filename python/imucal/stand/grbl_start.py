@@ -192,8 +192,8 @@ def _coordinates(session: GrblSession) -> Waiting:
             "(grblHAL)"
         )
     raise ImucalError(
-        "the controller does not report the offset of its work coordinates (WCO), by which each target is "
-        "checked before the motors move: set $10=1 (GRBL) or $10=511 (grblHAL)"
+        "the controller does not report the offset of its work coordinates (WCO), which is needed to check "
+        "each target before the motors move: set $10=1 (GRBL) or $10=511 (grblHAL)"
     )
 
 

@@ -12,7 +12,7 @@ use crate::interrupt::interruptible;
 use crate::options::{CalibrateOptions, HeldTuple, priors};
 use crate::simulation::{Motion, StepTuple, UnitArrays, steps};
 
-/// The unit of a plan, converted from the attributes of a Python object.
+/// The simulated unit for which a plan is made, and its sampling rate, effects and options, from a Python object.
 #[derive(FromPyObject)]
 pub(crate) struct PlanSensors<'py> {
     unit: UnitArrays<'py>,

@@ -50,7 +50,8 @@ def plan(
         option(
             "--card",
             metavar="PATH",
-            help="HTML page to write with a picture of each pose; for --stand hand, and for faces.",
+            help="HTML page to write, with a picture of each pose; only with --stand hand or the program "
+            "faces.",
         ),
     ] = None,
     unit: Annotated[
