@@ -38,9 +38,9 @@ def refusal(*paths, **options):
 
 
 def proposed(message):
-    """The values of --columns in a message, each with the rate that follows it, or None."""
-    found = re.findall(r"(--columns '[^']*')(?: --rate-hz (\S+?))?(?= or |\. | \()", message)
-    return [(shlex.split(columns)[1], rate or None) for columns, rate in found]
+    """The values of --columns in a message, each with the rate before it, or None."""
+    found = re.findall(r"(?:--rate-hz (\S+) )?(--columns '[^']*')(?= or |\. )", message)
+    return [(shlex.split(columns)[1], rate or None) for rate, columns in found]
 
 
 # Units

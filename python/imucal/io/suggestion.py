@@ -94,7 +94,7 @@ def suggestion(
         ]
         columns = ",".join([*pairs, *names, *temperature])
         if (pairs or names) and works(columns):
-            lines.append(f"--columns '{columns}'" + ("" if time else f" --rate-hz {_rate_in(preamble)}"))
+            lines.append(("" if time else f"--rate-hz {_rate_in(preamble)} ") + f"--columns '{columns}'")
     if not lines:
         return shown
     if len(lines) > 1:
