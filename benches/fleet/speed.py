@@ -30,7 +30,7 @@ WAYS = LOOP, TWO_LOOPS, ONE, TWO, DASK, PROFILED = (
 LARGE_RATE_HZ = 100.0
 # The speed of a virtual machine changes within minutes. Ratios are therefore taken within a round, and every
 # second round goes through the ways backwards.
-ROUNDS = 5
+ROUNDS = 7
 
 
 def rates(folder: Path, units: int, *, large: bool) -> tuple[float, dict[str, list[float]]]:
