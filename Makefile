@@ -17,6 +17,7 @@
 #   make thermal-benchmark  sensors that remember the temperature, to docs/results/thermal.md
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
 #   make traps     inputs that easily give a wrong result, and 500 clean runs, to docs/results/traps.md
+#   make copies    altered copies of a recording as its control, to docs/results/copies.md
 #   make signals   time from Ctrl-C to the end of each long command, to docs/results/signals.md
 #   make firmware  the C code on Cortex-M4F, M0+ and RV32 under QEMU, to docs/results/firmware.md
 #   make fuzz      damaged files of every format for MINUTES=30, then arbitrary recordings with cargo-fuzz
@@ -218,7 +219,11 @@ test-python-fast: $(VENV)/.installed
 # Each simulator keeps a processor busy, and needs another one at times, so two processors for each.
 FIRMWARE_AT_ONCE ?= 1
 .PHONY: test-firmware
-test-firmware: $(VENV)/.installed
+test-copies: $(VENV)/.installed
+	$(call say,Copies as control recordings)
+	PYTHONPATH=benches $(PY) benches/copies.py
+
+firmware: $(VENV)/.installed
 	$(call say,Stand: faults on the firmware of a controller)
 	GRBL_SIM="$(GRBL_SIM)" $(PY) -m pytest tests/stand/test_firmware.py --numprocesses $(FIRMWARE_AT_ONCE)
 
@@ -232,7 +237,7 @@ docs: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy rounding faces six-positions one-sensor gap-benchmark laws-benchmark units-benchmark thermal-benchmark plan traps signals stand first-steps
+.PHONY: demo bench accuracy rounding faces six-positions one-sensor gap-benchmark laws-benchmark units-benchmark thermal-benchmark plan traps copies signals stand first-steps
 .PHONY: docs-figures docs-pictures fleet stand-driver stand-firmware firmware comparison
 demo: $(VENV)/.installed
 	$(call say,Demo)

@@ -1,17 +1,19 @@
-"""Altered copies of a recording as its control, and independent control recordings: `python -m copies`.
+"""Altered copies of a recording as its control, and independent control recordings: `make copies`.
 
 A copy has to be refused with `control_not_independent`, in whatever way it was altered. An independent
 recording of the same unit has to be accepted, also if the same program ran on the same stand.
 
 `--seeds N` sets the number of seeds of each alteration (20), `--pairs N` the number of independent pairs of
-each condition (100). The figures are in docs/results/copies.md.
+each condition (100). The figures go to docs/results/copies.md.
 """
 
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from rich.progress import track
 from scipy import signal
 from scipy.interpolate import interp1d
 from scipy.spatial.transform import Rotation
@@ -23,6 +25,15 @@ GRAVITY_MPS2 = 9.80665
 MIN_REST_S = 1.0
 # The seeds of the control runs are the seeds of the calibration runs plus this number.
 CONTROL_SEEDS = 100_000
+PAGE = Path(__file__).parents[1] / "docs/results/copies.md"
+# Conditions of the copies, of those in `conditions`.
+COPIED = (
+    "stand, the same program",
+    "hand at 50 Hz",
+    "hand",
+    "coarse counts",
+    "low-pass filter of 5 Hz",
+)
 
 
 @dataclass(frozen=True)
@@ -195,29 +206,68 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=100)
     given = parser.parse_args()
     made = conditions()
-    print("independent pairs refused")
-    for name, make in made.items():
-        refused = sum(
-            common_noise(make(seed), make(seed + CONTROL_SEEDS)) is not None for seed in range(given.pairs)
-        )
-        print(f"  {name:36} {refused} of {given.pairs}", flush=True)
-    print("copies refused, and the smallest correlation of a copy in standard deviations")
-    for name in (
-        "stand, the same program",
-        "hand at 50 Hz",
-        "hand",
-        "coarse counts",
-        "low-pass filter of 5 Hz",
-    ):
-        print(f"  {name}")
-        for alteration in ALTERATIONS:
-            found = []
-            for seed in range(given.seeds):
-                recording = made[name](seed)
-                found.append(common_noise(recording, altered(recording, alteration, seed)))
-            known = [sigmas for sigmas in found if sigmas is not None]
-            least = f"{min(known):.0f}" if known else "-"
-            print(f"    {alteration:34} {len(known)} of {len(found)}, {least}", flush=True)
+    pairs, copies = {}, {}
+    for name, make in track(made.items(), "independent pairs"):
+        refused = [common_noise(make(seed), make(seed + CONTROL_SEEDS)) for seed in range(given.pairs)]
+        pairs[name] = Refused.among(refused)
+    for name in COPIED:
+        for alteration in track(ALTERATIONS, f"copies, {name}"):
+            runs = [(made[name](seed), seed) for seed in range(given.seeds)]
+            refused = [common_noise(run, altered(run, alteration, seed)) for run, seed in runs]
+            copies[name, alteration] = Refused.among(refused)
+    PAGE.write_text(page(pairs, copies), encoding="utf-8")
+    print(f"written to {PAGE}")
+
+
+@dataclass(frozen=True)
+class Refused:
+    """Number of refused recordings among all, and the smallest correlation of a refused one."""
+
+    count: int
+    of: int
+    least_sigmas: float | None
+
+    @staticmethod
+    def among(found: list[float | None]) -> "Refused":
+        known = [sigmas for sigmas in found if sigmas is not None]
+        return Refused(len(known), len(found), min(known, default=None))
+
+
+def page(pairs: dict[str, Refused], copies: dict[tuple[str, str], Refused]) -> str:
+    independent = "\n".join(f"| {name} | {row.count} of {row.of} |" for name, row in pairs.items())
+    rows = "\n".join(
+        f"| {alteration} | {' | '.join(_cell(copies[name, alteration]) for name in COPIED)} |"
+        for alteration in ALTERATIONS
+    )
+    total = sum(row.of for row in copies.values())
+    accepted = total - sum(row.count for row in copies.values())
+    return f"""# Copies of a recording as its control
+
+Written by `make copies`. A control recording that is a copy of the calibration recording has to be refused,
+in whatever way it was altered, and an independent recording has to be accepted.
+
+## Independent recordings
+
+| condition | refused |
+|---|---:|
+{independent}
+
+## Altered copies
+
+{accepted} of {total} copies are accepted. Each cell has the smallest correlation of a refused copy with the
+recording, in standard deviations, and the number of refused copies if it is not the number of all. Coarse
+counts have steps of 0.05 m/s^2 and 0.01 rad/s. Rounding then removes most of the noise by which a copy is
+recognised.
+
+| alteration | {" | ".join(COPIED)} |
+|---|{"---:|" * len(COPIED)}
+{rows}
+"""
+
+
+def _cell(row: Refused) -> str:
+    least = "" if row.least_sigmas is None else f"{row.least_sigmas:.0f}"
+    return least if row.count == row.of else f"{least} (**{row.count} of {row.of}**)"
 
 
 if __name__ == "__main__":
