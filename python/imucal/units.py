@@ -24,6 +24,7 @@ __all__ = [
     "Scale",
     "datasheet",
     "si",
+    "significant",
     "to_degc",
     "units_of",
 ]
@@ -135,6 +136,11 @@ class Scale(NamedTuple):
     def named(self, name: str) -> str:
         """The name of the quantity in a table, such as `accel_sensitivity_xx - 1` for a difference from 1."""
         return f"{name} - {self.zero:g}" if self.zero else name
+
+
+def significant(value: float, digits: int) -> str:
+    """A number below 1e10 with this number of significant digits and without an exponent, such as 1220."""
+    return f"{float(f'{value:.{digits}g}'):.10g}"
 
 
 def si(name: str, unit: str) -> Scale:

@@ -10,7 +10,7 @@ from typing import Any, Final
 import imucal._core as _core
 from imucal.calibration.parameter_text import Units
 from imucal.document.plain import plain
-from imucal.units import datasheet
+from imucal.units import datasheet, significant
 
 __all__ = ["Figures", "figures_text", "poor_figures", "saved_reasons"]
 
@@ -51,8 +51,7 @@ def figures_text(figures: object, units: Units = datasheet) -> str:
     for name, (words, unit) in FIGURE_TEXT.items():
         if fields.get(name) is not None:
             scale = units(name, unit)
-            # Three digits without an exponent, such as 1220 for chi2.
-            value = f"{float(f'{scale.shown(fields[name]):.3g}'):.10g}"
+            value = significant(scale.shown(fields[name]), 3)
             parts.append(f"{words} {value} {scale.unit}{' rms' if unit else ''}".rstrip())
     return ", ".join(parts)
 

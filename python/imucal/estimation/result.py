@@ -17,6 +17,7 @@ from imucal.estimation.fit import Diagnosis, Fit, HeldOut, NoiseTest
 from imucal.estimation.rests import FittedMove, FittedRest, used_of
 from imucal.finding import Finding
 from imucal.notebook import html_of
+from imucal.units import significant
 
 if TYPE_CHECKING:
     from imucal.estimation.evaluate import Evaluation
@@ -117,10 +118,10 @@ class CalibrationResult:
                 "searches for the missing effect"
             )
         if self.fit.bias_instability_radps is not None:
-            deg_per_h = float(f"{math.degrees(max(self.fit.bias_instability_radps)) * 3600.0:.2g}")
+            deg_per_h = math.degrees(max(self.fit.bias_instability_radps)) * 3600.0
             notes.append(
-                f"the gyroscope has a bias instability of {deg_per_h:g} deg/h: it is included in the "
-                "standard deviations, and the estimated bias is the mean over the recording "
+                f"the gyroscope has a bias instability of {significant(deg_per_h, 2)} deg/h: it is included "
+                "in the standard deviations, and the estimated bias is the mean over the recording "
                 "(docs/model.md (28))"
             )
         tremors = [tremor for tremor in self.fit.tremor_deg if tremor is not None]

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from imucal.arrays import FloatArray
-from imucal.units import COLUMN_UNITS, DEGREE_RAD, STANDARD_GRAVITY_MPS2, TICKS_PER_S
+from imucal.units import COLUMN_UNITS, DEGREE_RAD, STANDARD_GRAVITY_MPS2, TICKS_PER_S, significant
 
 __all__ = [
     "Reading",
@@ -99,9 +99,9 @@ def _median_magnitude(values: FloatArray) -> float:
 def accel_reading(values: FloatArray) -> Reading:
     """The interpretation of an accelerometer's first samples, (N, 3)."""
     size = _median_magnitude(values)
-    in_g = {unit: float(f"{gravity_g(values, unit):.3g}") for unit in ("mps2", "g", "mg")}
-    shown = ", ".join(f"{value:.10g} g as {UNIT_TEXT[unit]}" for unit, value in in_g.items())
-    text = f"accelerometer: median magnitude {float(f'{size:.4g}'):.10g}, which is {shown}"
+    in_g = {unit: significant(gravity_g(values, unit), 3) for unit in ("mps2", "g", "mg")}
+    shown = ", ".join(f"{value} g as {UNIT_TEXT[unit]}" for unit, value in in_g.items())
+    text = f"accelerometer: median magnitude {significant(size, 4)}, which is {shown}"
     low, high = GRAVITY_G
     likely = next((unit for unit in ("mps2", "g", "mg") if low < gravity_g(values, unit) < high), None)
     are_whole = is_whole(values)

@@ -18,7 +18,7 @@ from imucal.document.atomic import write_text
 from imucal.limits.limits import Limits
 from imucal.report.printed import write_pdf
 from imucal.report.tables import figures_table, rounded_to, shown_name, table
-from imucal.units import datasheet
+from imucal.units import datasheet, significant
 
 if TYPE_CHECKING:
     from imucal.calibration.calibration import Calibration
@@ -142,18 +142,13 @@ def _parameters(parameters: Sequence[Parameter], judgement: Judgement | None) ->
             row += [
                 "-"
                 if low is None or high is None
-                else f"{_plain(scale.shown(low))} to {_plain(scale.shown(high))}",
+                else f"{significant(scale.shown(low), 4)} to {significant(scale.shown(high), 4)}",
                 "-" if check is None else "pass" if check.passed else "FAIL",
             ]
         rows.append(row)
     header = ["parameter", "value", "1 σ", "unit", *([] if judgement is None else ["limits", ""])]
     failed = [] if judgement is None else [check.reason for check in judgement.failed]
     return table(header, rows) + "".join(f"<p>{escape(reason)}</p>" for reason in failed)
-
-
-def _plain(number: float) -> str:
-    """A limit with four significant digits and without an exponent, such as 52100 ppm."""
-    return f"{float(f'{number:.4g}'):.10g}"
 
 
 def _figures(calibration: Calibration) -> str:

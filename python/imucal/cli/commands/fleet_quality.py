@@ -11,9 +11,10 @@ from imucal.cli.fleet_selection import CsvPath, Selection, StorePath, selection_
 from imucal.cli.options import JsonPath
 from imucal.cli.output import Output
 from imucal.cli.parameters import option
-from imucal.units import datasheet
+from imucal.units import datasheet, si
 
 if TYPE_CHECKING:
+    from imucal.calibration.parameter_text import Units
     from imucal.fleet.statistics.capability import Capability
     from imucal.fleet.statistics.grr import GaugeStudy
     from imucal.limits.limits import Limits
@@ -28,8 +29,6 @@ LimitsOption = Annotated[
 # Systems Analysis.
 LEAST_PPK = 1.0
 LEAST_CATEGORIES = 5
-# Number of standard deviations at the start of a row of a gauge study, after its name.
-STD_COLUMNS = 4
 
 
 class By(str, Enum):
@@ -67,15 +66,16 @@ def capability(
         *("parameter", "units", "mean", "spread", "low", "high", "noise", "cp", "cpk", "ppk", "ppk_low"),
         *("ppk_high", "out_measured", "out_true", "proposed_min", "proposed_max", "unit"),
     )
-    rows = [_row(row) for row in result.rows]
-    write_table(csv, headings, rows)
+    write_table(csv, headings, [_row(row, si) for row in result.rows])
     out = Output(json)
     limited = [row.indices.ppk.value for row in result.rows if row.indices is not None]
     poor = sum(ppk < LEAST_PPK for ppk in limited)
     verdict = "poor" if poor else "good"
     out.document(result.to_dict() | {"verdict": verdict})
     shown = ("parameter", "mean", "spread", "noise", "cp", "cpk", "ppk", "out_measured", "out_true", "unit")
-    out.table(shown, [_cells(_shown(row)) for row in result.rows])
+    picked = [headings.index(name) for name in shown]
+    rows = [_cells(_row(row, datasheet)) for row in result.rows]
+    out.table(shown, [[row[column] for column in picked] for row in rows])
     if output is not None:
         out.line(f"{output}: mean -+ 4 standard deviations of a measured value")
     out.verdict(verdict, [f"{poor} of {len(limited)} indices Ppk are below {LEAST_PPK:g}"] if limited else [])
@@ -113,14 +113,13 @@ def grr(
         ),
         *("repeatability / stated", "from", "to", "unit"),
     )
-    rows = [_study(study) for study in result.studies]
-    write_table(csv, headings, rows)
+    write_table(csv, headings, [_study(study, si) for study in result.studies])
     out = Output(json)
     few = [study.name for study in result.studies if study.ndc is not None and study.ndc < LEAST_CATEGORIES]
     verdict = "poor" if few else "good"
     out.document(result.to_dict() | {"verdict": verdict})
     out.line(f"{result.units} units x {result.operators} {result.by}s x {result.repeats} repeats")
-    out.table(headings, [_cells(_shown_study(row)) for row in rows])
+    out.table(headings, [_cells(_study(study, datasheet)) for study in result.studies])
     if result.left_out:
         out.line(f"{result.left_out} calibrations beyond the balanced study are left out")
     for study in result.studies:
@@ -140,37 +139,23 @@ def _limits(path: Path | None) -> Limits | None:
     return None if path is None else imucal.Limits.load(path)
 
 
-def _row(row: Capability) -> tuple[Any, ...]:
-    spread, indices = row.spread, row.indices
+def _row(row: Capability, units: Units) -> tuple[Any, ...]:
+    scale, spread, indices = units(row.name, row.unit), row.spread, row.indices
     return (
-        row.name,
+        scale.named(row.name),
         row.units,
-        None if spread is None else spread.mean,
-        *((None,) * 4 if spread is None else (spread.spread, spread.low, spread.high, spread.noise)),
+        None if spread is None else scale.shown(spread.mean),
+        *(
+            (None,) * 4
+            if spread is None
+            else (scale.factor * std for std in (spread.spread, spread.low, spread.high, spread.noise))
+        ),
         None if indices is None or indices.cp is None else indices.cp.value,
         *((None,) * 4 if indices is None else (indices.cpk.value, *_three(indices.ppk))),
         row.out_measured,
         row.out_true,
-        row.proposed_low,
-        row.proposed_high,
-        row.unit,
-    )
-
-
-def _shown(row: Capability) -> tuple[Any, ...]:
-    """The printed columns of a row, in the units of datasheets."""
-    scale, spread, indices = datasheet(row.name, row.unit), row.spread, row.indices
-    return (
-        scale.named(row.name),
-        *(
-            (None,) * 3
-            if spread is None
-            else (scale.shown(spread.mean), scale.factor * spread.spread, scale.factor * spread.noise)
-        ),
-        None if indices is None or indices.cp is None else indices.cp.value,
-        *((None,) * 2 if indices is None else (indices.cpk.value, indices.ppk.value)),
-        row.out_measured,
-        row.out_true,
+        scale.shown(row.proposed_low),
+        scale.shown(row.proposed_high),
         scale.unit,
     )
 
@@ -179,31 +164,21 @@ def _three(index: Any) -> tuple[float, float, float]:
     return index.value, index.low, index.high
 
 
-def _study(study: GaugeStudy) -> tuple[Any, ...]:
-    grr = study.component("grr")
-    sigma = study.sigma
+def _study(study: GaugeStudy, units: Units) -> tuple[Any, ...]:
+    grr, sigma, scale = study.component("grr"), study.sigma, units(study.name, study.unit)
+    parts = (
+        study.component("repeatability"),
+        study.component("reproducibility"),
+        grr,
+        study.component("unit"),
+    )
     return (
-        study.name,
-        study.component("repeatability").std,
-        study.component("reproducibility").std,
-        grr.std,
-        study.component("unit").std,
+        scale.named(study.name),
+        *(scale.factor * part.std for part in parts),
         100 * grr.study_variation,
         study.ndc,
         None if study.tolerance is None else 100 * study.tolerance,
         *((None,) * 3 if sigma is None else (sigma.factor, sigma.low, sigma.high)),
-        study.unit,
-    )
-
-
-def _shown_study(row: Sequence[Any]) -> tuple[Any, ...]:
-    """A row of a study with its name and standard deviations in the units of datasheets."""
-    name, *deviations = row[: 1 + STD_COLUMNS]
-    scale = datasheet(name, row[-1])
-    return (
-        scale.named(name),
-        *(scale.factor * std for std in deviations),
-        *row[1 + STD_COLUMNS : -1],
         scale.unit,
     )
 
