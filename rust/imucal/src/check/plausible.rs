@@ -1,5 +1,5 @@
-//! Limits of plausible noise densities and biases of inertial sensors at rest. For an implausible value, the unit is
-//! determined in which the value would be plausible.
+//! Limits of plausible noise densities and biases of inertial sensors at rest. A value beyond the limits may have been
+//! recorded in another unit of measurement, and the unit in which it would be plausible is proposed.
 //!
 //! ```text
 //! quantity                   highest                 lowest                     sources

@@ -4,7 +4,7 @@
 use faer::Mat;
 
 use super::evidence::Gram;
-use super::products::{Part, Rows, square};
+use super::products::{Part, Rows, cross, square};
 use crate::numerics::stats::dot;
 
 /// Columns, residual and Gram matrix of a design, for each group of residual rows.
@@ -49,7 +49,7 @@ impl<'a> Known<'a> {
         let last = known + width;
         let joined = |(group, (part, own)): (usize, &(Part<'_>, Mat<f64>))| {
             let ((_, columns, residual), sum) = (&self.groups[group], &self.gram.sums[group]);
-            let cross = columns.view().transpose() * part.view();
+            let cross = cross(columns.view(), part.view());
             let mut all = Mat::zeros(last + 1, last + 1);
             for i in 0..=known {
                 let to = all.col_as_slice_mut(if i < known { i } else { last });

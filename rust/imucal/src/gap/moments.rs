@@ -24,12 +24,17 @@ const EVERY: usize = 5;
 /// sense of the last rotation is kept. The value exceeds the noise of a consumer gyroscope.
 const LEAST_RATE_RADPS: f64 = 0.05;
 
-/// A rest or a move, during which the deviation of a sensor parameter is constant. In other modules, an epoch is a part
+/// Maximum number of epochs. The time of the computation grows with the third power of this number. With 240 epochs,
+/// the shortest correlation length of a smooth time course (1/40 of the duration) still contains six epochs.
+const MOST_EPOCHS: usize = 240;
+
+/// A rest or a move, during which the deviation of a sensor parameter is constant. If there are more than
+/// [`MOST_EPOCHS`] rests and moves, an epoch consists of several consecutive ones. In other modules, an epoch is a part
 /// of a long rest instead.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Epoch {
     pub(crate) recording: usize,
-    /// Time of the middle of the rest or move since the first sample of the recording, s.
+    /// Mean time of the middles of the rests and moves since the first sample of the recording, s.
     pub(crate) time_s: f64,
 }
 
@@ -93,17 +98,20 @@ impl<'a> Setting<'a> {
         let has_rests = block != Block::GyroscopeScale;
         let has_moves = block.sensor() == Sensor::Gyroscope;
         let middle = |way: &Vec<Moment>| way.get(way.len() / 2).map(|at| (at.recording, at.time_s));
-        // For each epoch: its recording and time, whether it is a move, and its index among the rests or moves.
+        // For each rest or move: its recording and time, whether it is a move, and its index among the rests or moves.
         let of_rests = rests.iter().map(|at| (at.recording, at.time_s)).enumerate().filter(|_| has_rests);
         let of_moves = moves.iter().enumerate().filter(|_| has_moves).filter_map(|(k, way)| Some((k, middle(way)?)));
-        let mut epochs: Vec<(Epoch, bool, usize)> = of_rests
+        let mut single: Vec<(Epoch, bool, usize)> = of_rests
             .map(|own| (own, false))
             .chain(of_moves.map(|own| (own, true)))
             .map(|((k, (recording, time_s)), is_move)| (Epoch { recording, time_s }, is_move, k))
             .collect();
-        epochs
+        single
             .sort_by(|(a, ..), (b, ..)| (a.recording, a.time_s).partial_cmp(&(b.recording, b.time_s)).unwrap_or(Equal));
-        let (n, sensor) = (epochs.len(), block.sensor());
+        let together = single.len().div_ceil(MOST_EPOCHS).max(1);
+        let of_recording = single.chunk_by(|(a, ..), (b, ..)| a.recording == b.recording);
+        let parts: Vec<&[(Epoch, bool, usize)]> = of_recording.flat_map(|own| own.chunks(together)).collect();
+        let (n, sensor) = (parts.len(), block.sensor());
         let width = 3 * n;
         let mut field = Field {
             sensor,
@@ -116,7 +124,8 @@ impl<'a> Setting<'a> {
             Block::AccelerometerScale => at.up * self.prepared.gravity_mps2,
             Block::GyroscopeBias | Block::AccelerometerBias => Vector3::repeat(1.0),
         };
-        for (place, (_, is_move, k)) in epochs.iter().enumerate() {
+        let members = parts.iter().enumerate().flat_map(|(place, part)| part.iter().map(move |own| (place, own)));
+        for (place, (_, is_move, k)) in members {
             let (all, first, moments) = match is_move {
                 true => (&mut field.moves[*k], 0, &moves[*k][..]),
                 false => (&mut field.rests, used[*k], &rests[*k..=*k]),
@@ -127,7 +136,11 @@ impl<'a> Setting<'a> {
             }
         }
         let columns = self.problem.by_field(&self.linear, &self.segments, &field);
-        (epochs.into_iter().map(|(epoch, ..)| epoch).collect(), columns)
+        let mean = |part: &&[(Epoch, bool, usize)]| Epoch {
+            recording: part[0].0.recording,
+            time_s: part.iter().map(|(epoch, ..)| epoch.time_s).sum::<f64>() / part.len() as f64,
+        };
+        (parts.iter().map(mean).collect(), columns)
     }
 
     /// Deviations of the sensor parameter on each axis if the columns of a hypothesis have the coefficients `weights`.

@@ -166,6 +166,15 @@ pub(super) fn square(a: MatRef<'_, f64>, threads: usize) -> Mat<f64> {
     sum
 }
 
+/// Computes `A^T B` on one thread.
+pub(super) fn cross(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
+    let mut sum = Mat::zeros(a.ncols(), b.ncols());
+    let of_part =
+        |rows: Range<usize>| a.subrows(rows.start, rows.len()).transpose() * b.subrows(rows.start, rows.len());
+    in_parts(1, a.nrows(), of_part).into_iter().for_each(|part| sum += part);
+    sum
+}
+
 fn lower_square(a: MatRef<'_, f64>) -> Mat<f64> {
     use BlockStructure::{Rectangular, TriangularLower};
     let mut sum = Mat::zeros(a.ncols(), a.ncols());

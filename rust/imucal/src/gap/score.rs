@@ -188,7 +188,8 @@ impl Candidate {
         self.columns.clone().zip(self.typical.iter().copied())
     }
 
-    /// The columns of the candidate with a prior whose standard deviation is `width` typical sizes.
+    /// The columns of the candidate. Each parameter has a prior, whose standard deviation is `width` times its typical
+    /// size.
     pub(super) fn columns(&self, width: f64) -> impl Iterator<Item = Column> {
         self.columns.clone().zip(&self.typical).map(move |(place, typical)| Column {
             place,

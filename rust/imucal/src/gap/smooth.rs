@@ -3,6 +3,8 @@
 
 use faer::Mat;
 
+use crate::numerics::leading_eigen::LeadingEigen;
+
 /// Eigenvalues below this share of the largest eigenvalue are omitted.
 const SMALLEST: f64 = 1e-3;
 
@@ -31,11 +33,10 @@ impl<T> Smooth<T> {
         if trace <= 1e-12 {
             return None;
         }
-        let eigen = centred.self_adjoint_eigen(faer::Side::Lower).ok()?;
-        let largest = eigen.S()[n - 1];
-        let kept: Vec<usize> = (0..n).rev().filter(|&k| eigen.S()[k] > SMALLEST * largest).take(most).collect();
+        let LeadingEigen { values, vectors } = LeadingEigen::of(&centred, most)?;
+        let kept = values.iter().take_while(|value| **value > SMALLEST * values[0]).count();
         let scale = n as f64 / trace;
-        let weights = Mat::from_fn(n, kept.len(), |i, c| eigen.U()[(i, kept[c])] * (scale / eigen.S()[kept[c]]).sqrt());
+        let weights = Mat::from_fn(n, kept, |i, c| vectors[(i, c)] * (scale / values[c]).sqrt());
         Some(Self { points, weights, means, mean })
     }
 

@@ -31,6 +31,7 @@ use super::moments::{Epoch, Setting};
 use super::stage::{Beside, Member};
 use super::weighing::Weighing;
 use crate::calibrate::EffectChoice;
+use crate::cancellation::checkpoint;
 use crate::error::Error;
 use crate::joint::{Kinds, Prepared, Terms};
 
@@ -176,6 +177,7 @@ impl Observed {
             if a.recording == b.recording { covariance(a, b) } else { 0.0 }
         });
         let log = |size: f64, scatter: f64| -> Option<f64> {
+            checkpoint();
             let mut normal = self.information.clone();
             let mut volume = 0.0;
             for axis in 0..3 {
@@ -283,6 +285,7 @@ impl Scattered {
         let mut slope: Vector3<f64> = (0..n).map(|k| self.slope_at(k) * states[k]).sum();
         let mut best = log_of_levels(&information, &slope, size) - cost(&states);
         for _ in 0..MOST_PASSES {
+            checkpoint();
             let before = best;
             for k in 0..n {
                 let (last, own) = (states[k], self.between(k, k));
@@ -338,6 +341,7 @@ mod tests {
     use rand_distr::StandardNormal;
 
     use super::*;
+    use crate::cancellation::Cancellation;
 
     const EPOCHS: usize = 60;
     const STEP_S: f64 = 5.0;
@@ -421,5 +425,14 @@ mod tests {
             Box::new(move |k| size.map(|size| 2.0 * size * states[k]))
         });
         assert!(count(&found, Some(Kernel::Switching)) >= 19, "{found:?}");
+    }
+
+    #[test]
+    fn the_comparison_of_courses_can_be_cancelled() {
+        let mut random = ChaCha8Rng::seed_from_u64(0);
+        let observed = observed(|_| [0.0; 3], &mut random);
+        let cancellation = Cancellation::new();
+        cancellation.cancel();
+        assert!(matches!(cancellation.run(|| Ok(observed.kernel())), Err(Error::Cancelled)));
     }
 }

@@ -151,8 +151,8 @@ impl<'a> Weighing<'a> {
         Left { sums, whole }
     }
 
-    /// Evidence of the model with the additional columns. The prior of these columns has a standard deviation of
-    /// `width` typical sizes. The iteration starts at the noise scales of `swept`. The second result is the normal
+    /// Evidence of the model with the additional columns. The coefficient of each additional column has a prior, whose
+    /// standard deviation is `width` times the typical size of the coefficient. The iteration starts at the noise scales of `swept`. The second result is the normal
     /// matrix after the elimination, at the converged noise scales. `None` if the normal matrix is singular.
     pub(crate) fn evidence(&self, width: f64, swept: Swept) -> Option<(Evidence, Swept)> {
         Instructions::Best.run(Settle(self, width, swept))

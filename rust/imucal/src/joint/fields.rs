@@ -29,6 +29,7 @@ use super::pass::planes::Planes;
 use super::pass::segments::{MoveSegments, Stretch};
 use super::prepared::Prepared;
 use super::problem::Joint;
+use crate::cancellation::checkpoint;
 use crate::rests::moves::{Move, rows_across};
 
 /// Columns of a generic error field of one sensor. Each column acts on one body axis. The columns of the x axis come
@@ -139,6 +140,7 @@ impl Joint<'_> {
         let mut turned = Vec::with_capacity(ways.len());
         let mut rows = Rows::new(all, row);
         for (k, (at_move, way)) in linear.moves.iter().zip(ways).enumerate() {
+            checkpoint();
             let AtMove { pass, before, after } = at_move;
             let turns = field.turns(k, way);
             let end: Vec<Vector3<f64>> = (0..width).map(|c| turns.column(turns.of(way.stretches.len()), c)).collect();
@@ -188,6 +190,7 @@ impl Joint<'_> {
         }
         let mut rows = Rows::new(all, lines.nrows() + 3 * linear.rates.len());
         for (k, (at_move, way)) in linear.moves.iter().zip(ways).enumerate() {
+            checkpoint();
             let AtMove { pass, before, after } = at_move;
             let Move { from, to, .. } = self.prepared.moves[k];
             let (at_start, at_end) = (field.at_rest(from), field.at_rest(to));

@@ -20,6 +20,7 @@ use super::start::{Prior, ShapePrior};
 use super::terms::{Term, Terms};
 use super::wander::{UnitWander, Wander};
 use super::weights::{Weights, Widened, Widening};
+use crate::cancellation::checkpoint;
 use crate::error::Error;
 use crate::held::HeldRow;
 use crate::numerics::lsq::{self, Residuals, Solution};
@@ -169,9 +170,10 @@ impl<'a> Joint<'a> {
 
     /// Whitened derivatives with respect to a separate bias at each rest, with three columns per rest. The first matrix
     /// is for the gyroscope, the second for the accelerometer. The gyroscope bias in a move is the mean of the biases
-    /// at the two adjacent rests. Only the rows of force norms, directions after moves and mean rates are nonzero.
-    pub(crate) fn by_biases_of_rests(&self, linear: &Linear) -> [Mat<f64>; 2] {
+    /// at the two adjacent rests. The rows are those of force norms, directions after moves and mean rates.
+    fn by_biases_of_rests(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let (head, count) = (linear.lines.len(), 3 * self.prepared.rests.len());
+        let rows = head + 3 * linear.rates.len();
         let (mut gyroscope, mut accelerometer) = (Mat::zeros(head, count), Mat::zeros(head, count));
         for (row, line) in linear.lines.iter().enumerate() {
             for (rest, by) in &line.by_means {
@@ -188,7 +190,7 @@ impl<'a> Joint<'a> {
         }
         let whole = |mut lines: Mat<f64>| {
             self.weights.whitening.apply(&mut lines);
-            let mut all = Mat::zeros(self.rows, count);
+            let mut all = Mat::zeros(rows, count);
             all.as_mut().subrows_mut(0, head).copy_from(&lines);
             all
         };
@@ -224,11 +226,11 @@ impl<'a> Joint<'a> {
             let column = |axis: usize| self.weights.rates[*k].column(axis).iter().skip(axis).copied().collect();
             [0, 1, 2].map(|axis| (head + 3 * place + axis, column(axis)))
         });
-        let white = |(first, column): (usize, Vec<f64>)| match &self.wandering {
-            None => (first, column),
-            Some(wandering) => (first, wandering.unit(first, &column)),
-        };
-        lines.chain(rates).map(white).collect()
+        let columns: Vec<(usize, Vec<f64>)> = lines.chain(rates).collect();
+        match &self.wandering {
+            None => columns,
+            Some(wandering) => wandering.apply_to_columns(&columns),
+        }
     }
 
     /// Whitened residuals and Jacobian. The order of the rows is: force norms at rests and gravity directions after
@@ -266,6 +268,8 @@ impl<'a> Joint<'a> {
         let (head, groups) = (linear.lines.len(), linear.groups());
         let count = if self.terms.kinds.encoders { groups.stand_moves.end } else { groups.inside.start };
         let mut rows = Lanes::zeros(n, count);
+        // With several hundred megabytes, already the zeros take some tenths of a second.
+        checkpoint();
         for (row, line) in linear.lines.iter().enumerate() {
             let to = rows.row_mut(row);
             to[..n].copy_from_slice(&line.jacobian);
@@ -301,12 +305,15 @@ impl<'a> Joint<'a> {
     fn whiten_together(&self, linear: &Linear) -> Mat<f64> {
         let n = self.terms.total();
         let (rows, mut all) = (self.whiten_rows(linear), Mat::zeros(self.rows, n + 1));
+        checkpoint();
         rows.copy_columns(0..=n, &mut all, 0);
+        checkpoint();
         let mut row = rows.rows();
         if self.terms.kinds.in_motion && !self.terms.kinds.encoders {
             let first = row;
             let mut rows = Rows::new(&mut all, first);
             for (at_move, noise) in linear.moves.iter().zip(&self.weights.inside) {
+                checkpoint();
                 rows.write_move(at_move, noise, self.prepared.gravity_mps2);
             }
             row = rows.next();
@@ -347,12 +354,14 @@ impl Joint<'_> {
         let (prepared, terms, model) = (self.prepared, self.terms, &linear.model);
         let stand = StandModel::of(&model.stand);
         for (k, direction) in &linear.directions {
+            checkpoint();
             let angles = encoders.at_rest(*k, &prepared.rests[*k], &model.values, terms);
             for z in encoders::rest_rows(&angles, terms, &stand, direction) {
                 push(About::Stand, &z, self.weights.stand_sigma_rad);
             }
         }
         for ((m, at_move), noise) in prepared.moves.iter().zip(linear.moves.iter()).zip(&self.weights.inside) {
+            checkpoint();
             let angles = encoders.in_move(&prepared.recordings[m.recording], m, &model.values, terms);
             let rest = encoders.at_rest(m.from, &prepared.rests[m.from], &model.values, terms);
             let seen = EncoderMove { angles: &angles, rest: &rest, stand: &stand };

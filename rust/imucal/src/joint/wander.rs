@@ -81,6 +81,11 @@ impl UnitWander {
 }
 
 impl BiasWander {
+    /// Whether the bias of an axis varies.
+    pub(super) fn varies(&self, axis: usize) -> bool {
+        self.bias_instability[axis] > 0.0 || self.random_walk[axis] > 0.0
+    }
+
     /// Covariance function of the bias of one axis, integrated twice with respect to the time lag.
     fn integrated(&self, axis: usize, lag_s: f64) -> f64 {
         let lag_s = lag_s.abs();

@@ -280,8 +280,8 @@ mod tests {
                 assert_eq!(of(50_000, &value, q), quantile(&mut kept, q), "{k} {q}");
             }
         }
-        // The sample for the limits has every 36th of 50,000 values. All of these values are set to 7, so the
-        // quantile is outside the limits.
+        // `quantile_of` first estimates from every 36th of these 50,000 values between which limits the quantile lies.
+        // Here these values are 7, so the quantile of all values is outside the limits and must still be found.
         let value = |i: usize| if i.is_multiple_of(36) { 7.0 } else { i as f64 };
         assert_eq!(of(50_000, &value, 0.5), quantile(&mut (0..50_000).map(value).collect::<Vec<_>>(), 0.5));
         assert!(of(0, &|_| 1.0, 0.5).is_nan());

@@ -64,8 +64,9 @@ pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) 
     (sum, residual)
 }
 
-/// A job computes part of a Gram matrix. In each row, it multiplies the values of some columns by the consecutive
-/// values of one SIMD register. The products are summed over the rows.
+/// A job computes part of a Gram matrix: the products of some columns with a few neighbouring columns, whose values fit
+/// into one SIMD register. In each row, the value of each column is multiplied by all values of the register. The
+/// products are summed over the rows.
 struct Job {
     columns: Vec<usize>,
     /// Position of each column within a row. If there are fewer than [`OF_MODEL`] columns, the last position is

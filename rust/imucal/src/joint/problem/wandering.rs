@@ -2,17 +2,21 @@
 //! pose errors. A pose error depends on the attitude, so all epochs of a long rest have it in common. An epoch is a
 //! part of a long rest with its own mean.
 
+use std::collections::BTreeMap;
+
 use faer::Mat;
 use imucal_core::effects::Sensor;
 use nalgebra::{Matrix2x3, Matrix3, Vector3};
 
 use super::Joint;
+use crate::cancellation::checkpoint;
 use crate::error::Error;
 use crate::joint::lanes::Lanes;
 use crate::joint::linear::{Linear, Source};
 use crate::joint::model::Model;
 use crate::joint::move_ends::AtMove;
 use crate::joint::wander::{MOST_ROWS, UnitWander};
+use crate::numerics::blocked::{add_product, cholesky, solve_lower};
 use crate::rests::moves::{Move, rows_across};
 use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
@@ -60,10 +64,10 @@ impl Wandering {
         }
         let mut covariance = Mat::<f64>::identity(rows, rows);
         if let Some(unit) = unit {
-            covariance += joint.varying_biases(linear, unit, &joint.by_biases_of_rests(linear), rows);
+            joint.add_varying_biases(linear, unit, &mut covariance);
         }
         if is_rounded {
-            covariance += joint.rounding(linear, rows);
+            joint.add_rounding(linear, &mut covariance);
         }
         if shares_poses {
             joint.share_poses(linear, &mut covariance);
@@ -73,7 +77,7 @@ impl Wandering {
                 "the covariance of the residuals is not finite: leave effects out, or check units".into(),
             ));
         }
-        let factor = covariance.llt(faer::Side::Lower).map_err(|_| {
+        let factor = cholesky(covariance).ok_or_else(|| {
             Error::Fit(match unit {
                 Some(_) => {
                     "the variation of the biases is so large that the covariance of the residuals cannot be factored: \
@@ -83,7 +87,7 @@ impl Wandering {
                 None => "the covariance of the residuals cannot be factored: leave effects out, or check units".into(),
             })
         })?;
-        Ok(Some(Self { factor: factor.L().to_owned() }))
+        Ok(Some(Self { factor }))
     }
 
     /// Whitens the rows of three kinds of residuals in a matrix: force norms at rests, directions after moves, and mean
@@ -104,49 +108,53 @@ impl Wandering {
         }
     }
 
-    /// Whitens a column whose nonzero values begin at row `first`. Returns the values from that row on.
-    pub(crate) fn unit(&self, first: usize, column: &[f64]) -> Vec<f64> {
-        let whole = Mat::from_fn(self.factor.nrows(), 1, |row, _| {
-            row.checked_sub(first).and_then(|k| column.get(k)).copied().unwrap_or(0.0)
-        });
-        let white = self.solved(&whole);
-        (first..white.nrows()).map(|row| white[(row, 0)]).collect()
+    /// Whitens columns in the order of their first nonzero row. A column is given, and returned, as the index of this row
+    /// and the values from it on.
+    pub(crate) fn apply_to_columns(&self, columns: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
+        /// Number of columns that are whitened together.
+        const TOGETHER: usize = 256;
+        let n = self.factor.nrows();
+        let of_part = |part: &[(usize, Vec<f64>)]| -> Vec<(usize, Vec<f64>)> {
+            let start = part[0].0;
+            let mut white = Mat::zeros(n - start, part.len());
+            for (place, (first, values)) in part.iter().enumerate() {
+                white.col_as_slice_mut(place)[first - start..][..values.len()].copy_from_slice(values);
+            }
+            solve_lower(self.factor.submatrix(start, start, n - start, n - start), &mut white);
+            let of_column = |(place, (first, _)): (usize, &(usize, Vec<f64>))| {
+                (*first, white.col_as_slice(place)[first - start..].to_vec())
+            };
+            part.iter().enumerate().map(of_column).collect()
+        };
+        columns.chunks(TOGETHER).flat_map(of_part).collect()
     }
 
     fn solved(&self, right: &Mat<f64>) -> Mat<f64> {
         let mut white = right.clone();
-        self.factor.as_ref().solve_lower_triangular_in_place(&mut white);
+        solve_lower(self.factor.as_ref(), &mut white);
         white
     }
 }
 
 impl Joint<'_> {
-    /// Covariance of the whitened residuals caused by biases that vary between rests. `by_gyroscope` and
-    /// `by_accelerometer` are the derivatives from [`Joint::by_biases_of_rests`].
-    fn varying_biases(
-        &self,
-        linear: &Linear,
-        unit: &UnitWander,
-        [by_gyroscope, by_accelerometer]: &[Mat<f64>; 2],
-        rows: usize,
-    ) -> Mat<f64> {
-        let mut covariance = Mat::<f64>::zeros(rows, rows);
-        let prepared = self.prepared;
-        for (index, recording) in prepared.recordings.iter().enumerate() {
-            let (places, spans) = prepared.rests_of(index);
+    /// Adds the covariance of the whitened residuals due to biases that vary between rests to the lower triangle of
+    /// `covariance`.
+    fn add_varying_biases(&self, linear: &Linear, unit: &UnitWander, covariance: &mut Mat<f64>) {
+        let [by_gyroscope, by_accelerometer] = self.by_biases_of_rests(linear);
+        for (index, recording) in self.prepared.recordings.iter().enumerate() {
+            let (rests, spans) = self.prepared.rests_of(index);
             for (sensor, wander, by_bias) in [
-                (Sensor::Gyroscope, &unit.gyroscope, by_gyroscope),
-                (Sensor::Accelerometer, &unit.accelerometer, by_accelerometer),
+                (Sensor::Gyroscope, &unit.gyroscope, &by_gyroscope),
+                (Sensor::Accelerometer, &unit.accelerometer, &by_accelerometer),
             ] {
                 let raw = self.raw_scale(sensor, &linear.model.parameters());
-                for axis in 0..3 {
+                for axis in (0..3).filter(|&axis| wander.varies(axis)) {
                     let own = wander.of_rests(axis, &spans, recording.span_s());
-                    let by = Mat::from_fn(rows, places.len(), |row, k| raw * by_bias[(row, 3 * places[k] + axis)]);
-                    covariance += &by * own * by.transpose();
+                    let by = |row: usize, rest: usize| raw * by_bias[(row, 3 * rest + axis)];
+                    add_errors_of_rests(covariance, linear, by, &rests, &own);
                 }
             }
         }
-        covariance
     }
 
     /// Adds the pose errors to `covariance` (of the whitened mean rates). A pose error is the common error of the
@@ -180,22 +188,19 @@ impl Joint<'_> {
         rests.into_iter().any(|(k, _)| is_coarse(&k.rest.angular_rate) || is_coarse(&k.rest.specific_force))
     }
 
-    /// Covariance of the whitened residuals caused by rounding at the rests.
-    fn rounding(&self, linear: &Linear, rows: usize) -> Mat<f64> {
-        let mut covariance = Mat::<f64>::zeros(rows, rows);
+    /// Adds the covariance of the whitened residuals due to rounding at the rests to the lower triangle of `covariance`.
+    fn add_rounding(&self, linear: &Linear, covariance: &mut Mat<f64>) {
         let used: Vec<usize> = linear.rates.iter().map(|(rest, _)| *rest).collect();
         let rests = || used.iter().map(|k| &self.prepared.rests[*k].rest);
         let rates: Vec<&RestMean> = rests().map(|rest| &rest.angular_rate).collect();
         let forces: Vec<&RestMean> = rests().map(|rest| &rest.specific_force).collect();
-        for (by, means) in self.by_rounding(linear, rows).iter().zip([rates, forces]) {
+        for (by, means) in self.by_rounding(linear).iter().zip([rates, forces]) {
             for axis in 0..3 {
                 if let Some(own) = rounding_covariance(&means, axis) {
-                    let by = Mat::from_fn(rows, used.len(), |row, place| by[(row, 3 * used[place] + axis)]);
-                    covariance += &by * own * by.transpose();
+                    add_errors_of_rests(covariance, linear, |row, rest| by[(row, 3 * rest + axis)], &used, &own);
                 }
             }
         }
-        covariance
     }
 
     /// Derivatives of the whitened residuals with respect to rounding errors. The first matrix is for rounding errors
@@ -203,7 +208,8 @@ impl Joint<'_> {
     ///
     /// These errors are multiplied by the factors of the noise of norms and moves. Otherwise, if rounding is the
     /// dominant error, a factor would hardly change the whitened residuals, and the factors would not converge.
-    fn by_rounding(&self, linear: &Linear, rows: usize) -> [Mat<f64>; 2] {
+    fn by_rounding(&self, linear: &Linear) -> [Mat<f64>; 2] {
+        let rows = linear.lines.len() + 3 * linear.rates.len();
         let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let scales = &self.weights.widening.scales;
         let (mut by_rate, mut by_force) = (Mat::<f64>::zeros(head, columns), Mat::<f64>::zeros(head, columns));
@@ -267,5 +273,42 @@ impl Joint<'_> {
             // Only half a sampling interval of the sample at the boundary belongs to the move.
             (count as f64 - 0.5).max(0.0) * m.interval_s
         })
+    }
+}
+
+/// Adds `B K B^T` to the lower triangle of the covariance of force norms, directions after moves and mean rates. `own`
+/// is K, the covariance of an error with one value for each rest in `rests`. `by(row, rest)` is an entry of B, the
+/// derivative of a whitened residual with respect to the error of a rest. A mean rate depends only on the error of its
+/// own rest.
+fn add_errors_of_rests(
+    covariance: &mut Mat<f64>,
+    linear: &Linear,
+    by: impl Fn(usize, usize) -> f64,
+    rests: &[usize],
+    own: &Mat<f64>,
+) {
+    let head = linear.lines.len();
+    checkpoint();
+    let of_lines = Mat::from_fn(head, rests.len(), |row, place| by(row, rests[place]));
+    let shared = &of_lines * own;
+    add_product(covariance.submatrix_mut(0, 0, head, head), 1.0, shared.as_ref(), of_lines.as_ref());
+    let place_of: BTreeMap<usize, usize> = rests.iter().enumerate().map(|(place, rest)| (*rest, place)).collect();
+    // For each nonzero derivative of a mean rate: its row, the place of its rest, and the derivative.
+    let rates: Vec<(usize, usize, f64)> = linear
+        .rates
+        .iter()
+        .enumerate()
+        .filter_map(|(k, (rest, _))| Some((head + 3 * k, *rest, *place_of.get(rest)?)))
+        .flat_map(|(first, rest, place)| [0, 1, 2].map(|axis| (first + axis, rest, place)))
+        .map(|(row, rest, place)| (row, place, by(row, rest)))
+        .filter(|(.., by)| *by != 0.0)
+        .collect();
+    for column in 0..head {
+        let to = covariance.col_as_slice_mut(column);
+        rates.iter().for_each(|(row, place, by)| to[*row] += by * shared[(column, *place)]);
+    }
+    for (k, (column, at, by)) in rates.iter().enumerate() {
+        let (to, own) = (covariance.col_as_slice_mut(*column), own.col_as_slice(*at));
+        rates[k..].iter().for_each(|(row, place, other)| to[*row] += by * other * own[*place]);
     }
 }
