@@ -30,7 +30,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--parts", default=",".join(PARTS))
     parser.add_argument("--units", type=int, default=2000)
-    parser.add_argument("--timed", type=int, default=400, help="large recordings of each way")
+    parser.add_argument("--timed", type=int, default=800, help="large recordings of each way")
     parser.add_argument("--rows", type=int, default=100_000)
     parser.add_argument(
         "--kills", type=int, nargs=3, default=(50, 20, 5), help="parents, workers, schedulers"
