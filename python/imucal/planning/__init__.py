@@ -1,1 +1,1 @@
-"""Planning of motions and prediction of their accuracy."""
+"""Planning of motions, and prediction of the accuracy of a calibration from them."""
