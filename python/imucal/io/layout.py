@@ -108,10 +108,10 @@ def plain_text(name: str, content: bytes) -> bytes:
 
 
 def _with_arrival_column(content: bytes) -> bytes:
-    """The same text, in which the time stamp that the Arduino serial monitor puts before each line is a column.
+    """The same text, in which the time stamps of the Arduino serial monitor are a column.
 
-    The monitor separates the time stamp by an arrow: `12:00:00.123 -> `. The arrow is replaced by the
-    separator of the other columns.
+    The monitor puts a time stamp and an arrow before each line: `12:00:00.123 -> `. The arrow is replaced by
+    the separator of the other columns.
     """
     head = content[:HEAD]
     separator = next((mark for mark in (b"\t", b";", b",") if mark in head), b" ")

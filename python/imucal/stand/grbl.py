@@ -167,7 +167,7 @@ class GrblDriver:
         self._session.port.close()
 
     def _wait_for(self, waiting: Waiting) -> Any:
-        """Wait until an exchange with the controller has ended, and return its result; no samples are recorded."""
+        """Wait until an exchange with the controller has ended, and return its result. Records nothing."""
         while True:
             try:
                 self._receive()

@@ -207,8 +207,8 @@ fn groups(linear: &Linear) -> Vec<Group> {
     let mut groups: Vec<Group> =
         (0..linear.moves.len()).map(|k| Group::new(Item::Move(k), Vec::new(), Kind::Move, false)).collect();
     let mut norm_of = vec![None; linear.rates.iter().map(|(k, _)| k + 1).max().unwrap_or(0)];
-    // At a hand-held rest, the gravity directions at the two ends are weighted means of the samples near these ends. They
-    // are not computed from the mean force of the rest, so the adjacent moves do not depend on it.
+    // At a hand-held rest, the gravity directions at the two ends are weighted means of the samples near these ends.
+    // They are not computed from the mean force of the rest, so the adjacent moves do not depend on it.
     let mut in_moves = vec![false; norm_of.len()];
     for (row, line) in lines.iter().enumerate() {
         match line.source {

@@ -108,8 +108,8 @@ impl Wandering {
         }
     }
 
-    /// Whitens columns in the order of their first nonzero row. A column is given, and returned, as the index of this row
-    /// and the values from it on.
+    /// Whitens columns in the order of their first nonzero row. A column is given, and returned, as the index of this
+    /// row and the values from it on.
     pub(crate) fn apply_to_columns(&self, columns: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
         /// Number of columns that are whitened together.
         const TOGETHER: usize = 256;
@@ -188,7 +188,8 @@ impl Joint<'_> {
         rests.into_iter().any(|(k, _)| is_coarse(&k.rest.angular_rate) || is_coarse(&k.rest.specific_force))
     }
 
-    /// Adds the covariance of the whitened residuals due to rounding at the rests to the lower triangle of `covariance`.
+    /// Adds the covariance of the whitened residuals due to rounding at the rests to the lower triangle of
+    /// `covariance`.
     fn add_rounding(&self, linear: &Linear, covariance: &mut Mat<f64>) {
         let used: Vec<usize> = linear.rates.iter().map(|(rest, _)| *rest).collect();
         let rests = || used.iter().map(|k| &self.prepared.rests[*k].rest);
