@@ -152,8 +152,9 @@ impl<'a> Weighing<'a> {
     }
 
     /// Evidence of the model with the additional columns. The coefficient of each additional column has a prior, whose
-    /// standard deviation is `width` times the typical size of the coefficient. The iteration starts at the noise scales of `swept`. The second result is the normal
-    /// matrix after the elimination, at the converged noise scales. `None` if the normal matrix is singular.
+    /// standard deviation is `width` times the typical size of the coefficient. The iteration starts at the noise
+    /// scales of `swept`. The second result is the normal matrix after the elimination, at the converged noise scales.
+    /// `None` if the normal matrix is singular.
     pub(crate) fn evidence(&self, width: f64, swept: Swept) -> Option<(Evidence, Swept)> {
         Instructions::Best.run(Settle(self, width, swept))
     }
