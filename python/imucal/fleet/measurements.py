@@ -107,5 +107,5 @@ class Measurements:
         return dated.where(np.argsort(dated.dates, kind="stable"))
 
 
-# Fields of `Measurements` with one item per row, except the arrays of parameters and figures.
+# Arrays of `Measurements` with one value per row. The others also have an axis of parameters or figures.
 PER_ROW = ("serials", "dates", "stations", "operators", "batches", "roles", "verdicts")

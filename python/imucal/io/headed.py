@@ -55,7 +55,7 @@ def layout_header(layout: Layout) -> Header:
 
 
 def read_headed(text: Text, columns: str | Sequence[str] | None, rate_hz: float | None = None) -> Table:
-    """The table of a text with a header, with canonical column names."""
+    """Read the table below a header; its columns get the canonical names, such as `accel_x_g`."""
     layout = text.layout
     if layout.names is None:
         raise FormatError(

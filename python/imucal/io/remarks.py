@@ -56,7 +56,7 @@ def damaged(file: str) -> Finding:
 
 
 def corrected_by_px4(file: str) -> Finding:
-    """The warning for sensor_combined of PX4, in a log or as text."""
+    """The warning for samples of the PX4 topic `sensor_combined`, read from a ULog or from its CSV export."""
     return remark(
         file,
         "already_corrected",

@@ -25,8 +25,8 @@ use crate::two_stage::ellipsoid::Start;
 /// largest range of the readings on an axis. The value is so large that no row is excluded as an outlier. With a larger
 /// value, noise could explain the whole ellipsoid of the readings, and the fit would be refused.
 const FIRST_GUESS: f64 = 0.015;
-/// Some models with fewer parameters need the noise of the means from the user. Before such a model is offered, it is
-/// tried with this standard deviation, m/s^2.
+/// If there are too few rows, the error message may propose a model that can be fitted if the user gives the noise of
+/// the means. This standard deviation, m/s^2, is assumed to find out whether there is such a model.
 const ASSUMED_NOISE_MPS2: f64 = 0.01;
 
 /// Mean readings at rest, one row for each rest.

@@ -70,7 +70,7 @@ pub(crate) fn in_epochs(rests: &[UnitRest], segments: &[Segments]) -> Vec<UnitRe
     rests.iter().zip(epochs).flat_map(of).collect()
 }
 
-/// The index range of the epochs of each rest.
+/// For each whole rest: the range of indices in `rests` that contains its epochs.
 pub(crate) fn ranges_of_rests(rests: &[UnitRest]) -> Vec<Range<usize>> {
     let ends = rests.chunk_by(|a, b| a.whole == b.whole).scan(0, |end, epochs| {
         *end += epochs.len();
