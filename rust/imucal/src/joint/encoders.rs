@@ -220,14 +220,14 @@ impl Encoders {
     /// # Errors
     /// [`Error::Input`] if a recording has no encoder angles.
     pub(crate) fn try_new(recordings: &[Recording<'_>], rests: &[UnitRest]) -> Result<Self, Error> {
+        let all = recordings.iter().map(readings).collect::<Result<Vec<_>, Error>>()?;
         let directions = recordings.iter().enumerate().map(|(index, recording)| {
-            let readings = readings(recording)?;
             let ranges: Vec<_> =
                 rests.iter().filter(|r| r.recording == index).map(|r| r.rest.first..r.rest.end).collect();
-            Ok(directions(recording.time_s, readings, &ranges))
+            directions(recording.time_s, all[index], &ranges)
         });
         let at_rest = |r: &UnitRest| {
-            let readings = &readings(&recordings[r.recording])?[r.rest.first..r.rest.end];
+            let readings = &all[r.recording][r.rest.first..r.rest.end];
             let count = readings.len() as f64;
             // Differences from the first reading are averaged, because sums of large angles (many turns) would lose
             // digits by rounding.
@@ -235,17 +235,16 @@ impl Encoders {
             let mean = readings.iter().map(|e| Vector3::from(*e) - first).sum::<Vector3<f64>>() / count + first;
             let square = |e: &[f64; 3]| (Vector3::from(*e) - mean).norm_squared() / 3.0;
             let variance = readings.iter().map(square).sum::<f64>() / count;
-            Ok((mean, variance, variance / count))
+            (mean, variance, variance / count)
         };
-        let at_rests = rests.iter().map(at_rest).collect::<Result<Vec<_>, Error>>()?;
+        let at_rests: Vec<(Vector3<f64>, f64, f64)> = rests.iter().map(at_rest).collect();
         // In motion, quantisation acts as noise with the variance `resolution^2 / 12`. At a rest, all readings have the
         // same quantisation error, so averaging does not reduce this variance.
-        let counts = recordings.iter().map(|recording| Ok(count_rad(readings(recording)?)));
-        let rounding = counts.collect::<Result<Vec<_>, Error>>()?.into_iter().fold(0.0, f64::max).powi(2) / 12.0;
+        let rounding = all.iter().map(|readings| count_rad(readings)).fold(0.0, f64::max).powi(2) / 12.0;
         let typical =
             |of: fn(&(Vector3<f64>, f64, f64)) -> f64| median(&mut at_rests.iter().map(of).collect::<Vec<_>>());
         Ok(Self {
-            directions: directions.collect::<Result<_, Error>>()?,
+            directions: directions.collect(),
             reading_variance: typical(|rest| rest.1) + rounding,
             mean_variance: typical(|rest| rest.2) + rounding,
             means: at_rests.into_iter().map(|rest| rest.0).collect(),

@@ -34,9 +34,6 @@ const OFF: f64 = 3.0;
 /// Margin of the search for the first sample of a motion, in samples. If the reading leaves the level n samples before
 /// the motion is detected, the search begins n samples plus this margin before the reading leaves the level.
 const EARLIER: usize = 5;
-/// Longest time from the start of a motion to its detection, in spans. Readings that leave the level earlier do so by
-/// chance.
-const LONGEST: usize = 4;
 /// Angle over which the start of a motion is fitted, in multiples of the largest change at rest. For larger angles, a
 /// polynomial of fourth degree no longer describes the motion.
 const START: f64 = 100.0;
@@ -117,11 +114,10 @@ impl Motor {
         let level = median(&mut still.to_vec());
         let variance = still.iter().map(|r| (r - level).powi(2)).sum::<f64>() / still.len() as f64;
         let off = |i: usize| (readings[i] - level).abs() > OFF * (variance.sqrt() + FINEST_RAD);
-        let near = quarter.max(clear.saturating_sub(LONGEST * self.span));
-        let left = (near..clear).find(|&i| off(i) && off(i + 1)).unwrap_or(clear);
+        let left = (quarter..clear).find(|&i| off(i) && off(i + 1)).unwrap_or(clear);
         let earliest = left.saturating_sub(clear - left + EARLIER).max(middle + FEWEST);
-        let is_start = |reading: &&f64| (*reading - readings[clear]).abs() < START * self.still_rad;
-        let end = clear + readings[clear..].iter().take(self.span).take_while(is_start).count();
+        let near = |reading: &&f64| (*reading - readings[clear]).abs() < START * self.still_rad;
+        let end = clear + readings[clear..].iter().take(self.span).take_while(near).count();
         let cost = |o: usize| {
             checkpoint();
             about_level(&readings[middle..o]) + about_start(&readings[o..end])
@@ -216,18 +212,5 @@ mod tests {
             let harm = harm(backlash_rad);
             assert!(harm < 10.0 * TURNS as f64, "{backlash_rad}: {harm}");
         }
-    }
-
-    /// Readings without noise that drift slowly are off the level long before the motion.
-    #[test]
-    fn a_drift_at_standstill_is_no_start_of_a_motion() {
-        let (rest, turn) = (12_000, 200);
-        let at = |i: usize| {
-            let s = i.saturating_sub(rest).min(turn) as f64 / turn as f64;
-            1e-10 * i as f64 + 0.9 * s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s)
-        };
-        let signs = Motor { readings: (0..rest + 2 * turn).map(at).collect(), span: 30, still_rad: 8e-4 }.signs();
-        let found = signs.iter().position(|sign| *sign != 0.0).unwrap();
-        assert!(found.abs_diff(rest) <= 3, "{found}");
     }
 }
