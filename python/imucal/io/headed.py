@@ -18,11 +18,12 @@ from imucal.io.mapping import mapping_of
 from imucal.io.names import NAMES, SKIP, is_canonical, time_unit, triad_part
 from imucal.io.programs import Program, program_of
 from imucal.io.remarks import corrected_by_px4, remark
-from imucal.io.scale import NO_GRAVITY_G, accel_reading, epoch_unit, gravity_g, is_constant
+from imucal.io.scale import NO_GRAVITY_G, accel_reading, gravity_g, is_constant
 from imucal.io.stamps import NANOSECONDS, joined_stamps
 from imucal.io.suggestion import suggestion
 from imucal.io.table import Table
 from imucal.io.text import Text, read_rows
+from imucal.io.time_column import time_column
 from imucal.io.unit_words import split_unit
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
@@ -204,25 +205,13 @@ def certain_time(
 
 
 def time_of(header: Header, head: FirstCells) -> tuple[tuple[str, str], float | None] | None:
-    """(name, canonical name) of the time column, and its ticks per second if no canonical name has them.
-
-    Time stamps since 1970 take precedence over a time since the start, because only they are comparable
-    between two files. A column whose first time stamps are all equal, such as zeros, is not used.
-    """
-    usable = [(name, unit) for name, unit in header.times if not is_constant(head.numbers(name))]
-    for name, _ in usable:
-        unit = epoch_unit(head.numbers(name))
-        if unit is not None:
-            return (name, f"time_{unit}"), None
-    for name, unit in usable:
-        if unit == "100us":
-            return (name, "time_us"), TICKS_100US
-        if unit is not None and not head.is_date(name):
-            return (name, f"time_{unit}"), None
-    for name, _ in usable:
-        if head.is_date(name):
-            return (name, "time_s"), None
-    return None
+    """(name, canonical name) of the time column, and its ticks per second if no canonical name has them."""
+    chosen = time_column(header.times, head.numbers, head.is_date)
+    if chosen is None:
+        return None
+    if chosen.unit == "100us":
+        return (chosen.name, "time_us"), TICKS_100US
+    return (chosen.name, "time_s" if chosen.unit == "date" else f"time_{chosen.unit}"), None
 
 
 def as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:

@@ -17,12 +17,11 @@ from imucal.io.names import is_canonical
 from imucal.io.scale import (
     Reading,
     accel_reading,
-    epoch_unit,
     gyro_reading,
-    is_constant,
     is_still,
     time_reading,
 )
+from imucal.io.time_column import time_column
 from imucal.io.unit_words import split_unit
 
 __all__ = ["columns_suggested", "rows_of_several_sensors", "suggestion", "time_suggested"]
@@ -220,21 +219,17 @@ def _time(
     """The text canonical=name for the time column, or None, and sentences that explain the unit."""
     import pyarrow as pa
 
-    # The order is that of `headed.time_of`: stamps since 1970, columns with a unit, dates, others.
+    def is_date(name: str) -> bool:
+        return is_date_column(pa.array([str(cell) for cell in cells[name]])) is not None
+
+    chosen = time_column(header.times, numbers, is_date)
     readings = [(name, time_reading(numbers(name))) for name, _ in header.times]
-    usable = [(name, unit) for name, unit in header.times if not is_constant(numbers(name))]
-    for name, _ in usable:
-        if (epoch := epoch_unit(numbers(name))) is not None:
-            return f"time_{epoch}={name}", [reading.text for other, reading in readings if other == name]
-    dates = [n for n, _ in usable if is_date_column(pa.array([str(cell) for cell in cells[n]])) is not None]
-    for name, unit in usable:
-        if unit == "100us":
-            # No canonical name has this unit of time, so `suggestion` proposes --rate-hz instead.
-            return None, []
-        if unit is not None and name not in dates:
-            return f"time_{unit}={name}", []
-    if dates:
-        return f"time_s={dates[0]}", []
+    if chosen is not None and chosen.unit == "100us":
+        # No canonical name has this unit of time, so `suggestion` proposes --rate-hz instead.
+        return None, []
+    if chosen is not None:
+        sentences = [reading.text for name, reading in readings if chosen.is_epoch and name == chosen.name]
+        return f"time_{'s' if chosen.unit == 'date' else chosen.unit}={chosen.name}", sentences
     for name, reading in readings:
         if reading.likely is not None:
             return f"time_{reading.likely}={name}", [reading.text]
