@@ -25,6 +25,7 @@ LONG: Final = {
     "inspect": ["inspect", "run.parquet"],
     "calibrate": ["calibrate", "run.parquet", "-o", "out.json"],
     "calibrate --report": ["calibrate", "run.parquet", "-o", "out.json", "--report", "out.html"],
+    "calibrate --unit": ["calibrate", "shorter.parquet", "--unit=bmi088", "-o", "out.json"],
     "evaluate": ["evaluate", "calibration.json", "run.parquet"],
     "apply": ["apply", "calibration.json", "run.parquet", "-o", "out.csv"],
     "gap": ["gap", "run.parquet", "--control=control.parquet", "-o", "out.json"],
@@ -64,6 +65,8 @@ def prepare(folder: Path) -> None:
 
     run, control = stand(1, 1000), stand(2, 100)
     imucal.write(run, folder / "run.parquet")
+    # The varying biases of a unit's profile are taken into account for up to 6,000 residuals.
+    imucal.write(stand(4, 600), folder / "shorter.parquet")
     imucal.write(control, folder / "control.parquet")
     imucal.write(control, folder / "run.csv")
     imucal.calibrate(control).calibration.save(folder / "calibration.json")
