@@ -40,9 +40,9 @@ use crate::joint::{Kinds, Prepared, Terms};
 const LEAST: f64 = 8.0;
 /// Minimum number of epochs to distinguish the time courses.
 const LEAST_EPOCHS: usize = 8;
-/// Trial sizes of the deviation, in multiples of a first estimate for each axis. The estimate contains the noise of each
-/// epoch, so it may be several times too large. In particular, it is computed from differences between consecutive
-/// epochs for a random walk, whose steps are often smaller than this noise.
+/// Trial sizes of the deviation, in multiples of a first estimate for each axis. The estimate contains the noise of an
+/// epoch, so it may be several times too large. For a random walk, it is computed from differences between consecutive
+/// epochs, and the steps of a walk are often smaller than this noise.
 const SIZES: [f64; 8] = [0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 2.0, 4.0];
 /// Trial values of the white scatter from epoch to epoch: its standard deviation in multiples of the typical deviation
 /// of the parameter.
