@@ -211,7 +211,7 @@ def time_of(header: Header, head: FirstCells) -> tuple[tuple[str, str], float | 
         return None
     if chosen.unit == "100us":
         return (chosen.name, "time_us"), TICKS_100US
-    return (chosen.name, "time_s" if chosen.unit == "date" else f"time_{chosen.unit}"), None
+    return (chosen.name, chosen.canonical), None
 
 
 def as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:

@@ -229,7 +229,7 @@ def _time(
         return None, []
     if chosen is not None:
         sentences = [reading.text for name, reading in readings if chosen.is_epoch and name == chosen.name]
-        return f"time_{'s' if chosen.unit == 'date' else chosen.unit}={chosen.name}", sentences
+        return f"{chosen.canonical}={chosen.name}", sentences
     for name, reading in readings:
         if reading.likely is not None:
             return f"time_{reading.likely}={name}", [reading.text]

@@ -21,6 +21,11 @@ class TimeColumn(NamedTuple):
     unit: str
     is_epoch: bool
 
+    @property
+    def canonical(self) -> str:
+        """The column's name in a canonical table, such as time_ms; dates are read as seconds."""
+        return "time_s" if self.unit == "date" else f"time_{self.unit}"
+
 
 def time_column(
     times: Sequence[tuple[str, str | None]], numbers: Callable[[str], Any], is_date: Callable[[str], bool]

@@ -188,7 +188,7 @@ impl Joint<'_> {
         if !linear.sees_inside() {
             return;
         }
-        let mut rows = Rows::new(all, lines.nrows() + 3 * linear.rates.len());
+        let mut rows = Rows::new(all, linear.head_rows());
         for (k, (at_move, way)) in linear.moves.iter().zip(ways).enumerate() {
             checkpoint();
             let AtMove { pass, before, after } = at_move;

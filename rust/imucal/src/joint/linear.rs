@@ -99,8 +99,13 @@ impl Linear {
         moved
     }
 
+    /// Number of rows of force norms, directions after moves and mean rates. They precede all other rows.
+    pub(crate) fn head_rows(&self) -> usize {
+        self.lines.len() + 3 * self.rates.len()
+    }
+
     pub(crate) fn groups(&self) -> Groups {
-        let start = self.lines.len() + 3 * self.rates.len();
+        let start = self.head_rows();
         let inside: usize = if self.kinds.in_motion {
             self.moves.iter().map(|m| inside::count(&m.pass, self.kinds.encoders)).sum()
         } else {
@@ -117,7 +122,7 @@ impl Linear {
     /// each move, the gravity direction at each rest relative to the stand, and the attitudes inside each move relative
     /// to the stand.
     pub(super) fn rows_beyond_rates(&self) -> Vec<(Source, Range<usize>)> {
-        let mut row = self.lines.len() + 3 * self.rates.len();
+        let mut row = self.head_rows();
         let mut found = Vec::new();
         let mut next = |source: Source, count: usize| {
             found.push((source, row..row + count));

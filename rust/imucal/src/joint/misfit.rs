@@ -183,7 +183,7 @@ impl Parts {
                 if p < n { jacobian[(row, kept[p])] / size[kept[p]] } else { residuals[(row, 0)] }
             })
         };
-        let head = linear.lines.len() + 3 * linear.rates.len();
+        let head = linear.head_rows();
         let of_rows = |(source, rows): (Source, std::ops::Range<usize>)| {
             let own = part(rows);
             (source, own.transpose() * &own)
@@ -201,8 +201,7 @@ impl Parts {
     /// rates and of their mean forces.
     fn columns_of(&self, linear: &Linear, rests: &[usize]) -> Vec<usize> {
         let places = linear.rates.iter().enumerate().filter(|(_, (k, _))| rests.contains(k)).map(|(place, _)| place);
-        let rates = linear.lines.len();
-        let means = rates + 3 * linear.rates.len();
+        let (rates, means) = (linear.lines.len(), linear.head_rows());
         places.flat_map(|place| [rates, means].map(|first| first + 3 * place)).flat_map(|at| at..at + 3).collect()
     }
 

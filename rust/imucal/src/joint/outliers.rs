@@ -222,7 +222,7 @@ fn groups(linear: &Linear) -> Vec<Group> {
     }
     for (place, (k, rates)) in linear.rates.iter().enumerate() {
         let (item, is_later) = (Item::Rest(*k), rates[0].is_of_later_epoch);
-        let (rates, means) = (lines.len() + 3 * place, lines.len() + 3 * linear.rates.len() + 3 * place);
+        let (rates, means) = (lines.len() + 3 * place, linear.head_rows() + 3 * place);
         groups.push(Group::new(item, norm_of[*k].into_iter().collect(), Kind::Norm, is_later));
         groups.push(Group::new(item, (rates..rates + 3).collect(), Kind::Rate, is_later));
         if in_moves[*k] {

@@ -173,7 +173,7 @@ impl<'a> Joint<'a> {
     /// at the two adjacent rests. The rows are those of force norms, directions after moves and mean rates.
     fn by_biases_of_rests(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let (head, count) = (linear.lines.len(), 3 * self.prepared.rests.len());
-        let rows = head + 3 * linear.rates.len();
+        let rows = linear.head_rows();
         let (mut gyroscope, mut accelerometer) = (Mat::zeros(head, count), Mat::zeros(head, count));
         for (row, line) in linear.lines.iter().enumerate() {
             for (rest, by) in &line.by_means {

@@ -2,6 +2,7 @@
 //! cancelled calculation ends.
 
 use faer::linalg::matmul::matmul;
+use faer::reborrow::ReborrowMut;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use crate::cancellation::checkpoint;
@@ -38,13 +39,25 @@ pub(crate) fn add_product(mut to: MatMut<'_, f64>, factor: f64, a: MatRef<'_, f6
     }
 }
 
+/// `a b`.
+pub(crate) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
+    let mut to = Mat::zeros(a.nrows(), b.ncols());
+    for first in (0..a.nrows()).step_by(BLOCK) {
+        checkpoint();
+        let height = BLOCK.min(a.nrows() - first);
+        let part = to.as_mut().subrows_mut(first, height);
+        matmul(part, Accum::Replace, a.subrows(first, height), b, 1.0, Par::Seq);
+    }
+    to
+}
+
 /// Replaces `right` by `L^-1 right`, where L is a lower triangular matrix.
-pub(crate) fn solve_lower(factor: MatRef<'_, f64>, right: &mut Mat<f64>) {
+pub(crate) fn solve_lower(factor: MatRef<'_, f64>, mut right: MatMut<'_, f64>) {
     let n = factor.nrows();
     for first in (0..n).step_by(BLOCK) {
         checkpoint();
         let size = BLOCK.min(n - first);
-        let (known, others) = right.as_mut().split_at_row_mut(first);
+        let (known, others) = right.rb_mut().split_at_row_mut(first);
         let mut own = others.subrows_mut(0, size);
         let before = factor.submatrix(first, 0, size, first);
         matmul(own.as_mut(), Accum::Add, before, known.as_ref(), -1.0, Par::Seq);
@@ -73,8 +86,9 @@ mod tests {
         assert!((&known - &found).norm_max() < 1e-13, "{:e}", (&known - &found).norm_max());
         let mut right = Mat::from_fn(found.nrows(), 5, |i, j| ((i + 1) * (j + 2) % 13) as f64);
         let expected = right.clone();
-        solve_lower(found.as_ref(), &mut right);
+        solve_lower(found.as_ref(), right.as_mut());
         assert!((&found * &right - &expected).norm_max() < 1e-11);
+        assert!((product(found.as_ref(), right.as_ref()) - &expected).norm_max() < 1e-11);
     }
 
     #[test]

@@ -1,13 +1,11 @@
 //! The largest eigenvalues of a symmetric positive semidefinite matrix, with their eigenvectors.
 
-use std::ops::Range;
-
 use faer::Mat;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::cancellation::checkpoint;
+use crate::numerics::blocked::product;
 
 /// Maximum number of rows for which all eigenvalues are computed. This takes some tens of milliseconds.
 const WHOLE: usize = 300;
@@ -53,7 +51,7 @@ impl LeadingEigen {
         let mut image = Mat::from_fn(matrix.nrows(), BESIDE * count, |_, _| StandardNormal.sample(&mut generator));
         for _ in 0..MOST_ROUNDS {
             let basis = image.qr().compute_thin_Q();
-            image = product(matrix, &basis);
+            image = product(matrix.as_ref(), basis.as_ref());
             let inner = Self::all(&(basis.transpose() * &image), BESIDE * count)?;
             // From here on, the columns of `image` are the images A u of the approximate eigenvectors u.
             image = &image * &inner.vectors;
@@ -66,28 +64,14 @@ impl LeadingEigen {
     }
 }
 
-/// Whether |A u - s u| is small for all columns u of `vectors`. `image` contains the vectors A u.
+/// Whether |A u - s u| is small for all columns u of `vectors`. `image` contains the vectors A u. `values` contains the
+/// eigenvalues s in decreasing order.
 fn is_converged(image: &Mat<f64>, vectors: &Mat<f64>, values: &[f64]) -> bool {
-    let largest = values.iter().fold(0.0_f64, |largest, value| largest.max(*value));
     values.iter().zip(0..vectors.ncols()).all(|(value, k)| {
         let (image, vector) = (image.col_as_slice(k), vectors.col_as_slice(k));
         let square: f64 = image.iter().zip(vector).map(|(image, u)| (image - value * u).powi(2)).sum();
-        square.sqrt() <= TOLERANCE * largest
+        square.sqrt() <= TOLERANCE * values[0]
     })
-}
-
-/// `matrix * basis`, computed in parts so that a cancellation takes effect soon.
-fn product(matrix: &Mat<f64>, basis: &Mat<f64>) -> Mat<f64> {
-    /// Number of rows of a part.
-    const ROWS: usize = 512;
-    let mut image = Mat::zeros(matrix.nrows(), basis.ncols());
-    for first in (0..matrix.nrows()).step_by(ROWS) {
-        checkpoint();
-        let rows: Range<usize> = first..matrix.nrows().min(first + ROWS);
-        let part = matrix.subrows(rows.start, rows.len()) * basis;
-        image.subrows_mut(rows.start, rows.len()).copy_from(&part);
-    }
-    image
 }
 
 #[cfg(test)]
@@ -101,8 +85,8 @@ mod tests {
         Mat::from_fn(n, n, |i, j| of(at(i), at(j)))
     }
 
-    /// Asserts that the leading pairs equal those of the complete decomposition. Eigenvectors of equal eigenvalues are
-    /// not unique, so the projections on the sum of their spaces are compared.
+    /// Asserts that the leading eigenvalues equal those of the complete decomposition. Eigenvectors of equal
+    /// eigenvalues are not unique, so they are not compared. |A u - s u| and the products of two vectors are checked.
     fn check(matrix: &Mat<f64>, count: usize) {
         let (all, some) = (LeadingEigen::all(matrix, count).unwrap(), LeadingEigen::iterated(matrix, count).unwrap());
         for (a, b) in all.values.iter().zip(&some.values) {

@@ -9,14 +9,13 @@ use imucal_core::effects::Sensor;
 use nalgebra::{Matrix2x3, Matrix3, Vector3};
 
 use super::Joint;
-use crate::cancellation::checkpoint;
 use crate::error::Error;
 use crate::joint::lanes::Lanes;
 use crate::joint::linear::{Linear, Source};
 use crate::joint::model::Model;
 use crate::joint::move_ends::AtMove;
 use crate::joint::wander::{MOST_ROWS, UnitWander};
-use crate::numerics::blocked::{add_product, cholesky, solve_lower};
+use crate::numerics::blocked::{add_product, cholesky, product, solve_lower};
 use crate::rests::moves::{Move, rows_across};
 use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
@@ -49,7 +48,7 @@ impl Wandering {
     /// # Errors
     /// [`Error::Input`] if the biases vary and there are too many rests to factorise their covariance.
     pub(crate) fn new(joint: &Joint<'_>, linear: &Linear, unit: Option<&UnitWander>) -> Result<Option<Self>, Error> {
-        let rows = linear.lines.len() + 3 * linear.rates.len();
+        let rows = linear.head_rows();
         let is_rounded = rows <= MOST_ROWS && joint.is_rounded();
         let shares_poses = rows <= MOST_ROWS && linear.rates.iter().any(|(_, lines)| lines[0].is_of_later_epoch);
         if unit.is_none() && !is_rounded && !shares_poses {
@@ -93,16 +92,14 @@ impl Wandering {
     /// Whitens the rows of three kinds of residuals in a matrix: force norms at rests, directions after moves, and mean
     /// rates at rests.
     pub(crate) fn apply(&self, matrix: &mut Mat<f64>) {
-        let head = matrix.as_ref().subrows(0, self.factor.nrows()).to_owned();
-        let white = self.solved(&head);
-        matrix.as_mut().subrows_mut(0, self.factor.nrows()).copy_from(&white);
+        solve_lower(self.factor.as_ref(), matrix.as_mut().subrows_mut(0, self.factor.nrows()));
     }
 
     /// Whitens the same rows as [`Self::apply`], in a matrix that is stored row by row.
     pub(crate) fn apply_to_rows(&self, rows: &mut Lanes) {
         let (count, width) = (self.factor.nrows(), rows.width());
-        let head = Mat::from_fn(count, width, |row, place| rows.row(row)[place]);
-        let white = self.solved(&head);
+        let mut white = Mat::from_fn(count, width, |row, place| rows.row(row)[place]);
+        solve_lower(self.factor.as_ref(), white.as_mut());
         for row in 0..count {
             rows.row_mut(row).iter_mut().enumerate().for_each(|(place, to)| *to = white[(row, place)]);
         }
@@ -120,19 +117,13 @@ impl Wandering {
             for (place, (first, values)) in part.iter().enumerate() {
                 white.col_as_slice_mut(place)[first - start..][..values.len()].copy_from_slice(values);
             }
-            solve_lower(self.factor.submatrix(start, start, n - start, n - start), &mut white);
+            solve_lower(self.factor.submatrix(start, start, n - start, n - start), white.as_mut());
             let of_column = |(place, (first, _)): (usize, &(usize, Vec<f64>))| {
                 (*first, white.col_as_slice(place)[first - start..].to_vec())
             };
             part.iter().enumerate().map(of_column).collect()
         };
         columns.chunks(TOGETHER).flat_map(of_part).collect()
-    }
-
-    fn solved(&self, right: &Mat<f64>) -> Mat<f64> {
-        let mut white = right.clone();
-        solve_lower(self.factor.as_ref(), &mut white);
-        white
     }
 }
 
@@ -210,7 +201,7 @@ impl Joint<'_> {
     /// These errors are multiplied by the factors of the noise of norms and moves. Otherwise, if rounding is the
     /// dominant error, a factor would hardly change the whitened residuals, and the factors would not converge.
     fn by_rounding(&self, linear: &Linear) -> [Mat<f64>; 2] {
-        let rows = linear.lines.len() + 3 * linear.rates.len();
+        let rows = linear.head_rows();
         let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let scales = &self.weights.widening.scales;
         let (mut by_rate, mut by_force) = (Mat::<f64>::zeros(head, columns), Mat::<f64>::zeros(head, columns));
@@ -289,9 +280,8 @@ fn add_errors_of_rests(
     own: &Mat<f64>,
 ) {
     let head = linear.lines.len();
-    checkpoint();
     let of_lines = Mat::from_fn(head, rests.len(), |row, place| by(row, rests[place]));
-    let shared = &of_lines * own;
+    let shared = product(of_lines.as_ref(), own.as_ref());
     add_product(covariance.submatrix_mut(0, 0, head, head), 1.0, shared.as_ref(), of_lines.as_ref());
     let place_of: BTreeMap<usize, usize> = rests.iter().enumerate().map(|(place, rest)| (*rest, place)).collect();
     // For each nonzero derivative of a mean rate: its row, the place of its rest, and the derivative.
