@@ -38,10 +38,10 @@ def steady_turn():
     )
 
 
-def swinging_turn():
+def swinging_turn(delay_s=0.0):
     """A rate of sines: amplitude rad/s, angular frequency rad/s; its differences are a little wrong."""
     amplitude, frequency = np.array([2.0, 1.5, 1.0]), np.array([3.0, 4.0, 5.0])
-    phase = ELAPSED_S[:, None] * frequency
+    phase = (ELAPSED_S[:, None] - delay_s) * frequency
     return amplitude * np.sin(phase), amplitude * frequency * np.cos(phase)
 
 
@@ -109,7 +109,12 @@ def error(corrected, state):
 CORRECTED = [
     effect for effect in effects.catalogue() if effect.sensor != "encoder" and "attitude" not in effect.needs
 ]
-BY_DERIVATIVE = [effect for effect in CORRECTED if "angular_acceleration" in effect.needs]
+# A delay is exact only for a rate of another instant, so it has its own test.
+BY_DERIVATIVE = [
+    effect
+    for effect in CORRECTED
+    if "angular_acceleration" in effect.needs and effect.name != "gyro_time_offset"
+]
 name_of = pytest.mark.parametrize("effect", CORRECTED, ids=lambda effect: effect.name)
 
 
@@ -238,7 +243,8 @@ def test_what_an_effect_adds_is_taken_away(effect, size):
 @pytest.mark.parametrize("effect", BY_DERIVATIVE, ids=lambda effect: effect.name)
 def test_what_a_changing_acceleration_adds_is_taken_away_but_for_the_differences(effect):
     # Two errors of the derivative are left. Differences over 2 ms miss h^4 / 30 times the fifth derivative,
-    # h^4 / 5 at both ends. And a delay of the gyroscope leaves its square times the third.
+    # h^4 / 5 at both ends. And an error of the gyroscope that is proportional to the acceleration leaves its
+    # square times the third.
     state = true_state(swinging_turn)
     calibration = unit(typical(effect))
     third, fifth = (2.0 * 3.0**n + 1.5 * 4.0**n + 5.0**n for n in (3, 5))
@@ -248,6 +254,19 @@ def test_what_a_changing_acceleration_adds_is_taken_away_but_for_the_differences
     left = max(error(calibration.apply_recording(recording), state))
     assert left < 1.1 * size * (fifth / 5 * 0.002**4 + delay_s**2 * third)
     assert left < 1e-3 * max(error(unit().apply_recording(recording), state))
+
+
+@pytest.mark.parametrize("delay_s", [2e-3, -10e-3, 25e-3])
+def test_a_delay_is_taken_away_but_for_a_sixth_of_its_cube(delay_s):
+    state = true_state(swinging_turn)
+    delayed = dataclasses.replace(state, angular_rate=swinging_turn(delay_s)[0])
+    recording = measured(unit(), delayed)
+    calibration = unit(imucal.EffectValues("gyro_time_offset", [delay_s]))
+    third, fifth = (2.0 * 3.0**n + 1.5 * 4.0**n + 5.0**n for n in (3, 5))
+    left = max(error(calibration.apply_recording(recording), state))
+    # The second term is the error of differences over 2 ms.
+    assert left < 1.1 * (abs(delay_s) ** 3 / 6 * third + abs(delay_s) * fifth / 5 * 0.002**4)
+    assert left < 0.01 * max(error(unit().apply_recording(recording), state))
 
 
 def test_effects_of_all_kinds_are_taken_away_together():

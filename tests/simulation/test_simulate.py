@@ -36,7 +36,11 @@ def simulate(motion=PROGRAM, **options):
 # --- effects --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("effect", [e for e in catalogue() if e.sensor != "encoder"], ids=lambda e: e.name)
+# A delay is the rate of another instant, which a state does not contain.
+STATES = [e for e in catalogue() if e.sensor != "encoder" and e.name != "gyro_time_offset"]
+
+
+@pytest.mark.parametrize("effect", STATES, ids=lambda e: e.name)
 def test_an_effect_adds_its_field_to_the_truth(effect):
     """The field comes from the catalogue by another way: at the true state, a column for each parameter."""
     values = np.array([(-1) ** i * p.typical for i, p in enumerate(effect.parameters)])
@@ -63,6 +67,15 @@ def test_an_effect_adds_its_field_to_the_truth(effect):
     np.testing.assert_allclose(measured - true, added, rtol=1e-9, atol=1e-13 * np.abs(true).max() + 1e-15)
     names = [p.name for p in truth.calibration.parameters[21:]]
     assert names[: len(values)] == [f"{effect.name}_{p.name}" for p in effect.parameters]
+
+
+@pytest.mark.parametrize("samples", [1, 7, -3])
+def test_a_delay_is_the_rate_of_another_instant(samples):
+    run = simulate(effects={"gyro_time_offset": [samples / 100]})
+    rate, true = run.recording.angular_rate, run.truth.angular_rate
+    # Before the start of the motion, the rate is that at the start.
+    late, early = (rate[samples:], true[:-samples]) if samples > 0 else (rate[:samples], true[-samples:])
+    np.testing.assert_allclose(late, early, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", [e.name for e in catalogue() if e.sensor == "encoder"])

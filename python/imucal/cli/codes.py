@@ -538,9 +538,9 @@ ERRORS_OR_WARNINGS: Final = (
 HEAD: Final = """# Why refused? All reason codes
 
 Copy the code in brackets from the message or from the line of the verdict, such as `[gyro_units]`, and find
-it on this page, or run `imucal help gyro_units`. A message without a code contains the remedy: most often it
-names poses to add (code `not_enough_motion` in JSON documents). "above its limit" in a verdict refers to a
-file that was given with `--limits`.
+it on this page, or run `imucal help gyro_units`. Some messages have no code. They contain the remedy: most
+often, poses to add (their code in JSON documents is `not_enough_motion`). In a verdict, "above its limit"
+refers to a limit in the file that was given with `--limits`.
 
 The column **kind** gives the consequence of a code:
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -55,6 +56,7 @@ PATTERNS: Final = {
     "between_sessions": "from one recording to the next",
     "time": "smoothly with time",
     "switching": "between two levels",
+    "white": "independently in each rest and move",
 }
 
 
@@ -112,8 +114,10 @@ def misfits(result: CalibrationResult) -> list[str]:
 
 
 def _refused(analysis: _core.GapAnalysis) -> Iterator[str]:
-    for name, error, chi2, chance in analysis.refused:
-        if chance is not None:
+    for name, error, chi2, chance, filtered in analysis.refused:
+        if filtered is not None:
+            yield f"{name} was selected but rejected: {_filtered(filtered)}"
+        elif chance is not None:
             yield (
                 f"{name} was selected but rejected: its parameters do not differ significantly from zero "
                 f"beside the other effects ({p_text(chance)})"
@@ -293,9 +297,27 @@ def not_confirmed_of(analysis: _core.GapAnalysis) -> dict[str, Any] | None:
     }
 
 
-def _why(refused: tuple[str, str | None, Sequence[float] | None, float | None]) -> str:
+def _filtered(found: Sequence[float]) -> str:
+    """What a filter of the gyroscope does beside the delay."""
+    tau_s, k_s2, sigma_s2 = found
+    words = (
+        f"the gyroscope is late by {1e3 * tau_s:.3g} ms on average, but it is not only delayed: the second "
+        f"derivative of the rate has the coefficient {k_s2:.2g} ± {sigma_s2:.1g} s^2 beside the delay"
+    )
+    if k_s2 > 0.0:
+        words += (
+            f", like that of a low-pass filter with the time constant {1e3 * math.sqrt(2.0 * k_s2):.3g} ms"
+        )
+    return words
+
+
+def _why(
+    refused: tuple[str, str | None, Sequence[float] | None, float | None, Sequence[float] | None],
+) -> str:
     """The reason why a selected effect was rejected."""
-    _, error, chi2, chance = refused
+    _, error, chi2, chance, filtered = refused
+    if filtered is not None:
+        return f": {_filtered(filtered)}"
     if chance is not None:
         return f": its parameters do not differ significantly from zero (p {chance:.2g})"
     if chi2 is None:

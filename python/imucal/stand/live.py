@@ -105,7 +105,8 @@ def _table(name: str, moment: Moment) -> Table:
     if bad:
         table.add_row("link", ", ".join(f"{what} {count}" for what, count in bad.items()))
     table.add_row(
-        "rests", f"{prospect.rests}, covering {prospect.coverage:.0%} of all directions within 30 deg"
+        "rests",
+        f"{prospect.rests}, covering {prospect.coverage:.0%} of all directions (within 30 deg of a rest)",
     )
     for prefix, (group, unit) in GROUPS.items():
         sigma = [std for parameter, std in prospect.sigma.items() if parameter.startswith(prefix)]

@@ -158,6 +158,7 @@ mod tests {
             specific_force: Vector3::new(6.1, -4.4, 6.5),
             surroundings: Surroundings {
                 angular_acceleration: Some(Vector3::new(-12.0, 31.0, 8.0)),
+                mean_angular_acceleration: None,
                 rotation_world_from_body: Some(so3::exp(&Vector3::new(0.4, -1.1, 0.7))),
                 temperature_difference_k: Some(-17.0),
                 temperature_history: Some(TemperatureHistory {
@@ -298,6 +299,7 @@ mod tests {
             device.effects.push(typical(single, 1.0)).unwrap();
             let surroundings = Surroundings {
                 angular_acceleration: state.surroundings.angular_acceleration.map(|value| value.cast()),
+                mean_angular_acceleration: state.surroundings.mean_angular_acceleration.map(|value| value.cast()),
                 rotation_world_from_body: state.surroundings.rotation_world_from_body.map(|value| value.cast()),
                 temperature_difference_k: Some(-17.0),
                 temperature_history: Some(TemperatureHistory {

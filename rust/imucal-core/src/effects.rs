@@ -79,6 +79,9 @@ pub struct State<F: RealField + Copy> {
 pub struct Surroundings<F: RealField + Copy> {
     /// Derivative of the angular rate in the body frame, rad/s^2.
     pub angular_acceleration: Option<Vector3<F>>,
+    /// Mean of the angular acceleration over the delay tau of the gyroscope, `(w(t) - w(t - tau)) / tau`, rad/s^2. If
+    /// it is `None`, the angular acceleration is used instead, which neglects terms of the order tau^2.
+    pub mean_angular_acceleration: Option<Vector3<F>>,
     /// Attitude: rotation from the body frame to the world frame, `v_w = r_wb * v_b`.
     pub rotation_world_from_body: Option<UnitQuaternion<F>>,
     /// Temperature of the sensor minus the reference temperature of the sensitivities and biases, K.
@@ -118,6 +121,7 @@ impl<F: RealField + Copy> Surroundings<F> {
     pub fn unknown() -> Self {
         Self {
             angular_acceleration: None,
+            mean_angular_acceleration: None,
             rotation_world_from_body: None,
             temperature_difference_k: None,
             temperature_history: None,

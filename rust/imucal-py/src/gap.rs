@@ -92,10 +92,11 @@ pub(crate) struct Search {
     is_hand_moved: bool,
 }
 
-/// Name of a rejected effect, and the reason for its rejection. Exactly one reason is given, and the other two are
+/// Name of a rejected effect, and the reason for its rejection. Exactly one reason is given, and the other three are
 /// None: the message of the failed fit with the effect; chi2 per degree of freedom of unseen data without and with the
-/// effect; the p-value of the effect's parameters.
-type RefusalTuple = (String, Option<String>, Option<[f64; 2]>, Option<f64>);
+/// effect; the p-value of the effect's parameters; for a gyroscope that is not only delayed, the delay (s), half of the
+/// variance of the filter's impulse response (s^2), and the standard deviation of this half (s^2).
+type RefusalTuple = (String, Option<String>, Option<[f64; 2]>, Option<f64>, Option<[f64; 3]>);
 
 /// A model fitted to the recordings of a unit, with its evaluation on the control recordings if there are any.
 #[pyclass(frozen, get_all, module = "imucal._core")]
@@ -207,9 +208,12 @@ impl Sets<'_> {
             Ok((fit.name, fit.rival, estimate))
         };
         let refused = found.refused.into_iter().map(|refusal| match refusal {
-            library::Refusal::NotFitted { name, error } => (name, Some(error), None, None),
-            library::Refusal::PredictsWorse { name, before, after } => (name, None, Some([before, after]), None),
-            library::Refusal::NotSignificant { name, p_value } => (name, None, None, Some(p_value)),
+            library::Refusal::NotFitted { name, error } => (name, Some(error), None, None, None),
+            library::Refusal::PredictsWorse { name, before, after } => (name, None, Some([before, after]), None, None),
+            library::Refusal::NotSignificant { name, p_value } => (name, None, None, Some(p_value), None),
+            library::Refusal::NotOnlyDelayed { name, tau_s, k_s2, k_sigma_s2 } => {
+                (name, None, None, None, Some([tau_s, k_s2, k_sigma_s2]))
+            }
         });
         let unseen = found.unseen;
         let session = session_of(&found.before).map(|step| Py::new(py, step)).transpose()?;

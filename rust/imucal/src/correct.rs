@@ -27,7 +27,7 @@ use nalgebra::Vector3;
 /// Number of iterations for the angular acceleration. Iterations are needed because the angular acceleration is the
 /// derivative of the true rate, which is known only after the correction. The first iteration uses the rate before
 /// effects are removed, and the second iteration the corrected rate. For a gyroscope with the delay tau, the remaining
-/// error is `tau^3` times the third derivative of the rate. Further iterations would amplify noise.
+/// error is `tau^3 / 6` times the third derivative of the rate. Further iterations would amplify noise.
 const PASSES: usize = 2;
 /// Number of samples between two checks for a cancellation. The correction of so many samples takes about a
 /// millisecond.
@@ -99,24 +99,31 @@ pub fn correct_from(
     let start_s = start_s.or(recording.time_s.first().copied()).unwrap_or(0.0);
     let accelerations = |rate: &[[f64; 3]]| angular_acceleration(recording.time_s, rate);
     if !calibration.effects.iter().any(|values| values.effect().needs.contains(&Need::AngularAcceleration)) {
-        return correct_with(start_s, recording, calibration, &[]);
+        return correct_with(start_s, recording, calibration, &[], &[]);
     }
     let seen = |raw: [f64; 3]| <[f64; 3]>::from(calibration.gyroscope.correct(Vector3::from(raw)));
     let mut rate: Vec<[f64; 3]> = recording.angular_rate.iter().map(seen).collect();
-    let mut force = Vec::new();
-    for _ in 0..PASSES {
-        (rate, force) = correct_with(start_s, recording, calibration, &accelerations(&rate));
+    let (mut force, of_seen) = (Vec::new(), accelerations(&rate));
+    let mut of_true = of_seen.clone();
+    for pass in 0..PASSES {
+        if pass > 0 {
+            of_true = accelerations(&rate);
+        }
+        (rate, force) = correct_with(start_s, recording, calibration, &of_true, &of_seen);
     }
     (rate, force)
 }
 
-/// Corrects every sample with the given angular accelerations, rad/s^2. The slice of angular accelerations is empty if
-/// they are unknown.
+/// Corrects every sample with the given angular accelerations, rad/s^2: the derivatives of the corrected rate, and
+/// those of the measured rate, which is delayed if the gyroscope has a delay. Their mean is the mean angular
+/// acceleration over the delay, to the second order of the delay. Both slices are empty if the angular acceleration is
+/// unknown.
 fn correct_with(
     start_s: f64,
     recording: &Recording<'_>,
     calibration: &Calibration<f64>,
     acceleration: &[[f64; 3]],
+    seen_acceleration: &[[f64; 3]],
 ) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
     let history = temperature_history(recording, &calibration.effects);
     let samples = recording.angular_rate.iter().zip(recording.specific_force.iter()).zip(recording.time_s).enumerate();
@@ -125,8 +132,11 @@ fn correct_with(
             checkpoint();
         }
         let temperature = recording.temperature_degc.and_then(|column| column.get(i));
+        let acceleration_of = |rows: &[[f64; 3]]| rows.get(i).map(|value| Vector3::from(*value));
+        let [now, seen] = [acceleration, seen_acceleration].map(acceleration_of);
         let surroundings = Surroundings {
-            angular_acceleration: acceleration.get(i).map(|value| Vector3::from(*value)),
+            angular_acceleration: now,
+            mean_angular_acceleration: now.zip(seen).map(|(now, seen)| (now + seen) / 2.0),
             temperature_difference_k: temperature.map(|degc| degc - REFERENCE_TEMPERATURE_DEGC),
             temperature_history: history.get(i).copied(),
             time_s: Some(time_s - start_s),
@@ -205,8 +215,9 @@ mod tests {
     }
 
     /// Largest errors of rate and force in a round trip: `unit` measures a simulated motion, and the samples are
-    /// corrected. Rate and force of the motion are quadratic in time.
-    fn round_trip(unit: &Calibration<f64>, with_temperature: bool) -> (f64, f64) {
+    /// corrected. Rate and force of the motion are quadratic in time. The gyroscope has a delay of `delay_s`, if the
+    /// unit has the effect `gyro_time_offset`.
+    fn round_trip(unit: &Calibration<f64>, delay_s: f64, with_temperature: bool) -> (f64, f64) {
         let time_s = uneven_time(200);
         let temperature: Vec<f64> = time_s.iter().map(|t| 20.0 + 3.0 * (t - 70.0)).collect();
         let truth: Vec<_> = time_s
@@ -219,6 +230,7 @@ mod tests {
                     specific_force: Vector3::new(3.0, -9.0 + t, 2.0),
                     surroundings: Surroundings {
                         angular_acceleration: Some(Vector3::new(-1.0, 2.0, 2.0 * t)),
+                        mean_angular_acceleration: Some(Vector3::new(-1.0, 2.0, 2.0 * t - delay_s)),
                         temperature_difference_k: with_temperature.then_some(degc - REFERENCE_TEMPERATURE_DEGC),
                         time_s: Some(t),
                         ..Surroundings::unknown()
@@ -246,10 +258,10 @@ mod tests {
     #[test]
     fn time_is_counted_from_the_first_sample_and_temperature_from_the_reference() {
         for (name, shape) in [("gyro_bias_drift", None), ("gyro_bias_warmup", Some(0.7)), ("accel_bias_drift", None)] {
-            let errors = round_trip(&unit(name, &[0.1, -0.2, 0.3], shape), true);
+            let errors = round_trip(&unit(name, &[0.1, -0.2, 0.3], shape), 0.0, true);
             assert!(errors.0 < 1e-13 && errors.1 < 1e-13, "{name}: {errors:?}");
         }
-        let errors = round_trip(&unit("gyro_bias_temperature", &[1e-3, 2e-3, -1e-3], None), true);
+        let errors = round_trip(&unit("gyro_bias_temperature", &[1e-3, 2e-3, -1e-3], None), 0.0, true);
         assert!(errors.0 < 1e-13, "{errors:?}");
     }
 
@@ -257,20 +269,22 @@ mod tests {
     fn a_lever_arm_is_taken_away_to_rounding_where_the_rate_is_a_parabola() {
         // The lever arm affects only the accelerometer. The measured rate therefore equals the true rate, also at the
         // ends.
-        let errors = round_trip(&unit("accel_lever_arm", &[0.02, -0.03, 0.05], None), false);
+        let errors = round_trip(&unit("accel_lever_arm", &[0.02, -0.03, 0.05], None), 0.0, false);
         assert!(errors.0 < 1e-13 && errors.1 < 1e-11, "{errors:?}");
     }
 
     #[test]
     fn a_delay_is_taken_away_but_for_its_cube() {
         // The rate is a parabola in time, so its third derivative is zero.
-        let (error, _) = round_trip(&unit("gyro_time_offset", &[2e-3], None), false);
-        assert!(error < 1e-11, "{error}");
+        for delay_s in [2e-3, 25e-3, -25e-3] {
+            let (error, _) = round_trip(&unit("gyro_time_offset", &[delay_s], None), delay_s, false);
+            assert!(error < 1e-11, "{delay_s}: {error}");
+        }
     }
 
     #[test]
     fn without_a_temperature_column_its_effects_are_left_out() {
-        let errors = round_trip(&unit("gyro_bias_temperature", &[1e-3, 2e-3, -1e-3], None), false);
+        let errors = round_trip(&unit("gyro_bias_temperature", &[1e-3, 2e-3, -1e-3], None), 0.0, false);
         assert!(errors.0 < 1e-13, "{errors:?}");
     }
 

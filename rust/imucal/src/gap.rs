@@ -25,6 +25,7 @@
 mod acceptance;
 mod clock;
 mod common;
+mod delay;
 mod design;
 mod detect;
 mod earth;

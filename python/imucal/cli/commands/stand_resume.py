@@ -106,7 +106,7 @@ def end_run(out: Output, done: Done) -> None:
     counted = ", ".join(f"{what} {count}" for what, count in done.counts.items() if what != "samples")
     out.line(
         f"{done.output or 'nothing is written'}: {done.samples} samples, {prospect.rests} rests, "
-        f"covering {prospect.coverage:.0%} of all directions within 30 deg"
+        f"covering {prospect.coverage:.0%} of all directions (within 30 deg of a rest)"
         + (f"; {counted}" if counted else "")
     )
     out.line(f"run: {done.state} at step {done.step + 1} of {done.steps}")

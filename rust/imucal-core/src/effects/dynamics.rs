@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! gyro_angular_acceleration   D dw/dt
-//! gyro_time_offset            w(t - tau) - w(t) = -tau dw/dt + O(tau^2)
+//! gyro_time_offset            w(t - tau) - w(t) = -tau (mean of dw/dt from t - tau to t)
 //! earth_rate                  R_wb^T Omega
 //! accel_lever_arm             L r,                          L = [dw/dt]x + [w]x [w]x
 //! accel_size_effect           (0, (L r_y)_y, (L r_z)_z)
@@ -49,7 +49,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| terms.entries(angular_acceleration(state)),
     };
 
-    /// `gyro_time_offset`: error `-tau dw/dt` of the rate, with the angular rate w and the delay tau.
+    /// `gyro_time_offset`: error `w(t - tau) - w(t)` of the rate, with the angular rate w and the delay tau. It is -tau
+    /// times the mean of dw/dt over the delay.
     pub const GYRO_TIME_OFFSET: &'static Self = &effect! {
         number: 22,
         name: "gyro_time_offset",
@@ -59,13 +60,13 @@ impl<F: RealField + Copy> Effect<F> {
         shape: None,
         reads: &[],
         needs: &[Need::AngularAcceleration],
-        formula: "-tau dw/dt",
+        formula: "w(t - tau) - w(t)",
         observable: "forces during turns, the accelerometer being the clock",
         aliases: &[
             Alias { with: "a delay of the accelerometer", told_apart_by: "nothing: only the difference is seen" },
             Alias { with: "gyro_angular_acceleration", told_apart_by: "turns about three axes" },
         ],
-        field: |state, _, terms| terms.column(neg(&angular_acceleration(state))),
+        field: |state, _, terms| terms.column(neg(&mean_angular_acceleration(state))),
     };
 
     /// `earth_rate`: rate `R_wb^T Omega` in the body frame, with the attitude R_wb (world from body) and the rate Omega
@@ -151,6 +152,10 @@ fn size_effect<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>)
 
 fn angular_acceleration<F: RealField + Copy>(state: &State<F>) -> Vector3<F> {
     state.surroundings.angular_acceleration.unwrap_or(Vector3::new(F::zero(), F::zero(), F::zero()))
+}
+
+fn mean_angular_acceleration<F: RealField + Copy>(state: &State<F>) -> Vector3<F> {
+    state.surroundings.mean_angular_acceleration.unwrap_or_else(|| angular_acceleration(state))
 }
 
 /// The matrix `L = [dw/dt]x + [w]x [w]x`, 1/s^2, where `[v]x` is the matrix of the cross product with v. A sensor at

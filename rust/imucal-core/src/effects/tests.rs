@@ -11,6 +11,7 @@ fn state() -> State<f64> {
         specific_force: Vector3::new(4.0, -1.0, 8.0),
         surroundings: Surroundings {
             angular_acceleration: Some(Vector3::new(10.0, 20.0, -5.0)),
+            mean_angular_acceleration: None,
             // The body's x axis points along the world's y axis.
             rotation_world_from_body: Some(so3::exp(&Vector3::new(0.0, 0.0, FRAC_PI_2))),
             temperature_difference_k: Some(10.0),
@@ -270,6 +271,7 @@ fn f32_gives_the_numbers_of_f64() {
         specific_force: wide.specific_force.cast(),
         surroundings: Surroundings {
             angular_acceleration: wide.surroundings.angular_acceleration.map(|value| value.cast()),
+            mean_angular_acceleration: wide.surroundings.mean_angular_acceleration.map(|value| value.cast()),
             rotation_world_from_body: wide.surroundings.rotation_world_from_body.map(|value| value.cast()),
             temperature_difference_k: Some(10.0),
             temperature_history: Some(TemperatureHistory {

@@ -91,8 +91,9 @@ impl Transform {
         }
     }
 
-    /// The template that begins `first` samples after the start of `range`, which is the range of a recording on the
-    /// tape `from`. `ratio` is the rate of the searched tape divided by the rate of the recording.
+    /// The template that begins `first` samples after the start of `range`. `range` contains the samples of a recording
+    /// on the tape `from`, in which recordings are concatenated. `ratio` is the sampling rate of the searched tape
+    /// divided by the sampling rate of the recording.
     ///
     /// The signals on a tape are second differences of the samples. For another sampling rate, a second difference is
     /// regarded as the change of slope of the linear interpolation between samples. This change is distributed over the

@@ -98,6 +98,17 @@ pub enum Refusal {
         /// p-value of its parameters.
         p_value: f64,
     },
+    /// The effect `gyro_time_offset` is not accepted, because a filter of the gyroscope also smooths its output.
+    NotOnlyDelayed {
+        /// Name of the effect.
+        name: String,
+        /// Mean of the filter's impulse response, s.
+        tau_s: f64,
+        /// Half of the variance of the impulse response, s^2.
+        k_s2: f64,
+        /// Standard deviation of `k_s2`, s^2.
+        k_sigma_s2: f64,
+    },
 }
 
 /// Share of the excess chi2 of unseen data that one accepted effect removes, by kind of residuals.
@@ -175,7 +186,8 @@ impl Fits<'_> {
         {
             accepted = Accepted { path: path.to_vec(), fit, refused: Vec::new() };
         }
-        self.significant(accepted)
+        let accepted = self.significant(accepted)?;
+        self.without_smoothing(accepted)
     }
 
     /// Share of the excess chi2 of unseen data that each accepted effect removes. The same models were fitted during

@@ -96,20 +96,8 @@ impl<'a> Fits<'a> {
     }
 
     fn fit(&self, names: &[String]) -> Result<Fit, Error> {
-        let own = |name: &&String| self.options.user_effect(name);
-        let own_names: Vec<String> = names.iter().filter(own).cloned().collect();
-        let partly: Vec<String> = names.iter().filter(|name| !own(name)).cloned().collect();
-        let choice = |name: &String| {
-            let effect = Effect::find(name).ok_or_else(|| Error::Input(format!("{name} is not in the catalogue")))?;
-            let form = self.forms.iter().find(|(own, _)| own == name);
-            Ok(EffectChoice { effect, parameters: form.map_or(effect.plain, |(_, parameters)| *parameters) })
-        };
-        let model = ModelOptions {
-            effects: partly.iter().map(choice).collect::<Result<_, Error>>()?,
-            partly,
-            user_fields: Vec::new(),
-            folds: self.control.is_empty().then_some(FOLDS),
-        };
+        let own_names: Vec<String> = names.iter().filter(|name| self.options.user_effect(name)).cloned().collect();
+        let model = self.model(names)?;
         let warm_start = self.warm_start.as_ref();
         let outcome = match self.options.user_effects {
             Some(source) => self.checked.calibrate_with(&model, source, &own_names, warm_start)?,
@@ -132,6 +120,22 @@ impl<'a> Fits<'a> {
             return Err(if effects_fail { Error::Fit(words) } else { Error::Input(words) });
         }
         Ok(Fit { effects: names.to_vec(), outcome, control })
+    }
+
+    /// The model with the effects of the catalogue among `names`, in the selected forms.
+    pub(super) fn model(&self, names: &[String]) -> Result<ModelOptions<'static>, Error> {
+        let partly: Vec<String> = names.iter().filter(|name| !self.options.user_effect(name)).cloned().collect();
+        let choice = |name: &String| {
+            let effect = Effect::find(name).ok_or_else(|| Error::Input(format!("{name} is not in the catalogue")))?;
+            let form = self.forms.iter().find(|(own, _)| own == name);
+            Ok(EffectChoice { effect, parameters: form.map_or(effect.plain, |(_, parameters)| *parameters) })
+        };
+        Ok(ModelOptions {
+            effects: partly.iter().map(choice).collect::<Result<_, Error>>()?,
+            partly,
+            user_fields: Vec::new(),
+            folds: self.control.is_empty().then_some(FOLDS),
+        })
     }
 
     /// The calibration recordings, corrected by a calibration with effects; `None` if the calibration has no effects.

@@ -27,6 +27,8 @@ pub enum Kernel {
     Time,
     /// Deviations switch between two levels.
     Switching,
+    /// Deviations in different rests or moves are independent.
+    White,
 }
 
 impl Kernel {
@@ -43,6 +45,7 @@ impl Kernel {
             Self::Session => "between_sessions",
             Self::Time => "time",
             Self::Switching => "switching",
+            Self::White => "white",
         }
     }
 }

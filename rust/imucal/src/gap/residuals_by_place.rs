@@ -36,8 +36,8 @@ const ALONG_ONE_AXIS: f64 = 0.8;
 pub struct ResidualsByPlace {
     /// Residuals by kind and body axis.
     pub channels: Vec<ChannelResidual>,
-    /// Significant dependences of the significant channels. The dependences of a channel are in descending order of the
-    /// explained share.
+    /// Quantities on which the residuals of significant channels depend, such as the temperature. Only significant
+    /// dependences are listed. For each channel, the dependence that explains the largest share comes first.
     pub dependences: Vec<Dependence>,
     /// Rests whose residuals are significant.
     pub rests: Vec<ItemResidual>,

@@ -119,9 +119,9 @@ fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment
     let side = |m: &Moment| m.up.cross(&m.ahead);
     let tilt = |b: &Moment| (a.up - b.up).norm_squared();
     match kernel {
-        // For all variations in time, the random-walk kernel is evaluated first. Smooth and switching variations are
-        // examined only if a random walk explains the residuals, so they have no kernels of their own here.
-        Kernel::RandomWalk | Kernel::Time | Kernel::Switching => {
+        // For all variations in time, the random-walk kernel is evaluated first. The other variations are examined only
+        // if a random walk explains the residuals, so they have no kernels of their own here.
+        Kernel::RandomWalk | Kernel::Time | Kernel::Switching | Kernel::White => {
             each(to, others, |b| if a.recording == b.recording { a.time_s.min(b.time_s) } else { 0.0 });
         }
         Kernel::Session => each(to, others, |b| if a.recording == b.recording { 1.0 } else { 0.0 }),

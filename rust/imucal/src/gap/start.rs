@@ -2,16 +2,16 @@
 
 use std::sync::Arc;
 
-use imucal_core::effects::{Need, Sensor};
+use imucal_core::effects::{Effect, Need, Sensor};
 use imucal_core::sensor::Triad;
 
 use super::design::design;
 use super::evidence::{Column, Gram};
 use super::forward_search::ForwardSearch;
-use super::stage::{Beside, NO_EVIDENCE, Stage};
+use super::stage::{Beside, Member, NO_EVIDENCE, Stage};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
-use crate::joint::{BLOCK_S, Kinds, Prepared, Terms, is_unobservable_hand_held};
+use crate::joint::{BLOCK_S, Kinds, Model, Prepared, Terms, is_unobservable_hand_held};
 
 /// Averaging time of the specific force inside moves for the detection of hand motion, s. Accelerations by a hand last
 /// longer than this time, so the average still contains them.
@@ -23,6 +23,9 @@ const HAND: f64 = 10.0;
 /// specific force's variance. Hand motion is detected only if the unexplained share is above this value. Without hand
 /// motion, the unexplained share is largest with a long lever arm and a noisy gyroscope, but below this value.
 const UNEXPLAINED: f64 = 0.003;
+/// Standard deviation of the prior of the gyroscope's delay in the test for hand motion, in multiples of the typical
+/// delay.
+const LONG_DELAY: f64 = 100.0;
 
 impl ForwardSearch<'_> {
     /// Fits the model without effects, and returns it with the candidates that can be tested. If hand motion is
@@ -89,13 +92,13 @@ impl ForwardSearch<'_> {
         let plain = self.stage(prepared, triads, open, &[], Beside::Nothing);
         self.kinds = kinds;
         let model = plain?.model;
-        let prepared = &Prepared { encoders: None, block_s: STRETCH_S, ..*prepared };
+        let coarse = &Prepared { encoders: None, block_s: STRETCH_S, ..*prepared };
         let none = Terms::try_new(&[], &[], &self.samples, Kinds { in_motion: true, encoders: false })?;
-        let linear = Arc::new(prepared.linearise(&none, &model.parameters())?);
-        let seen = design(prepared, (&none, &[]), &none, &linear)?;
+        let linear = Arc::new(coarse.linearise(&none, &model.parameters())?);
+        let seen = design(coarse, (&none, &[]), &none, &linear)?;
         // Effects can only reduce the scatter. A recording needs no further test if its scatter without effects is
         // below the threshold.
-        let (gram, groups) = seen.insides_apart(prepared);
+        let (gram, groups) = seen.insides_apart(coarse);
         let scales = groups.map(|group| Ok((group, inside(&gram, group, &seen.model)?)));
         let mut scattered: Vec<(usize, f64)> = scales.collect::<Result<_, Error>>()?;
         scattered.retain(|(_, plain)| *plain > HAND * HAND);
@@ -105,22 +108,42 @@ impl ForwardSearch<'_> {
         let may_explain =
             |choice: &&EffectChoice| choice.effect.sensor != Sensor::Encoder && choice.effect.shape.is_none();
         let explaining: Vec<EffectChoice> = open.iter().filter(may_explain).copied().collect();
-        self.with_candidates(prepared, &none, &model, &explaining, |all, linear| {
-            let seen = design(prepared, (&none, &[]), all, linear)?;
-            let with = |is_included: &dyn Fn(&str) -> bool| -> Vec<Column> {
-                let included = seen.full_forms().filter(|c| is_included(&c.name));
-                seen.model.iter().copied().chain(included.flat_map(|c| c.columns(10.0))).collect()
-            };
-            let (all_columns, of_rotation) = (with(&|_| true), with(&is_unobservable_hand_held));
-            let (gram, _) = seen.insides_apart(prepared);
-            let mut is_hand_moved = false;
-            for (group, plain) in &scattered {
-                // Effects of the angular acceleration cannot explain hand motion. If they explain almost the whole
-                // scatter, the unit was not moved by hand.
-                is_hand_moved |= inside(&gram, *group, &all_columns)? > HAND * HAND
-                    && inside(&gram, *group, &of_rotation)? > UNEXPLAINED * plain;
-            }
-            Ok(is_hand_moved)
-        })
+        // `own` are the effects in the model, with the precisions of their priors.
+        let is_unexplained = |search: &Self, own: (&Terms<'_>, &[f64]), model: &Model| {
+            search.with_candidates(coarse, own.0, model, &explaining, |all, linear| {
+                let seen = design(coarse, own, all, linear)?;
+                let with = |is_included: &dyn Fn(&str) -> bool| -> Vec<Column> {
+                    let included = seen.full_forms().filter(|c| is_included(&c.name));
+                    seen.model.iter().copied().chain(included.flat_map(|c| c.columns(10.0))).collect()
+                };
+                let (all_columns, of_rotation) = (with(&|_| true), with(&is_unobservable_hand_held));
+                let (gram, _) = seen.insides_apart(coarse);
+                let mut is_hand_moved = false;
+                for (group, plain) in &scattered {
+                    // Effects of the angular acceleration cannot explain hand motion. If they explain almost the whole
+                    // scatter, the unit was not moved by hand.
+                    is_hand_moved |= inside(&gram, *group, &all_columns)? > HAND * HAND
+                        && inside(&gram, *group, &of_rotation)? > UNEXPLAINED * plain;
+                }
+                Ok(is_hand_moved)
+            })
+        };
+        if !is_unexplained(self, (&none, &[]), &model)? {
+            return Ok(false);
+        }
+        // The columns above are of the first order. A long delay of the gyroscope also has errors of higher order, so
+        // it is fitted.
+        let Some(delay) =
+            explaining.iter().find(|choice| choice.effect.number == Effect::<f64>::GYRO_TIME_OFFSET.number)
+        else {
+            return Ok(true);
+        };
+        self.kinds = Kinds { in_motion: true, encoders: false };
+        let members = [Member { width: LONG_DELAY, ..Member::plain(delay.effect) }];
+        let delayed = self.stage(prepared, triads, open, &members, Beside::Nothing);
+        self.kinds = kinds;
+        let Ok(delayed) = delayed else { return Ok(true) };
+        let own = Terms::try_new(&[EffectChoice::plain(delay.effect)], &[], &self.samples, none.kinds)?;
+        is_unexplained(self, (&own, &[0.0]), &delayed.model)
     }
 }

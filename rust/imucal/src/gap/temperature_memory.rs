@@ -83,9 +83,9 @@ fn has_partner<'n>(name: &str, names: impl Iterator<Item = &'n String>, counts: 
 }
 
 impl Stage {
-    /// Whether member `k` is a lag whose time constant is not significantly longer than the delay of the rate. To first
-    /// order in the time constant tau, the lag `k (T_tau - T)` is the rate `-k tau dT/dt`. Its coefficients and tau are
-    /// then not determined separately.
+    /// Whether effect `k` of the model is a temperature lag with a short time constant tau: it does not significantly
+    /// exceed [`RATE_DELAY_S`]. To first order in tau, the lag `k (T_tau - T)` then equals `-k tau dT/dt`, an effect of
+    /// the temperature's rate. Only the product of its coefficient k and tau is then determined.
     pub(super) fn is_unresolved_lag(&self, k: usize) -> bool {
         let Member { name, values, .. } = &self.members[k];
         let place = self.place(name).filter(|_| Effect::find(name).is_some_and(is_lag));

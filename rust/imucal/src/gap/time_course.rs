@@ -1,5 +1,5 @@
-//! Distinguishes three variations of a parameter in time: random walk, smooth variation, and switching between two
-//! levels.
+//! Distinguishes four variations of a parameter in time: random walk, smooth variation, switching between two levels,
+//! and independent deviations.
 //!
 //! A generic hypothesis with the kernel of a random walk explains any slow variation. If this hypothesis has the
 //! largest evidence, the deviation x of the parameter is examined epoch by epoch. An epoch is a rest or a move. After
@@ -11,10 +11,11 @@
 //! walk        x ~ N(0, a_i^2 min(t, t') / T)                    a_i the size on axis i, T the duration
 //! smooth      x ~ N(0, a_i^2 exp(-(t - t')^2 / 2 l^2))          l between 1/40 and 1/5 of T
 //! switching   x = s v,   s of 0 or 1 in each epoch, v ~ N(0, a^2)
+//! white       x ~ N(0, a_i^2) in each epoch
 //! ```
 //!
-//! Every time course also contains white scatter from epoch to epoch. The evidence of each course is maximised over the
-//! sizes. The evidence of a switching course is computed for its most likely states s. It is reduced by the
+//! The first three courses also contain white scatter from epoch to epoch. The evidence of each course is maximised
+//! over the sizes. The evidence of a switching course is computed for its most likely states s. It is reduced by the
 //! information, nats, that is needed to describe these states: the number of changes, the epochs of the changes, and
 //! the intermediate state of an epoch that contains a change.
 
@@ -38,6 +39,9 @@ use crate::joint::{Kinds, Prepared, Terms};
 /// Another time course replaces the random walk only if its log evidence is larger by more than this number of nats. 8
 /// nats are odds of 3000 to 1.
 const LEAST: f64 = 8.0;
+/// A random walk is reported only if its log evidence exceeds the log evidence of independent deviations by more than
+/// this number of nats. 3 nats are odds of 20 to 1.
+const LEAST_OF_WALK: f64 = 3.0;
 /// Minimum number of epochs to distinguish the time courses.
 const LEAST_EPOCHS: usize = 8;
 /// Trial sizes of the deviation, in multiples of a first estimate for each axis. The estimate contains the noise of an
@@ -123,8 +127,8 @@ struct Observed {
 }
 
 impl Observed {
-    /// Kernel of the time course with the largest evidence, if its log evidence exceeds the random walk's by more than
-    /// [`LEAST`] nats; `None` otherwise.
+    /// Kernel of the time course with the largest evidence. A smooth or a switching course must exceed the log evidence
+    /// of the other courses by more than [`LEAST`] nats. `None` for a random walk.
     fn kernel(&self) -> Option<Kernel> {
         let end_s = self.epochs.iter().map(|epoch| epoch.time_s).fold(0.0, f64::max);
         let walk = self.best_of(self.steps()?, |a, b| a.time_s.min(b.time_s) / end_s)?;
@@ -135,8 +139,13 @@ impl Observed {
         });
         let smooth = smooth.reduce(f64::max).map(|log| (log, Kernel::Time));
         let switching = self.switching().map(|log| (log, Kernel::Switching));
+        let white = SIZES.iter().filter_map(|size| self.scattered(rms.map(|rms| size * rms)).map(|found| found.log));
+        let white = white.reduce(f64::max).unwrap_or(f64::NEG_INFINITY);
         let best = smooth.into_iter().chain(switching).max_by(|a, b| a.0.total_cmp(&b.0));
-        best.filter(|(log, _)| *log > walk + LEAST).map(|(_, kernel)| kernel)
+        match best.filter(|(log, _)| *log > walk.max(white) + LEAST) {
+            Some((_, kernel)) => Some(kernel),
+            None => (walk < white + LEAST_OF_WALK).then_some(Kernel::White),
+        }
     }
 
     /// Rms of the deviation on each axis, from a fit with an independent prior for each epoch.
@@ -210,28 +219,32 @@ impl Observed {
         let x = self.most_likely(1.0)?;
         let starts = starts_of(&x);
         let log = |scatter: f64| -> Option<f64> {
-            let scattered = self.scattered(scatter)?;
+            let scattered = self.scattered([scatter; 3])?;
             let all = starts.iter().map(|start| scattered.most_likely_states(start, 2.0 * size));
             all.reduce(f64::max).map(|log| log + scattered.log)
         };
         SCATTERS.iter().filter_map(|scatter| log(*scatter)).reduce(f64::max)
     }
 
-    /// Information about the time course of a deviation that also scatters from epoch to epoch.
-    fn scattered(&self, scatter: f64) -> Option<Scattered> {
+    /// Information about the time course of a deviation that also scatters from epoch to epoch. `scatter` is the
+    /// standard deviation of this scatter on each axis.
+    fn scattered(&self, scatter: [f64; 3]) -> Option<Scattered> {
+        checkpoint();
         let n = self.slope.len();
+        let scatter = |i: usize| scatter[i / self.epochs.len()];
         let mut normal = self.information.clone();
-        (0..n).for_each(|i| normal[(i, i)] += scatter.powi(-2));
+        (0..n).for_each(|i| normal[(i, i)] += scatter(i).powi(-2));
         let factor = normal.llt(faer::Side::Lower).ok()?;
-        // White scatter adds w^2 I to the covariance Lambda^-1 of the deviations. Lambda is `self.information`, w is
-        // `scatter`, and `normal` is Lambda + w^-2 I. The information that remains about the time course is
-        // (Lambda^-1 + w^2 I)^-1 = Lambda - Lambda (Lambda + w^-2 I)^-1 Lambda.
+        // White scatter adds the diagonal matrix W of its variances to the covariance Lambda^-1 of the deviations.
+        // Lambda is `self.information`, and `normal` is Lambda + W^-1. The information that remains about the time
+        // course is (Lambda^-1 + W)^-1 = Lambda - Lambda (Lambda + W^-1)^-1 Lambda.
         let information = &self.information - &self.information * factor.solve(&self.information);
         let right = Mat::from_fn(n, 1, |i, _| self.slope[i]);
         let solved = factor.solve(&right);
-        let slope = (0..n).map(|i| solved[(i, 0)] / (scatter * scatter)).collect();
+        let slope = (0..n).map(|i| solved[(i, 0)] / scatter(i).powi(2)).collect();
         let gain: f64 = (0..n).map(|i| solved[(i, 0)] * self.slope[i]).sum();
-        let log = 0.5 * (gain - 2.0 * n as f64 * scatter.ln() - log_determinant(factor.L()));
+        let volume: f64 = (0..n).map(|i| 2.0 * scatter(i).ln()).sum();
+        let log = 0.5 * (gain - volume - log_determinant(factor.L()));
         Some(Scattered { information, slope, log })
     }
 }
@@ -396,6 +409,17 @@ mod tests {
             Box::new(move |k| path[k])
         });
         assert!(count(&found, None) >= 19, "{found:?}");
+    }
+
+    #[test]
+    fn independent_deviations_are_no_random_walk() {
+        for size in [0.2, 0.6, 2.0] {
+            let found = kernels(|random| {
+                let x: Vec<[f64; 3]> = (0..EPOCHS).map(|_| [(); 3].map(|()| size * normal(random))).collect();
+                Box::new(move |k| x[k])
+            });
+            assert!(count(&found, Some(Kernel::White)) >= 19, "{size}: {found:?}");
+        }
     }
 
     #[test]

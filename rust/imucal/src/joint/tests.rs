@@ -7,7 +7,7 @@ use super::EffectChoice;
 use crate::calibrate::{Options, Outcome, calibrate};
 use crate::error::Error;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
-use crate::simulate::motion::Motion;
+use crate::simulate::motion::{Motion, gyroscope_delay_s};
 use crate::simulate::stand::Stand;
 use crate::simulate::{Program, RandomMoves, Unit};
 
@@ -45,6 +45,7 @@ impl Run {
                 specific_force: moment.rotation_world_from_body.inverse() * Vector3::new(0.0, 0.0, 9.80665),
                 surroundings: Surroundings {
                     angular_acceleration: Some(moment.angular_acceleration),
+                    mean_angular_acceleration: motion.mean_angular_acceleration(time_s, gyroscope_delay_s(effects)),
                     rotation_world_from_body: Some(moment.rotation_world_from_body),
                     temperature_difference_k: Some(temperature_degc - REFERENCE_TEMPERATURE_DEGC),
                     temperature_history: None,

@@ -30,7 +30,8 @@ use crate::numerics::stats::{MEDIAN_SIZE, median};
 /// Width of the narrowest trial box, s. If the sampling interval is longer, the narrowest box contains one sample. With
 /// narrower boxes, noise exceeds any truncation error.
 const NARROWEST_S: f64 = 2e-3;
-/// Width of the widest trial box, s. Over five wider boxes, a polynomial of fourth degree does not describe a motion.
+/// Width of the widest trial box, s. A stencil spans five boxes. If the boxes are wider than this, a polynomial of
+/// fourth degree does not describe the motion over the stencil.
 const WIDEST_S: f64 = 0.1;
 /// Ratio of consecutive trial widths. With 1.7, the truncation error changes by a factor of eight.
 const WIDER: f64 = 1.7;

@@ -9,6 +9,7 @@
 //! The rate is therefore the derivative of the attitude up to rounding errors, and the motion does not depend on the
 //! sampling rate.
 
+use imucal_core::effects::{Effect, EffectSet};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::moment::Moment;
@@ -82,6 +83,14 @@ impl Motion {
         }
     }
 
+    /// Mean of the angular acceleration over the delay of a gyroscope that ends at `time_s`, rad/s^2. It is `None` if
+    /// there is no delay. The delay starts at the start of the motion at the earliest.
+    pub(crate) fn mean_angular_acceleration(&self, time_s: f64, delay_s: f64) -> Option<Vector3<f64>> {
+        let start_s = delay_start_s(time_s, delay_s);
+        let change = || self.at(time_s).angular_rate - self.at(start_s).angular_rate;
+        (start_s != time_s).then(|| change() / (time_s - start_s))
+    }
+
     /// The latest time, s, up to which [`at`](Self::at) returns the same motion as at `time_s`. A caller can reuse the
     /// motion until then. `None` while the unit moves.
     pub fn still_until(&self, time_s: f64) -> Option<f64> {
@@ -109,6 +118,17 @@ impl Motion {
             }
         }
     }
+}
+
+/// Start of the delay of a gyroscope that ends at `time_s`, s. A motion starts at 0.
+pub(super) fn delay_start_s(time_s: f64, delay_s: f64) -> f64 {
+    (time_s - delay_s).max(0.0)
+}
+
+/// Delay of the gyroscope, s: the parameter of the effect `gyro_time_offset`, or 0 without this effect.
+pub(crate) fn gyroscope_delay_s(effects: &EffectSet<f64>) -> f64 {
+    let number = Effect::<f64>::GYRO_TIME_OFFSET.number;
+    effects.iter().find(|own| own.effect().number == number).map_or(0.0, |own| own.values()[0])
 }
 
 #[cfg(test)]

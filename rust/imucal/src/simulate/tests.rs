@@ -11,6 +11,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::*;
 use crate::correct::temperature_history_of;
+use crate::simulate::motion::gyroscope_delay_s;
 
 const GRAVITY_MPS2: f64 = 9.80665;
 
@@ -223,6 +224,8 @@ fn each_effect_alone_is_what_the_calibration_says_of_the_true_state() {
                     specific_force: run.true_specific_force[i].into(),
                     surroundings: Surroundings {
                         angular_acceleration: Some(run.true_angular_acceleration[i].into()),
+                        mean_angular_acceleration: motion
+                            .mean_angular_acceleration(run.time_s[i], gyroscope_delay_s(&unit.effects)),
                         rotation_world_from_body: so3::from_wxyz(run.rotation_world_from_body[i]),
                         temperature_difference_k: Some(run.temperature_degc[i] - REFERENCE_TEMPERATURE_DEGC),
                         temperature_history: Some(history[i]),

@@ -13,7 +13,7 @@ use imucal_core::effects::{EffectSet, Need, State, Surroundings};
 use imucal_core::temperature_memory::TemperatureHistory;
 use nalgebra::Vector3;
 
-use super::motion::Motion;
+use super::motion::{Motion, delay_start_s, gyroscope_delay_s};
 use super::temperature::Temperature;
 use super::unit::Unit;
 use crate::recording::REFERENCE_TEMPERATURE_DEGC;
@@ -27,6 +27,8 @@ pub(super) struct Truth<'a> {
     /// The temperature if it is constant over the run, degC.
     constant_degc: Option<f64>,
     rests: Vec<(f64, f64)>,
+    /// Delay of the gyroscope (`gyro_time_offset`), s.
+    delay_s: f64,
     /// Effects that are constant while the unit is at rest.
     steady: EffectSet<f64>,
     /// Effects that change during a rest, because they depend on time or on a varying temperature.
@@ -47,7 +49,8 @@ impl<'a> Truth<'a> {
             // The new set is a subset of an `EffectSet`, so there is always room and the result can be ignored.
             let _ = place.push(*member);
         }
-        Self { motion, unit, gravity_mps2, temperature, constant_degc, rests: motion.rests(), steady, changing }
+        let (rests, delay_s) = (motion.rests(), gyroscope_delay_s(&unit.effects));
+        Self { motion, unit, gravity_mps2, temperature, constant_degc, rests, delay_s, steady, changing }
     }
 
     /// Whether any effect depends on the history of a varying temperature.
@@ -122,11 +125,16 @@ impl Cursor<'_> {
             moment.rotation_world_from_body.inverse_transform_vector(&(moment.acceleration + up));
         let surroundings = &mut self.state.surroundings;
         surroundings.angular_acceleration = Some(moment.angular_acceleration);
+        surroundings.mean_angular_acceleration = truth.motion.mean_angular_acceleration(time_s, truth.delay_s);
         surroundings.rotation_world_from_body = Some(moment.rotation_world_from_body);
         surroundings.stand = moment.stand;
         self.steady = truth.steady.at(&self.state);
         self.moving = !truth.is_rest(time_s);
-        (self.from_s, self.until_s) = (time_s, truth.motion.still_until(time_s).unwrap_or(time_s));
+        let still_until = |time_s: f64| truth.motion.still_until(time_s).unwrap_or(time_s);
+        // The output of a gyroscope with a delay is constant only from the delay after the start of a rest on.
+        let start_s = delay_start_s(time_s, truth.delay_s);
+        let until_s = still_until(time_s).min(still_until(start_s) + (time_s - start_s));
+        (self.from_s, self.until_s) = (time_s, until_s);
     }
 
     /// Input of gyroscope and accelerometer. `added` is the additional rate and force given in the setup.

@@ -140,7 +140,7 @@ impl ForwardSearch<'_> {
 
     /// The effects that are significant if the generic hypotheses are in the model, and their scores relative to this
     /// model. `widths` are trial factors by which the prior widths of the hypotheses are multiplied. Effects of the
-    /// stand are not candidates, because the hypotheses have no columns for the stand's residuals.
+    /// stand are not candidates, because the hypotheses do not describe the residuals against the stand's angles.
     fn beside_patterns(
         &mut self,
         prepared: &Prepared<'_>,

@@ -64,6 +64,10 @@ impl Step {
 /// acceleration is the derivative of the corrected rate, and the correction depends on the angular acceleration. Each
 /// iteration multiplies the error by gyroscope delay / time scale of the motion, about 1/50. For long delays, more
 /// iterations would amplify noise.
+///
+/// The mean of the angular acceleration over the delay of the gyroscope is approximated by the mean of the derivatives
+/// of the corrected and of the measured rate, which is the rate before the delay. The remaining error of the corrected
+/// rate is proportional to the third power of the delay.
 const SLOPE_PASSES: usize = 3;
 
 impl Route<'_> {
@@ -91,22 +95,26 @@ impl Route<'_> {
             (wants_slopes || passes > 1).then(|| self.width.derivative(&self.recording.time_s[reach.clone()], raw));
         let mut all = Corrected { rate, force, slopes: Vec::new(), has_effects: !active.all.is_empty() };
         let seen = (passes > 1).then(|| (all.rate.clone(), all.force.clone()));
+        let mut slopes_of_seen = Vec::new();
         for pass in 0..passes {
             all.slopes = derivative.as_ref().map_or_else(Vec::new, |d| d.of(&all.rate));
+            if pass == 0 {
+                slopes_of_seen.clone_from(&all.slopes);
+            }
             if let Some((rate, force)) = seen.as_ref().filter(|_| pass > 0) {
                 all.rate.copy_from_slice(rate);
                 all.force.copy_from_slice(force);
             }
             if all.has_effects {
-                self.free(&mut all, model, active);
+                self.free(&mut all, &slopes_of_seen, model, active);
             }
         }
         all
     }
 
     /// One iteration: corrects the samples for the effects. The effects are evaluated with the angular acceleration
-    /// of the previous iteration.
-    fn free(&self, all: &mut Corrected, model: &Model, active: &Terms<'_>) {
+    /// of the previous iteration. `slopes_of_seen` are the derivatives of the rate before this correction.
+    fn free(&self, all: &mut Corrected, slopes_of_seen: &[Vector3<f64>], model: &Model, active: &Terms<'_>) {
         let mut attitude = self.rotation_world_from_start;
         let mut settling = Settling::new(active, &model.values);
         // Contribution of the effects to the rate at the previous sample.
@@ -115,6 +123,11 @@ impl Route<'_> {
             let (seen_rate, seen_force) = (all.rate[k], all.force[k]);
             let mut around = surroundings(self.recording, index);
             around.angular_acceleration = all.slopes.get(k).copied();
+            around.mean_angular_acceleration = all
+                .slopes
+                .get(k)
+                .zip(slopes_of_seen.get(k))
+                .map(|(true_slope, seen_slope)| (true_slope + seen_slope) / 2.0);
             if let (Some(attitude), true) = (&mut attitude, index > self.span.first) {
                 let h = self.recording.time_s[index] - self.recording.time_s[index - 1];
                 // The rate of this sample is not corrected yet. Its correction is approximated by the correction of the

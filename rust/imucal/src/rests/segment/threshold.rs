@@ -14,8 +14,9 @@ use crate::rounding::LEAST_SCATTER;
 /// Returns the statistic of each window, the noise variance of each channel (squared raw units), and the
 /// quantisation step of each channel. The step is zero if the noise of the channel is not below its step.
 ///
-/// `variances` contains the variance of each channel in each window. `steps` contains, for each channel, (smallest
-/// step) / sqrt(samples per mean). The function `step_of` returns the step of a channel.
+/// `variances` contains the variance of each channel in each window. The variance is that of means over several
+/// samples. `steps` contains the smallest step between two samples of each channel, divided by the square root of the
+/// number of samples in a mean. The function `step_of` returns the quantisation step of a channel.
 pub(super) fn window_statistic(
     variances: &[Vec<f64>; 6],
     steps: &Vector6<f64>,

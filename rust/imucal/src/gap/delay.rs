@@ -1,0 +1,101 @@
+//! Test whether the output of the gyroscope is only delayed, or also smoothed by a filter.
+//!
+//! ```text
+//! delay               w(t - tau)             = w - tau w' + tau^2 / 2 w'' - ...
+//! any causal filter   sum of all w(t - s)    = w - tau w' + (tau^2 / 2 + k) w'' - ...
+//! ```
+//!
+//! w is the angular rate, w' and w'' are its derivatives. tau is the mean of the impulse response of the filter, and k
+//! half of its variance. k is zero for a delay, and tau^2 / 2 for a low-pass filter of first order with the time
+//! constant tau. It is also zero for a Butterworth filter, whose output is therefore only delayed to this order.
+//!
+//! The test adds the error `k w''` to a model with the effect `gyro_time_offset`, which is exact for a delay.
+
+use imucal_core::effects::{Effect, Sensor};
+use nalgebra::Vector3;
+
+use super::acceptance::{Accepted, Refusal, unless_it_fails};
+use super::fits::{Fit, Fits};
+use crate::calibrate::{ModelOptions, Outcome, UserField};
+use crate::correct::angular_acceleration;
+use crate::error::Error;
+use crate::recording::Recording;
+
+/// Name of the error `k w''` in the fit.
+const SMOOTHING: &str = "gyro_smoothing";
+/// The gyroscope is not only delayed if |k| exceeds this number of standard deviations, and [`LEAST_SHARE`].
+const SIGNIFICANT: f64 = 5.0;
+/// Smallest |k| that matters, in multiples of its value for a low-pass filter of first order, tau^2 / 2.
+const LEAST_SHARE: f64 = 0.3;
+
+impl Fits<'_> {
+    /// Rejects the effect `gyro_time_offset` if the output of the gyroscope is not only delayed. If the effect was
+    /// already rejected because it predicts unseen data worse, this reason replaces that one. The test is omitted if
+    /// user-defined effects were accepted.
+    pub(super) fn without_smoothing(&mut self, mut accepted: Accepted) -> Result<Accepted, Error> {
+        let name = Effect::<f64>::GYRO_TIME_OFFSET.name;
+        let is_worse = |refusal: &Refusal| matches!(refusal, Refusal::PredictsWorse { name: own, .. } if own == name);
+        let others: Vec<String> = accepted.path.iter().filter(|own| *own != name).cloned().collect();
+        let was_accepted = others.len() < accepted.path.len();
+        let are_of_catalogue = others.iter().all(|own| Effect::<f64>::find(own).is_some());
+        if !are_of_catalogue || !(was_accepted || accepted.refused.iter().any(is_worse)) {
+            return Ok(accepted);
+        }
+        let with = if was_accepted { accepted.path.clone() } else { [others.as_slice(), &[name.to_owned()]].concat() };
+        let Ok(fit) = unless_it_fails(self.with(&with))? else { return Ok(accepted) };
+        let Some(refusal) = self.smoothing(&fit)? else { return Ok(accepted) };
+        if was_accepted && let Ok(fit) = unless_it_fails(self.with(&others))? {
+            accepted.fit = fit;
+        }
+        accepted.path = others;
+        accepted.refused.retain(|own| !is_worse(own));
+        accepted.refused.push(refusal);
+        Ok(accepted)
+    }
+
+    /// The reason why the gyroscope is not only delayed; `None` if it may be only delayed. `fit` contains the effect
+    /// `gyro_time_offset`.
+    fn smoothing(&self, fit: &Fit) -> Result<Option<Refusal>, Error> {
+        let gyroscope = &fit.outcome.calibration.gyroscope;
+        let second_derivative = |recording: &Recording<'_>| -> Vec<f64> {
+            let corrected = |raw| <[f64; 3]>::from(gyroscope.correct(Vector3::from(raw)));
+            let rate: Vec<[f64; 3]> = recording.angular_rate.iter().map(corrected).collect();
+            let first = angular_acceleration(recording.time_s, &rate);
+            angular_acceleration(recording.time_s, &first).into_iter().flatten().collect()
+        };
+        let columns: Vec<Vec<f64>> = self.checked.recordings().iter().map(second_derivative).collect();
+        if columns.iter().any(Vec::is_empty) {
+            return Ok(None);
+        }
+        let find = |outcome: &Outcome, name: &str| {
+            outcome.effects.iter().find(|own| own.name == name).map(|own| (own.values[0], own.statistic.sqrt()))
+        };
+        let Some((tau_s, _)) = find(&fit.outcome, Effect::<f64>::GYRO_TIME_OFFSET.name) else {
+            return Ok(None);
+        };
+        let of_low_pass_s2 = tau_s * tau_s / 2.0;
+        let field = UserField {
+            name: SMOOTHING,
+            sensor: Sensor::Gyroscope,
+            typical: vec![of_low_pass_s2],
+            columns: columns.iter().map(Vec::as_slice).collect(),
+        };
+        let model = ModelOptions { user_fields: vec![field], folds: None, ..self.model(&fit.effects)? };
+        let outcome = match self.checked.calibrate(&model, None) {
+            Err(Error::Fit(_) | Error::NotEnoughMotion(_)) => return Ok(None),
+            outcome => outcome?,
+        };
+        let Some(((tau_s, _), (k_s2, times_sigma))) =
+            find(&outcome, Effect::<f64>::GYRO_TIME_OFFSET.name).zip(find(&outcome, SMOOTHING))
+        else {
+            return Ok(None);
+        };
+        let is_smoothed = times_sigma > SIGNIFICANT && k_s2.abs() > LEAST_SHARE * of_low_pass_s2;
+        Ok(is_smoothed.then(|| Refusal::NotOnlyDelayed {
+            name: Effect::<f64>::GYRO_TIME_OFFSET.name.to_owned(),
+            tau_s,
+            k_s2,
+            k_sigma_s2: k_s2.abs() / times_sigma,
+        }))
+    }
+}
