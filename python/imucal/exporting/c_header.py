@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 __all__ = ["C_HEADER"]
 
+# Effect whose error is -tau times the mean of the angular acceleration over the delay tau.
+DELAY: Final = "gyro_time_offset"
 # Function argument for each quantity that an effect may need, in the order of the arguments.
 ARGUMENTS: Final = {
     "temperature": "{real} temperature_degc",
@@ -136,6 +138,11 @@ def _notes(
         "angular_acceleration": "angular_acceleration_radps2 is the derivative of the corrected rate.",
     }
     notes += [explained[need] for need in needs]
+    if any(values.name == DELAY for values in effects):
+        notes.append(
+            f"For {DELAY}, the mean of the derivatives of the measured and of the corrected rate is more "
+            "accurate."
+        )
     notes += [f"{own.name} is the formula {own.text}" for own in formulas]
     notes += [argument_note(column) for column in columns]
     notes += temperature_note(calibration)

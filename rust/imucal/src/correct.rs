@@ -24,11 +24,6 @@ use imucal_core::effects::{Effect, EffectSet, Need, Sensor, Surroundings};
 use imucal_core::temperature_memory::{TemperatureHistory, TemperatureMemory};
 use nalgebra::Vector3;
 
-/// Number of iterations for the angular acceleration. Iterations are needed because the angular acceleration is the
-/// derivative of the true rate, which is known only after the correction. The first iteration uses the rate before
-/// effects are removed, and the second iteration the corrected rate. For a gyroscope with the delay tau, the remaining
-/// error is `tau^3 / 6` times the third derivative of the rate. Further iterations would amplify noise.
-const PASSES: usize = 2;
 /// Number of samples between two checks for a cancellation. The correction of so many samples takes about a
 /// millisecond.
 const SAMPLES_PER_CHECKPOINT: usize = 4096;
@@ -102,16 +97,14 @@ pub fn correct_from(
         return correct_with(start_s, recording, calibration, &[], &[]);
     }
     let seen = |raw: [f64; 3]| <[f64; 3]>::from(calibration.gyroscope.correct(Vector3::from(raw)));
-    let mut rate: Vec<[f64; 3]> = recording.angular_rate.iter().map(seen).collect();
-    let (mut force, of_seen) = (Vec::new(), accelerations(&rate));
-    let mut of_true = of_seen.clone();
-    for pass in 0..PASSES {
-        if pass > 0 {
-            of_true = accelerations(&rate);
-        }
-        (rate, force) = correct_with(start_s, recording, calibration, &of_true, &of_seen);
-    }
-    (rate, force)
+    let rate: Vec<[f64; 3]> = recording.angular_rate.iter().map(seen).collect();
+    // The angular acceleration is the derivative of the true rate, which is known only after the correction. The first
+    // correction uses the rate before effects are removed, and the second one the corrected rate. For a gyroscope with
+    // the delay tau, the remaining error is `tau^3 / 6` times the third derivative of the rate. Further iterations
+    // would amplify noise.
+    let of_seen = accelerations(&rate);
+    let (rate, _) = correct_with(start_s, recording, calibration, &of_seen, &of_seen);
+    correct_with(start_s, recording, calibration, &accelerations(&rate), &of_seen)
 }
 
 /// Corrects every sample with the given angular accelerations, rad/s^2: the derivatives of the corrected rate, and
