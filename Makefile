@@ -219,11 +219,7 @@ test-python-fast: $(VENV)/.installed
 # Each simulator keeps a processor busy, and needs another one at times, so two processors for each.
 FIRMWARE_AT_ONCE ?= 1
 .PHONY: test-firmware
-test-copies: $(VENV)/.installed
-	$(call say,Copies as control recordings)
-	PYTHONPATH=benches $(PY) benches/copies.py
-
-firmware: $(VENV)/.installed
+test-firmware: $(VENV)/.installed
 	$(call say,Stand: faults on the firmware of a controller)
 	GRBL_SIM="$(GRBL_SIM)" $(PY) -m pytest tests/stand/test_firmware.py --numprocesses $(FIRMWARE_AT_ONCE)
 
@@ -308,6 +304,10 @@ plan: $(VENV)/.installed
 traps: $(VENV)/.installed
 	$(call say,Traps)
 	PYTHONPATH=benches:tests/traps:tests/fixtures $(PY) benches/traps.py
+
+copies: $(VENV)/.installed
+	$(call say,Copies as control recordings)
+	PYTHONPATH=benches $(PY) benches/copies.py
 
 firmware: $(VENV)/.installed
 	$(call say,Firmware under QEMU)
