@@ -2,12 +2,13 @@
 //!
 //! ```text
 //! delay               w(t - tau)             = w - tau w' + tau^2 / 2 w'' - ...
-//! any causal filter   sum of all w(t - s)    = w - tau w' + (tau^2 / 2 + k) w'' - ...
+//! filter              mean of w(t - s)       = w - tau w' + (tau^2 / 2 + k) w'' - ...
 //! ```
 //!
-//! w is the angular rate, w' and w'' are its derivatives. tau is the mean of the impulse response of the filter, and k
-//! half of its variance. k is zero for a delay, and tau^2 / 2 for a low-pass filter of first order with the time
-//! constant tau. It is also zero for a Butterworth filter, whose output is therefore only delayed to this order.
+//! w is the angular rate, w' and w'' are its derivatives. The output of a filter is the mean of the earlier rates w(t -
+//! s), weighted by the impulse response of the filter. tau is the mean of s under these weights, and k half of its
+//! variance. k is zero for a delay, and tau^2 / 2 for a low-pass filter of first order with the time constant tau. It
+//! is also zero for a Butterworth filter of second or higher order, which to this order only delays its input.
 //!
 //! The test adds the error `k w''` to a model with the effect `gyro_time_offset`, which is exact for a delay.
 

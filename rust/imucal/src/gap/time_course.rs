@@ -20,7 +20,7 @@
 //! the intermediate state of an epoch that contains a change.
 
 use faer::Mat;
-use faer::linalg::solvers::Solve;
+use faer::linalg::solvers::{Llt, Solve};
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 use statrs::function::factorial::ln_binomial;
@@ -139,7 +139,7 @@ impl Observed {
         });
         let smooth = smooth.reduce(f64::max).map(|log| (log, Kernel::Time));
         let switching = self.switching().map(|log| (log, Kernel::Switching));
-        let white = SIZES.iter().filter_map(|size| self.scattered(rms.map(|rms| size * rms)).map(|found| found.log));
+        let white = SIZES.iter().filter_map(|size| self.white(rms.map(|rms| size * rms)).map(|found| found.log));
         let white = white.reduce(f64::max).unwrap_or(f64::NEG_INFINITY);
         let best = smooth.into_iter().chain(switching).max_by(|a, b| a.0.total_cmp(&b.0));
         match best.filter(|(log, _)| *log > walk.max(white) + LEAST) {
@@ -219,32 +219,38 @@ impl Observed {
         let x = self.most_likely(1.0)?;
         let starts = starts_of(&x);
         let log = |scatter: f64| -> Option<f64> {
-            let scattered = self.scattered([scatter; 3])?;
+            let scattered = self.scattered(scatter)?;
             let all = starts.iter().map(|start| scattered.most_likely_states(start, 2.0 * size));
             all.reduce(f64::max).map(|log| log + scattered.log)
         };
         SCATTERS.iter().filter_map(|scatter| log(*scatter)).reduce(f64::max)
     }
 
-    /// Information about the time course of a deviation that also scatters from epoch to epoch. `scatter` is the
-    /// standard deviation of this scatter on each axis.
-    fn scattered(&self, scatter: [f64; 3]) -> Option<Scattered> {
+    /// The fit of white scatter without a time course. `scatter` is its standard deviation on each axis.
+    fn white(&self, scatter: [f64; 3]) -> Option<White> {
         checkpoint();
         let n = self.slope.len();
         let scatter = |i: usize| scatter[i / self.epochs.len()];
         let mut normal = self.information.clone();
         (0..n).for_each(|i| normal[(i, i)] += scatter(i).powi(-2));
         let factor = normal.llt(faer::Side::Lower).ok()?;
-        // White scatter adds the diagonal matrix W of its variances to the covariance Lambda^-1 of the deviations.
-        // Lambda is `self.information`, and `normal` is Lambda + W^-1. The information that remains about the time
-        // course is (Lambda^-1 + W)^-1 = Lambda - Lambda (Lambda + W^-1)^-1 Lambda.
-        let information = &self.information - &self.information * factor.solve(&self.information);
         let right = Mat::from_fn(n, 1, |i, _| self.slope[i]);
-        let solved = factor.solve(&right);
-        let slope = (0..n).map(|i| solved[(i, 0)] / scatter(i).powi(2)).collect();
-        let gain: f64 = (0..n).map(|i| solved[(i, 0)] * self.slope[i]).sum();
+        let most_likely = factor.solve(&right).col_as_slice(0).to_vec();
+        let gain: f64 = most_likely.iter().zip(&self.slope).map(|(x, slope)| x * slope).sum();
         let volume: f64 = (0..n).map(|i| 2.0 * scatter(i).ln()).sum();
         let log = 0.5 * (gain - volume - log_determinant(factor.L()));
+        Some(White { factor, most_likely, log })
+    }
+
+    /// Information about the time course of a deviation that also scatters from epoch to epoch. `scatter` is the
+    /// standard deviation of this scatter.
+    fn scattered(&self, scatter: f64) -> Option<Scattered> {
+        let White { factor, most_likely, log } = self.white([scatter; 3])?;
+        // White scatter adds w^2 I to the covariance Lambda^-1 of the deviations. Lambda is `self.information`, w is
+        // `scatter`, and `factor` is that of Lambda + w^-2 I. The information that remains about the time course is
+        // (Lambda^-1 + w^2 I)^-1 = Lambda - Lambda (Lambda + w^-2 I)^-1 Lambda.
+        let information = &self.information - &self.information * factor.solve(&self.information);
+        let slope = most_likely.iter().map(|x| x / (scatter * scatter)).collect();
         Some(Scattered { information, slope, log })
     }
 }
@@ -266,6 +272,15 @@ fn starts_of(x: &[f64]) -> Vec<Vec<f64>> {
     let (low, high) = along.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
     let divided = |share: f64| along.iter().map(|x| f64::from(u8::from(*x > low + share * (high - low)))).collect();
     [0.3, 0.5, 0.7].map(divided).to_vec()
+}
+
+/// The fit of independent deviations with a normal prior.
+struct White {
+    /// Cholesky factor of the information about the deviations, prior included.
+    factor: Llt<f64>,
+    most_likely: Vec<f64>,
+    /// Log evidence.
+    log: f64,
 }
 
 /// Information about the time course of a deviation, after its white scatter is eliminated.
