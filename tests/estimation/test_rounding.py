@@ -74,6 +74,23 @@ def test_a_linear_unit_is_given_no_effect_and_rounding_comes_first() -> None:
     assert sum("noise_below_lsb" in line for line in lines) == 2
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_step_near_the_noise_leaves_a_good_result(seed: int) -> None:
+    unit = imucal.Unit.random("paper", seed)
+    noise = unit.accelerometer.noise_density * math.sqrt(100.0)
+    accelerometer = dataclasses.replace(unit.accelerometer, lsb=1.5 * noise, bits=16)
+    coarse = imucal.Unit(accelerometer, unit.gyroscope)
+    motion = imucal.Tumble(seed=seed, poses=20, hold_s=3.0, move_s=1.5)
+    run = imucal.simulate(motion, seed=seed, unit=coarse, rate_hz=100)
+    result = imucal.calibrate(run.recording)
+    assert result.verdict == "good"
+    # The mean of about 300 samples, with rounding noise of the variance step^2 / 12.
+    expected = noise * math.sqrt((1 + 1.5**2 / 12) / 300)
+    assert statistics.median(rest.norm_sigma_mps2 for rest in result.rests) == pytest.approx(
+        expected, rel=0.3
+    )
+
+
 def test_a_fine_converter_has_no_finding() -> None:
     unit = imucal.Unit.random("lsm6dso", 1)
     fine = imucal.Unit(unit.accelerometer, dataclasses.replace(unit.gyroscope, lsb=None, bits=None))

@@ -169,6 +169,23 @@ fn error_variance(noise: f64) -> f64 {
     (1..=60).map(|h| term(f64::from(h))).sum()
 }
 
+/// Logarithm of the share of the samples at a level. `distance` is the distance of the true mean from the level, and
+/// `noise` the standard deviation of the noise, both in steps.
+fn ln_share(distance: f64, noise: f64) -> f64 {
+    // For levels far from the mean, the difference of two small erfc values is accurate. The difference of two values
+    // near one would lose digits.
+    let beyond = |distance: f64| 0.5 * erfc(distance / (SQRT_2 * noise));
+    let near = (distance - 0.5) / (SQRT_2 * noise);
+    // Beyond 26, erfc is below the smallest number, and its first asymptotic term is accurate to 0.1 %. The logarithm
+    // of such a share is finite, so the likelihood has one maximum even for noise that is far too small for the levels.
+    const SMALL: f64 = 25.0;
+    if near < SMALL {
+        (beyond(distance - 0.5) - beyond(distance + 0.5)).ln()
+    } else {
+        -near * near - (2.0 * PI.sqrt() * near).ln()
+    }
+}
+
 impl Levels {
     /// Log-likelihood of the levels for noise of this standard deviation. Let L be the likelihood for a given true
     /// mean. The true mean is unknown, so it is eliminated in two ways: ln of the maximum of L, and ln of the average
@@ -176,14 +193,8 @@ impl Levels {
     /// for all small noise, and the average is proportional to the noise.
     fn log_likelihood(&self, noise: f64) -> f64 {
         let of_mean = |mean: f64| -> f64 {
-            // For levels far from the mean, the difference of two small erfc values is accurate. The difference of
-            // two values near one would lose digits.
-            let beyond = |distance: f64| 0.5 * erfc(distance / (SQRT_2 * noise));
-            let share = |level: i64| {
-                let distance = (mean - level as f64).abs();
-                beyond(distance - 0.5) - beyond(distance + 0.5)
-            };
-            self.counts.iter().map(|(level, count)| count * share(*level).max(f64::MIN_POSITIVE).ln()).sum()
+            let term = |(level, count): &(i64, f64)| count * ln_share((mean - *level as f64).abs(), noise);
+            self.counts.iter().map(term).sum()
         };
         // The logarithm of the likelihood is concave, so a ternary search finds the maximum.
         let (mut low, mut high) = (self.mean - REACH, self.mean + REACH);
@@ -245,6 +256,29 @@ mod tests {
             assert!((found.noise / (2.0 * noise) - 1.0).abs() < 0.2, "{noise}: {found:?}");
             assert!((found.error_variance / (4.0 * error_variance(noise)) - 1.0).abs() < 0.4, "{noise}: {found:?}");
         }
+    }
+
+    /// Near the limit of coarse rounding, small trial noise cannot explain levels two steps from the mean. The
+    /// likelihood is then tiny, and it still has one maximum over the true mean.
+    #[test]
+    fn the_likelihood_of_small_noise_is_finite_and_smaller_with_levels_far_from_the_mean() {
+        for shift in (0..100).map(|k| f64::from(k) * 1e-3) {
+            let counts = vec![(0, 190.0), (1, 1640.0), (2, 1460.0), (3, 190.0), (4, 20.0)];
+            let levels = Levels { mean: 1.45 + shift, counts };
+            let likelihoods: Vec<f64> = (0..NOISES - 4).map(|k| levels.log_likelihood(tried_noise(k))).collect();
+            assert!(likelihoods.iter().all(|l| l.is_finite()), "{shift}: {likelihoods:?}");
+            assert!(likelihoods.is_sorted(), "{shift}: {likelihoods:?}");
+        }
+    }
+
+    #[test]
+    fn the_logarithm_of_a_share_continues_where_the_share_is_zero() {
+        // The distance from the mean at which the share is taken from the asymptotic series.
+        let noise = 0.02;
+        let limit = 0.5 + 25.0 * SQRT_2 * noise;
+        let (before, after) = (ln_share(limit - 1e-9, noise), ln_share(limit + 1e-9, noise));
+        assert!((before - after).abs() < 1e-3, "{before} {after}");
+        assert!(ln_share(4.0, noise).is_finite() && ln_share(4.0, noise) < ln_share(3.9, noise));
     }
 
     #[test]

@@ -124,6 +124,18 @@ FINE = tuple(
     for times_noise in (0.2, 1.0)
 )
 
+# The scatter of samples here is near the limit between coarse and fine converters.
+NEAR_THE_NOISE = tuple(
+    calibrating(
+        "noise near a step of the converter",
+        f"{sensor}: step of {times_noise:g} sigma",
+        rounded(sensor, times_noise),
+        good("verdict"),
+    )
+    for sensor in ("gyro", "accel")
+    for times_noise in (1.2, 1.35, 1.5, 1.65, 1.8, 2.0)
+)
+
 FILTERED = tuple(
     calibrating(
         "noise below a step of the converter",
@@ -159,4 +171,13 @@ EIGHT_BIT = tuple(
     for seed in (4, 33, 51)
 )
 
-TRAPS = (*EIGHT_BIT, *OF_ONE_SENSOR, *OF_ONE_AXIS, *NUMBER_FORMATS, *COUNTS, *FINE, *FILTERED)
+TRAPS = (
+    *EIGHT_BIT,
+    *OF_ONE_SENSOR,
+    *OF_ONE_AXIS,
+    *NUMBER_FORMATS,
+    *COUNTS,
+    *FINE,
+    *NEAR_THE_NOISE,
+    *FILTERED,
+)

@@ -91,7 +91,9 @@ pub(crate) const FINEST_MPS2: f64 = 1e-5;
 /// rounding (model.md (5)).
 pub(crate) fn sigma_norm(rest: &Rest, triad: &Triad<f64>) -> f64 {
     let v = triad.inverse().tr_mul(&triad.correct(rest.specific_force.mean).normalize());
-    v.component_mul(&v).dot(&rest.specific_force.whole_variance()).sqrt().max(FINEST_MPS2)
+    let sigma = v.component_mul(&v).dot(&rest.specific_force.whole_variance()).sqrt();
+    // `max` would turn NaN into the bound.
+    if sigma < FINEST_MPS2 { FINEST_MPS2 } else { sigma }
 }
 
 /// Error of the norm of the mean force of a rest, and its standard deviation from noise, both in m/s^2.
