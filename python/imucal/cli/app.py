@@ -21,7 +21,7 @@ import click
 from click.exceptions import Exit
 
 from imucal.cli.ending import INTERRUPTED, as_interrupts
-from imucal.cli.failure import TRACEBACK, command_offered, is_fault, message_of
+from imucal.cli.failure import TRACEBACK, command_offered, is_fault, is_interrupt, message_of
 from imucal.cli.group import Commands, Lazy
 from imucal.cli.output import NO_RESULT
 from imucal.cli.streams import printable, standing_streams
@@ -192,13 +192,11 @@ def _run(arguments: list[str]) -> int:
             app.invoke(context)
     except Exit as end:
         return end.exit_code
-    except (KeyboardInterrupt, click.Abort):
-        return INTERRUPTED
     except (SystemExit, OSError):
         raise
     except BaseException as error:
         # BaseException is caught, because a panic of the compiled library is not an Exception.
-        return _failed(error, arguments)
+        return INTERRUPTED if is_interrupt(error) else _failed(error, arguments)
     return 0
 
 

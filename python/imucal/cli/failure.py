@@ -20,7 +20,15 @@ from imucal.cli.as_typed import as_typed
 from imucal.cli.output import Output
 from imucal.errors import ImucalError, NotEnoughMotionError
 
-__all__ = ["TRACEBACK", "command_offered", "is_fault", "message_of", "no_result_told", "refusal_told"]
+__all__ = [
+    "TRACEBACK",
+    "command_offered",
+    "is_fault",
+    "is_interrupt",
+    "message_of",
+    "no_result_told",
+    "refusal_told",
+]
 
 # Environment variable. If it is set, an internal error ends the command with a traceback.
 TRACEBACK: Final = "IMUCAL_TRACEBACK"
@@ -60,10 +68,20 @@ def is_fault(error: BaseException) -> bool:
     return _foreseen(error) is None
 
 
+def is_interrupt(error: BaseException) -> bool:
+    """Whether the user interrupted the command.
+
+    Python 3.11 and earlier raise a RuntimeError from an interrupt that arrives while a class is created, thus
+    while a module is imported.
+    """
+    is_wrapped = isinstance(error, RuntimeError) and isinstance(error.__cause__, KeyboardInterrupt)
+    return is_wrapped or isinstance(error, (KeyboardInterrupt, Abort))
+
+
 def _foreseen(error: BaseException) -> str | None:
     if isinstance(error, ImucalError):
         return as_typed(str(error))
-    if isinstance(error, (KeyboardInterrupt, Abort)):
+    if is_interrupt(error):
         return "interrupted"
     if isinstance(error, MemoryError):
         return "not enough memory: give a shorter recording"
@@ -132,7 +150,8 @@ def _write(path: str, error: BaseException) -> None:
     known = error if isinstance(error, ImucalError) else ImucalError(message_of(error))
     # An error while writing the document must not hide the original error.
     with contextlib.suppress(ImucalError, OSError):
-        Output(path).document({**known.to_dict(), "error": type(error).__name__})
+        name = "KeyboardInterrupt" if is_interrupt(error) else type(error).__name__
+        Output(path).document({**known.to_dict(), "error": name})
 
 
 def _is_read(path: str, given: Iterable[Any]) -> bool:

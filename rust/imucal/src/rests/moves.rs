@@ -11,6 +11,7 @@ use crate::finding::Finding;
 use crate::numerics::stats::sample_interval_s;
 use crate::recording::Recording;
 use crate::rests::noise_density::{NoiseDensity, random_walk_rad, variance_per_axis};
+use crate::rests::rest::at_least;
 use crate::rests::tremor::{Hand, Sensors};
 use crate::rests::unit_rest::{UnitRest, touches};
 
@@ -201,7 +202,7 @@ impl Directions<'_> {
                 let walk =
                     random_walk_rad(&self.noise[m.recording].angular_rate, self.gyroscope.inverse(), m.duration_s);
                 let own = walk * walk + before.own_variance + after.own_variance;
-                let sigma_rad = (own + before.shared_variance + after.shared_variance).sqrt().max(FINEST_RAD);
+                let sigma_rad = at_least(FINEST_RAD, (own + before.shared_variance + after.shared_variance).sqrt());
                 let up = |end: &End| self.accelerometer.correct(end.raw).normalize();
                 (Ends { before: up(&before), after: up(&after), sigma_rad }, own.sqrt())
             })

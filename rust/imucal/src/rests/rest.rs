@@ -91,9 +91,13 @@ pub(crate) const FINEST_MPS2: f64 = 1e-5;
 /// rounding (model.md (5)).
 pub(crate) fn sigma_norm(rest: &Rest, triad: &Triad<f64>) -> f64 {
     let v = triad.inverse().tr_mul(&triad.correct(rest.specific_force.mean).normalize());
-    let sigma = v.component_mul(&v).dot(&rest.specific_force.whole_variance()).sqrt();
-    // `max` would turn NaN into the bound.
-    if sigma < FINEST_MPS2 { FINEST_MPS2 } else { sigma }
+    at_least(FINEST_MPS2, v.component_mul(&v).dot(&rest.specific_force.whole_variance()).sqrt())
+}
+
+/// A standard deviation with a lower bound. It is NaN if the standard deviation is, because [`f64::max`] would turn an
+/// unknown error into the smallest one.
+pub(crate) fn at_least(finest: f64, sigma: f64) -> f64 {
+    if sigma < finest { finest } else { sigma }
 }
 
 /// Error of the norm of the mean force of a rest, and its standard deviation from noise, both in m/s^2.
