@@ -217,10 +217,10 @@ def test_a_calibration_is_shown_in_one_line():
     shown = repr(imucal.Calibration(triad, triad, serial_number="0042", calibration_set=figures))
     assert shown == (
         "Calibration(unit '0042', accelerometer in m/s^2, gyroscope in rad/s, no effects, calibration set: "
-        "gravity direction per move 0.05 deg rms, chi2 per degree of freedom 1.25)"
+        "gravity direction error per move 0.05 deg rms, chi2 per degree of freedom 1.25)"
     )
     shown = repr(dataclasses.replace(with_effects(), control_set=other, calibration_set=figures))
-    assert "gyroscope in lsb, 3 effects, control set: gravity direction per move 0.05 deg rms)" in shown
+    assert "gyroscope in lsb, 3 effects, control set: gravity direction error per move 0.05 deg rms)" in shown
 
 
 def test_parameters_are_named_in_the_fixed_order():

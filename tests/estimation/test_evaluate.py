@@ -93,7 +93,11 @@ def test_results_are_one_line_where_they_are_shown(heated):
     gap = imucal.find_gap(run, control=control, candidates=["gyro_bias_temperature"])
     for shown, begin, end in (
         (imucal.evaluate(calibration, control), "Evaluation(good: 46 of 46 rests and 45 of 45 moves ju", ")"),
-        (result, "CalibrationResult(good: 46 of 46 rests and 45 of 45 moves used; control set: |f| - g", ")"),
+        (
+            result,
+            "CalibrationResult(good: 46 of 46 rests and 45 of 45 moves used; control set: gravity norm error",
+            ")",
+        ),
         (gap, "Gap(named, gyro_bias_temperature; chi2_per_dof ", " on unseen data)"),
     ):
         assert repr(shown).startswith(begin)

@@ -219,7 +219,8 @@ def test_the_finding_is_one_sentence():
     headline = gap.summary().splitlines()[1]
     assert headline.startswith("gyro_g_sensitivity (largest parameter 0.10")
     assert (
-        "deg/s per g) explains 100 % of the gap; control gravity direction per move: 0.14 -> 0.0" in headline
+        "deg/s per g) explains 100 % of the gap; control gravity direction error per move: 0.14 -> 0.0"
+        in headline
     )
     assert "averaged over 1 s: rate 0.095 -> 0.018 deg/s" in gap.summary()
 

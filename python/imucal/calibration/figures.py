@@ -16,8 +16,8 @@ __all__ = ["Figures", "figures_text", "poor_figures", "saved_reasons"]
 
 # Name of each figure of merit in texts, and the unit of its field.
 FIGURE_TEXT: Final = {
-    "gravity_norm_rms_mps2": ("|f| - g", "m/s^2"),
-    "gravity_direction_rms_deg": ("gravity direction per move", "deg"),
+    "gravity_norm_rms_mps2": ("gravity norm error", "m/s^2"),
+    "gravity_direction_rms_deg": ("gravity direction error per move", "deg"),
     "chi2_per_dof": ("chi2 per degree of freedom", ""),
 }
 

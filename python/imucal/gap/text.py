@@ -34,8 +34,8 @@ LEAST_TIMES_NOISE: Final = 0.05
 EXPLAINED_BY: Final = {"gravity": "gravity direction"}
 # Figures of the control or held-out recordings: words, factor and unit of the text.
 VERIFIED: Final = {
-    "gravity_direction_rms_deg": ("gravity direction per move", 1.0, "deg"),
-    "gravity_norm_rms_mps2": ("|f| - g", *SHOWN["m/s^2"]),
+    "gravity_direction_rms_deg": ("gravity direction error per move", 1.0, "deg"),
+    "gravity_norm_rms_mps2": ("gravity norm error", *SHOWN["m/s^2"]),
 }
 # Maximum number of kinds of residuals that are printed.
 MOST_CHANNELS: Final = 4
