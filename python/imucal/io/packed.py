@@ -8,7 +8,6 @@ import zlib
 from pathlib import Path
 from typing import Final
 
-from imucal.document.source import first_bytes
 from imucal.errors import FormatError
 
 __all__ = ["GZIP", "OLD_SPREADSHEET", "ZIP", "Archive", "kind_of_zip", "unpacked", "unpacked_start"]
@@ -42,9 +41,8 @@ def unpacked(name: str, content: bytes) -> bytes:
     return text
 
 
-def unpacked_start(name: str, path: str | os.PathLike[str], count: int) -> bytes:
-    """The first bytes of a file, decompressed if it is a gzip file."""
-    start = first_bytes(path, count)
+def unpacked_start(name: str, start: bytes, count: int) -> bytes:
+    """The start of a file, decompressed to at most `count` bytes if it is a gzip file."""
     if not start.startswith(GZIP):
         return start
     try:

@@ -31,7 +31,7 @@ from imucal.io.starts import (
     ULOG_MAGIC,
 )
 from imucal.io.suggestion import rows_of_several_sensors
-from imucal.io.text import head_of
+from imucal.io.text import head_of, layout_of_start
 
 __all__ = ["recognise"]
 
@@ -91,15 +91,15 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
             return "rosbag"
         if any(each.name.lower().endswith(TEXT_ENDINGS) for each in path.iterdir()):
             return "folder"
-    start = first_bytes(paths[0], max(len(magic) for magic, _ in STARTS))
+    start = first_bytes(paths[0], HEAD)
     _refuse_spreadsheet(path, start)
-    _refuse_blackbox(path)
+    _refuse_blackbox(path, start)
     if start.startswith(ZIP) and path.suffix.lower() != ".npz":
         return _format_of_zip(path)
     for magic, name in STARTS:
         if start.startswith(magic):
             return name
-    if start[:1] == b"\x55" and _are_packets(path):
+    if start[:1] == b"\x55" and _are_packets(start):
         return "witmotion"
     if path.suffix.lower() == ".mat" and b"\0\0" in (start[:2], start[2:4]):
         # A MAT-file of level 4 starts with a 32-bit integer below 5000, of which two bytes are zero. Other
@@ -107,7 +107,7 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
         return "matlab"
     if path.suffix.lower() in ENDINGS:
         return ENDINGS[path.suffix.lower()]
-    head = unpacked_start(path.name, path, HEAD)
+    head = unpacked_start(path.name, start, HEAD)
     _refuse_text_log(path, head)
     if REALSENSE_HEADER in head:
         return "realsense"
@@ -122,8 +122,8 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
             f"{path.name} is JSON: choose CSV in the export, or write one line with the names of the columns "
             "and one line per sample"
         )
-    start, layout = head_of(path)
-    if not layout.first and re.search(CELL_LIST, start):
+    text, layout = layout_of_start(path.name, head)
+    if not layout.first and re.search(CELL_LIST, text):
         raise FormatError(
             f"{path.name}: the cells hold lists: write one line per sample, with one number in each cell"
         )
@@ -134,7 +134,7 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
     hint = (
         "It looks like one of the two files of imu_tk: give both files with --format imu_tk. "
         if len(layout.first) == 4 and all(map(is_number, layout.first))
-        else _several_sensors(start, layout)
+        else _several_sensors(text, layout)
     )
     raise FormatError(
         f"{path.name}: the format could not be determined; first line: {shown[:200]}{more}. "
@@ -148,10 +148,10 @@ def _several_sensors(start: bytes, layout: Layout) -> str:
     return rows_of_several_sensors({"1": [split_line(line, layout.separator)[0] for line in lines]})
 
 
-def _are_packets(path: Path) -> bool:
+def _are_packets(start: bytes) -> bool:
     from imucal.io.witmotion import are_packets
 
-    return are_packets(first_bytes(path, HEAD))
+    return are_packets(start)
 
 
 def _labels_or_sentences(head: bytes) -> str | None:
@@ -171,8 +171,8 @@ def _refuse_spreadsheet(path: Path, start: bytes) -> None:
         raise FormatError(f"{path.name} is a spreadsheet (Excel 97 to 2003): {SPREADSHEET_WAY_OUT}")
 
 
-def _refuse_blackbox(path: Path) -> None:
-    if first_bytes(path, len(BLACKBOX)) == BLACKBOX:
+def _refuse_blackbox(path: Path, start: bytes) -> None:
+    if start.startswith(BLACKBOX):
         raise FormatError(
             f"{path.name} is a Betaflight log: convert it with `blackbox_decode --unit-rotation deg/s "
             f"--unit-acceleration g {path.name}`, and give the CSV file that this writes"

@@ -22,7 +22,16 @@ from imucal.io.names import SKIP, is_canonical, time_unit
 from imucal.io.packed import GZIP, unpacked, unpacked_start
 from imucal.io.table import Table
 
-__all__ = ["NotInPartsError", "Text", "head_of", "headed_parts", "open_path", "open_text", "read_rows"]
+__all__ = [
+    "NotInPartsError",
+    "Text",
+    "head_of",
+    "headed_parts",
+    "layout_of_start",
+    "open_path",
+    "open_text",
+    "read_rows",
+]
 
 # Size of the parts in which a file is read, bytes.
 PART: Final = 1 << 22
@@ -156,7 +165,11 @@ def open_path(
 def head_of(path: str | os.PathLike[str]) -> tuple[bytes, Layout]:
     """The start of a text file in UTF-8, and its layout. Raises FormatError for a binary file."""
     name = Path(path).name
-    start = unpacked_start(name, path, HEAD)
+    return layout_of_start(name, unpacked_start(name, first_bytes(path, HEAD), HEAD))
+
+
+def layout_of_start(name: str, start: bytes) -> tuple[bytes, Layout]:
+    """The decompressed start of a text file in UTF-8, and its layout. Raises the error of `head_of`."""
     head = plain_text(name, start)
     return head, _layout_of_head(name, head, None, (), 0)
 
