@@ -88,7 +88,10 @@ class Outlook:
 
 
 def outlook_of(recording: Recording, gravity_mps2: float, before: Outlook | None = None) -> Outlook:
-    """The predicted standard deviations of a recording; `before` is the prediction without the last pose."""
+    """The standard deviations of the parameters that a calibration from this recording would have.
+
+    before   the same for the recording without its last pose
+    """
     earlier = {} if before is None else before.worst
     absent = () if recording.angular_rate is not None else ("gyro_sensitivity", "gyro_bias")
     try:

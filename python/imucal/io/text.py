@@ -197,8 +197,8 @@ def headed_parts(path: str | os.PathLike[str], names_of: Any) -> Iterator[Table]
     if start[:1] in (b"\x1f", b"\xff", b"\xfe") or b"\0" in start or (b"\r" in start and b"\n" not in start):
         raise NotInPartsError(name)
     layout = layout_of(name, start)
-    # A text whose fields are separated by spaces can only be read as a whole. A text shorter than HEAD is too
-    # short for reading in parts to save memory.
+    # A text whose fields are separated by spaces can only be read as a whole. For a text shorter
+    # than HEAD, reading in parts would save no memory.
     if layout.separator == " " or layout.decimal != "." or layout.names is None or len(start) < HEAD:
         raise NotInPartsError(name)
     names = names_of(layout)

@@ -222,7 +222,7 @@ def _added(setup: Setup, truth: Any, auxiliary: Mapping[str, FloatArray]) -> dic
 def _column(
     name: str, given: ArrayLike | Callable[[FloatArray], ArrayLike], time_s: FloatArray
 ) -> FloatArray:
-    """An auxiliary column, with one value per sample before samples are lost."""
+    """An auxiliary column. It also has values for the samples that the simulated logger then loses."""
     values = given(time_s) if callable(given) else given
     return as_rows(values, f"auxiliary[{name!r}]", None, len(time_s))
 

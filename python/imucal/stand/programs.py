@@ -64,7 +64,7 @@ def in_another_order(program: Program, seed: int) -> Program:
 
 
 def ranges_deg(program: Program) -> list[list[float]]:
-    """The smallest and the largest angle of each motor, deg, from all motors at zero."""
+    """The smallest and the largest angle of each motor, deg, if all motors start at 0 deg."""
     angles = np.cumsum([(0.0, 0.0, 0.0), *(step.turn_deg for step in program.steps)], axis=0)
     ranges: list[list[float]] = np.stack([angles.min(axis=0), angles.max(axis=0)], axis=1).tolist()
     return ranges

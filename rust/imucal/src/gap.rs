@@ -87,8 +87,9 @@ pub struct Search {
     pub path: Vec<Score>,
     /// Scores of all candidates relative to the model without effects, in descending order of the log Bayes factor.
     pub ranking: Vec<Score>,
-    /// The generic hypothesis with the largest log Bayes factor; `None` if it does not explain the residuals better
-    /// than the selected effects.
+    /// The variation of a bias or scale that no effect of the catalogue describes (a generic hypothesis), if it
+    /// explains the residuals better than the selected effects. If there are several, the one with the largest log
+    /// Bayes factor.
     pub generic: Option<GenericFinding>,
     /// Effects that were not selected although their log Bayes factor on these recordings is large. They do not improve
     /// the prediction of held-out rests and moves.

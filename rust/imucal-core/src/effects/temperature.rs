@@ -33,8 +33,8 @@ impl<F: RealField + Copy> Effect<F> {
         Self::ACCEL_SCALE_TEMPERATURE,
     ];
 
-    /// `gyro_bias_temperature`: bias change `k_i dT + q_i dT^2 + c_i dT^3` of axis i at the temperature difference dT
-    /// from the reference, K, with the parameters k_i, q_i and c_i.
+    /// `gyro_bias_temperature`: bias change `k_i dT + q_i dT^2 + c_i dT^3` of axis i with the parameters k_i,
+    /// q_i and c_i. dT is the temperature minus the reference temperature, in kelvin.
     pub const GYRO_BIAS_TEMPERATURE: &'static Self = &effect! {
         number: 12,
         name: "gyro_bias_temperature",
@@ -53,8 +53,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| bias(state, terms),
     };
 
-    /// `gyro_scale_temperature`: error `(k_i dT + q_i dT^2 + c_i dT^3) w_i` of axis i at the temperature difference dT
-    /// from the reference, K, with the parameters k_i, q_i and c_i and the angular rate w.
+    /// `gyro_scale_temperature`: error `(k_i dT + q_i dT^2 + c_i dT^3) w_i` of axis i with the parameters k_i, q_i
+    /// and c_i. dT is the temperature minus the reference temperature, in kelvin, and w is the angular rate.
     pub const GYRO_SCALE_TEMPERATURE: &'static Self = &effect! {
         number: 13,
         name: "gyro_scale_temperature",
@@ -71,8 +71,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| scale(&state.angular_rate, state, terms),
     };
 
-    /// `accel_bias_temperature`: bias change `k_i dT + q_i dT^2 + c_i dT^3` of axis i at the temperature difference dT
-    /// from the reference, K, with the parameters k_i, q_i and c_i.
+    /// `accel_bias_temperature`: bias change `k_i dT + q_i dT^2 + c_i dT^3` of axis i with the parameters k_i,
+    /// q_i and c_i. dT is the temperature minus the reference temperature, in kelvin.
     pub const ACCEL_BIAS_TEMPERATURE: &'static Self = &effect! {
         number: 14,
         name: "accel_bias_temperature",
@@ -91,8 +91,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| bias(state, terms),
     };
 
-    /// `accel_scale_temperature`: error `(k_i dT + q_i dT^2 + c_i dT^3) f_i` of axis i at the temperature difference dT
-    /// from the reference, K, with the parameters k_i, q_i and c_i and the specific force f.
+    /// `accel_scale_temperature`: error `(k_i dT + q_i dT^2 + c_i dT^3) f_i` of axis i with the parameters k_i,
+    /// q_i and c_i. dT is the temperature minus the reference temperature, in kelvin, and f is the specific force.
     pub const ACCEL_SCALE_TEMPERATURE: &'static Self = &effect! {
         number: 15,
         name: "accel_scale_temperature",

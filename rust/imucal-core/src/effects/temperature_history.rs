@@ -13,9 +13,9 @@
 //! last temperature change, from -1 (cooling) to 1 (heating). [`TemperatureMemory`](super::temperature_memory) computes
 //! T_tau - T, dT/dt and s.
 //!
-//! A unit may have both the lag effect and `*_bias_temperature`. Let a be the linear coefficient of
-//! `*_bias_temperature`. If k = a, the sensing element has the temperature T_tau, so it lags the thermometer. If k and
-//! a have opposite signs, the sensing element leads the thermometer.
+//! A unit may have both the lag effect and `*_bias_temperature`, whose linear coefficient is called a here. The sum of
+//! both is a T + k (T_tau - T). If k = a, this is a T_tau: the temperature of the sensing element lags the thermometer.
+//! If k and a have opposite signs, the temperature of the sensing element leads the thermometer.
 
 use super::temperature::{ACCELEROMETER, GYROSCOPE, by_degree};
 use super::temperature_memory::TemperatureHistory;

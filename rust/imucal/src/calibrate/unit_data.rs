@@ -217,7 +217,7 @@ impl<'a> UnitData<'a> {
     }
 
     /// The data from which the gravity directions at the ends of moves are computed: recordings, rests, noise
-    /// densities and hand models, with the given estimates of both sensors.
+    /// densities and models of the tremor, with the given estimates of both sensors.
     pub(super) fn directions<'b>(&'b self, accelerometer: &'b Triad<f64>, gyroscope: &'b Triad<f64>) -> Directions<'b> {
         let Self { recordings, rests, noise, hands, .. } = self;
         Directions { recordings, rests, noise, hands, accelerometer, gyroscope }

@@ -73,7 +73,7 @@ pub fn check_temperature(recording: &Recording) -> Option<Finding> {
     })
 }
 
-/// The unit in which an implausible temperature in degC would be plausible, as a recommended action.
+/// Advice on a value that is implausible as a temperature in degC: the unit in which it would be plausible.
 fn likely_unit(value: f64) -> String {
     const COUNTS: &str =
         "give raw counts as temp_lsb with --temp-scale SLOPE,OFFSET of the datasheet (degC per count, degC)";

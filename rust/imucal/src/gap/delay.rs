@@ -22,7 +22,8 @@ use crate::correct::angular_acceleration;
 use crate::error::Error;
 use crate::recording::Recording;
 
-/// Name of the error `k w''` in the fit.
+/// Name of the effect of smoothing in the fit: the gyroscope error `k w''`, where `w''` is the second derivative of the
+/// angular rate.
 const SMOOTHING: &str = "gyro_smoothing";
 /// The gyroscope is not only delayed if |k| exceeds this number of standard deviations, and [`LEAST_SHARE`].
 const SIGNIFICANT: f64 = 5.0;

@@ -68,10 +68,10 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     if sample.is_empty() {
         return of_all();
     }
-    // The quantile of all values is searched between two limits, which are quantiles of the sample. `off` is the
-    // distance of their ranks from the rank of the quantile, in standard deviations. With 2.5, about one quantile in a
-    // hundred is outside the limits. Wider limits are slower on average, because more values between them are stored.
-    // For long records, the limits are wider, because storing all values must be avoided.
+    // The quantile of all values is searched between two limits, which are quantiles of the sample. They are `off`
+    // standard deviations of a sample quantile below and above it. With 2.5, the quantile is outside the limits in
+    // about one case in a hundred. Wider limits are slower on average, because more values between them are stored. For
+    // long records, the limits are wider, because storing all values must be avoided.
     let off = if count < MANY { 2.5 } else { 4.0 };
     let last = (sample.len() - 1) as f64;
     let margin = off * (q * (1.0 - q) / sample.len() as f64).sqrt();

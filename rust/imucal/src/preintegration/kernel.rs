@@ -24,9 +24,9 @@ pub(super) struct Block<'a> {
     pub(super) map: &'a Map,
 }
 
-/// Linear map from raw readings to rates, in a frame in which its matrix is upper triangular. The triangular form
-/// saves a third of the multiplications. The rates are in rad/s. If time steps are equal, the rates are also
-/// multiplied by a sixth of the time step.
+/// Linear map from raw readings to rates in rad/s, in a frame in which its matrix is upper triangular. The triangular
+/// form saves a third of the multiplications. If all time steps have the same length dt, the map contains the factor
+/// dt / 6, which all terms of the integration have in common.
 #[derive(Clone, Copy)]
 pub(super) struct Map {
     pub(super) upper: Matrix3<f64>,

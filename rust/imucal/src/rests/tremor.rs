@@ -191,9 +191,9 @@ impl Hand {
     }
 }
 
-/// Estimates the hand model of each recording, and corrects the rests and noise densities for the tremor. Only the
-/// rests in `used` contribute to the model. The other rests may contain a slow rotation, which is not tremor, so their
-/// mean rate is not a bias.
+/// Estimates a model of the tremor of the hand for each recording, and corrects the rests and noise densities for the
+/// tremor. Only the rests in `used` contribute to the model. The other rests may contain a slow rotation, which is not
+/// tremor, so their mean rate is not a bias.
 pub(crate) fn hands(
     recordings: &[Recording<'_>],
     rests: &mut [UnitRest],
@@ -251,7 +251,7 @@ pub(crate) fn hands(
 struct OwnRest<'a> {
     /// The rest, which is corrected in place.
     rest: &'a mut UnitRest,
-    /// Whether the rest contributes to the hand model.
+    /// Whether the model of the tremor is estimated from this rest.
     contributes: bool,
 }
 
