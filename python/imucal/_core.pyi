@@ -900,8 +900,8 @@ class Noise:
     @property
     def findings(self) -> list[Finding]: ...
 
-# Change of the mean of one axis: index of the axis, size, standard deviation, and increase of twice the
-# log-likelihood.
+# Change of the mean of one axis: index of the axis, size of the change, its standard deviation, and twice the
+# increase of the log-likelihood.
 _Departure: TypeAlias = tuple[int, float, float, float]
 # Step of the mean: its time, s, the index of the first sample after it, and the changes of the axes.
 _NoiseStep: TypeAlias = tuple[float, int, list[_Departure]]

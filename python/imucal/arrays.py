@@ -35,7 +35,7 @@ def as_rows(values: ArrayLike, what: str, width: int | None = None, rows: int | 
 
 
 def as_samples(values: ArrayLike, what: str, rows: int) -> SampleArray:
-    """`values` as a read-only array of shape (rows, 3), as `as_rows`; float32 and int16 are not converted."""
+    """`values` as a read-only array of shape (rows, 3), in float64, float32 or int16; see `as_rows`."""
     return _as_array(values, what, 3, rows, SMALLER)
 
 

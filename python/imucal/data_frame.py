@@ -1,8 +1,9 @@
 """Conversion of data frames to recordings and of recordings to Arrow tables.
 
-`Recording` uses this module, so that it does not depend on the file formats. A data frame is any object with
-the Arrow PyCapsule interface (`__arrow_c_stream__`), for example of pandas, polars, pyarrow or DuckDB.
-`imucal` registers the module with the conversions. The module is loaded when the first frame is used.
+The class `Recording` must not import the readers of file formats. It therefore calls the functions of this
+module. A data frame is any object with the Arrow PyCapsule interface (`__arrow_c_stream__`), for example of
+pandas, polars, pyarrow or DuckDB. `imucal` registers the module that converts data frames. This module is
+loaded when the first data frame is used.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ def is_frame(given: Any) -> bool:
 
 
 def recording_of(frame: Any) -> Any:
-    """The Recording in the columns of a data frame, which have canonical names."""
+    """A data frame, whose columns have the canonical names, as a Recording."""
     return _converter().read_frame(frame)
 
 

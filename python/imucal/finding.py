@@ -23,9 +23,9 @@ class Place:
 class Finding:
     """A fault of a recording.
 
-    `code` is a stable identifier for scripts. The `severity` "error" means that a calibration would be wrong;
-    it is refused. `columns` is empty if the fault concerns the whole recording. `value`, in `unit`, is the
-    number that exceeded the limit of the check.
+    `code` is a stable identifier for scripts. The `severity` "error" means that a calibration from this
+    recording would be wrong and is refused. `columns` is empty if the fault concerns the whole recording.
+    `value`, in `unit`, is the number that exceeded the limit of the check.
     """
 
     code: str

@@ -36,7 +36,7 @@ DEGREE_RAD: Final = math.pi / 180.0
 _G: Final = STANDARD_GRAVITY_MPS2
 _DEG: Final = DEGREE_RAD
 
-# By SI unit: the units that files and options may use instead, each with its size in the SI unit.
+# For each SI unit, the units that files and options may use instead of it, each with its size in the SI unit.
 UNITS: Final[dict[str, dict[str, float]]] = {
     "1": {"1": 1.0, "%": 1e-2, "ppm": 1e-6, "rad": 1.0, "deg": _DEG},
     "bit": {"bit": 1.0},
@@ -152,7 +152,7 @@ def datasheet(name: str, unit: str) -> Scale:
     """The scale of a table in the units of datasheets.
 
     name   the parameter; the diagonal of a sensitivity in SI units is shown as its difference from 1
-    unit   its SI unit, or one in counts (lsb)
+    unit   unit of the parameter: an SI unit, or a unit with counts (lsb)
     """
     entry = _SENSITIVITY.fullmatch(name)
     if entry is not None and unit == "1":

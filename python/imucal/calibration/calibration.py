@@ -86,8 +86,8 @@ class Calibration(SensorModel):
         """All parameters with the standard deviations of the covariance.
 
         The 21 parameters of the triads come first, in their fixed order (nine for an accelerometer alone).
-        The parameters of each effect follow, named <effect>_<parameter>; the shape of an effect is its last
-        parameter.
+        The parameters of each effect follow, named <effect>_<parameter>; the shape of an effect (a time
+        constant) is its last parameter.
         """
         if self.covariance is None:
             return super().parameters

@@ -218,7 +218,7 @@ def _moved(
 
 
 def _is_neutral(accel2: Triad, gyro2: Triad, sensors: set[str]) -> bool:
-    """Whether the second calibration leaves all samples unchanged."""
+    """Whether the second calibration changes no sample; `sensors` are the sensors that have effects in it."""
     return not sensors and all(
         np.array_equal(triad.sensitivity, np.eye(3)) and not triad.bias.any() for triad in (accel2, gyro2)
     )
@@ -256,8 +256,8 @@ def _covariance(first: Calibration, second: Calibration) -> tuple[FloatArray | N
         return None, ()
     to_second = jacobian(lambda model: _composed(first, model), second)
     covariance = to_second @ from_second @ to_second.T
-    # `places` and `alone` are the indices and names of the parameters that only the calibration `first` has
-    # estimated, which may be those of its effects and of its gyroscope.
+    # Some parameters are estimated only in the calibration `first`, such as parameters of its effects or of
+    # its gyroscope. `places` are the indices of these parameters, and `alone` their names.
     estimated = tuple(f"{values.name}_" for values in second.effects)
     base = base_count(first.frame, has_gyroscope=first.gyroscope is not None)
     both = base_count(first.frame, has_gyroscope=second.gyroscope is not None)

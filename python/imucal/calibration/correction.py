@@ -47,7 +47,7 @@ COLUMNS: Final = {
     "temperature": "temperature_degc",
     "temperature_history": "temperature_degc",
 }
-# Inputs of a sample that depend on other samples.
+# Inputs of effects whose value at a sample is computed from other samples, too.
 OF_OTHER_SAMPLES: Final = {"angular_acceleration", "temperature_history"}
 
 

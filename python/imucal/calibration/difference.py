@@ -317,7 +317,7 @@ def _covariance(calibration: Calibration, names: list[str]) -> FloatArray:
 
 
 def _joint(change: FloatArray, covariance: FloatArray) -> tuple[float, int]:
-    """chi2 of all parameters, and its degrees of freedom: the number of directions with an uncertainty."""
+    """chi2 of all parameters, and its degrees of freedom, which are the rank of the covariance."""
     std = np.sqrt(np.diag(covariance))
     known = std > 0
     if not known.any():

@@ -254,7 +254,7 @@ def _verdict(node: Node) -> dict[str, Any]:
 
 
 def _require_reference_temperature(node: Node) -> None:
-    """Raise FormatError if the reference temperature of the file is not the one of this library.
+    """Raise FormatError if the file has another reference temperature than this library.
 
     A file without a reference temperature is accepted.
     """

@@ -113,7 +113,7 @@ class SensorModel:
 
         The triads have 21 parameters, or 24 in the frame "given". An accelerometer alone has nine, or twelve
         in the frame "given". A parameter of an effect is named <effect>_<parameter>; the shape of an effect
-        is its last parameter.
+        (a time constant) is its last parameter.
         """
         found: list[Parameter] = []
         for sensor, triad, entries, raw_unit, si_unit in (
@@ -141,7 +141,7 @@ class SensorModel:
                 yield Parameter(f"{effect.name}_{parameter.name}", number, None, parameter.unit)
 
     def definition(self, values: EffectValues) -> Effect | UserEffect:
-        """The definition of one of `effects`, from the catalogue or from the user."""
+        """The definition of an effect of this model, from the catalogue or from the user."""
         from imucal.effects.definition import definitions
 
         return definitions(self.user_effects)[values.name]

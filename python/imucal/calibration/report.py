@@ -77,10 +77,10 @@ def require_fit(
     names: Sequence[str],
     covariance: FloatArray | None,
 ) -> None:
-    """Raise FormatError if a number of the section `fit` contradicts another one or the covariance.
+    """Raise FormatError if a number of the section `fit` contradicts another number or the covariance.
 
     effects             linear parameters of each effect with their full names, by name of the effect
-    names, covariance   the covariance with its names
+    names, covariance   the covariance, and the names of its parameters
     """
     fit = node.mapping()
     for group in TOGETHER:

@@ -73,8 +73,8 @@ def base_count(frame: Frame, *, has_gyroscope: bool = True) -> int:
 
 def frame_of(sensitivity: FloatArray) -> Frame:
     """Frame "symmetric" or "triangular" if an accelerometer's sensitivity has this form, else "given"."""
-    # Symmetry alone is not sufficient, because a rotation by 180 deg is also symmetric. Its eigenvalues are
-    # not all positive.
+    # A symmetric sensitivity must also have positive eigenvalues. For example, a rotation by 180 deg is
+    # symmetric but has negative eigenvalues.
     if np.array_equal(sensitivity, sensitivity.T) and bool((np.linalg.eigvalsh(sensitivity) > 0).all()):
         return "symmetric"
     if np.array_equal(sensitivity, np.tril(sensitivity)) and bool((np.diag(sensitivity) > 0).all()):

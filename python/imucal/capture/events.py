@@ -17,7 +17,7 @@ Kind: TypeAlias = Literal["next", "hold", "taken", "refused", "warning", "info",
 class Event:
     """A message to the person.
 
-    time_s  time of the stream since its first sample, s
+    time_s  time since the first sample, s, by the time stamps of the samples
     kind    next (pose to rotate to), hold (the unit is still and the time is counted), taken, refused (a pose
             that does not count), warning (a fault of the data), info, finished
     code    stable identifier, such as moved_too_early or a finding code
@@ -57,10 +57,10 @@ class Snapshot:
                 next pose), finished
     request     pose to hold next, in words
     attitude    attitude of the unit in the requested pose, body to world, (3, 3); None without a request
-    held_s      time for which the current pose has been held, s, of `hold_s`
+    held_s      time for which the current pose has been held, s; the required time is `hold_s`
     steadiness  0 (moving) to 1 (steady enough to count as a rest)
-    poses       number of poses that count, of `wanted`
-    rows        predicted standard deviations by group
+    poses       number of poses that count; the required number is `wanted`
+    rows        predicted standard deviations of the calibration, by group of parameters
     missing     description of the motion that is still missing; None if the recording determines all
                 parameters
     """

@@ -1,4 +1,4 @@
-"""Prediction for an unfinished recording: standard deviations by group, and the missing motion."""
+"""Prediction for an unfinished recording: accuracy of its calibration, and the motion that is missing."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ NAMES: Final = {
 
 @dataclass(frozen=True)
 class Outlook:
-    """Prediction for a calibration from the samples recorded so far.
+    """Predicted accuracy of a calibration from the samples recorded so far.
 
-    worst    largest standard deviation of each group; None if a parameter of the group is not determined
+    worst    largest standard deviation of the parameters of each group; None if a parameter of the group is
+             not determined
     missing  description of the missing motion; None if the recording determines all parameters
     before   `worst` before the last pose
     absent   groups of a sensor that the recording does not have

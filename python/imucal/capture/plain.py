@@ -30,7 +30,7 @@ RINGING: Final = ("taken", "finished")
 
 
 def line_of(event: Event) -> str:
-    """An event as a line of text: time of the stream, kind and text."""
+    """An event as a line of text: time since the first sample, kind and text."""
     return f"[{event.time_s:7.2f} s] {WORDS[event.kind]}: {event.text}"
 
 

@@ -55,5 +55,5 @@ class Samples:
         return times
 
     def recording(self) -> Recording:
-        """The recording so far."""
+        """The samples so far as a recording."""
         return recording_of(self.columns, self.rows, "the recording so far")

@@ -7,9 +7,9 @@ The engine needs no terminal, and its clock is the time of the samples.
         for event in session.feed(rows): ...
         session.snapshot
 
-A pose counts if the compiled library detects a rest of at least `hold_s` whose up direction differs from
-those of all earlier poses of the round and of the last pose. The counted poses depend on the samples only,
-so a recording can be continued from its file.
+A round has as many poses as there are requested directions. A pose counts if the compiled library detects a
+rest of at least `hold_s` whose up direction differs from those of all earlier poses of the round and of the
+last pose. The counted poses depend on the samples only, so a recording can be continued from its file.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ POSES_WITH_TARGETS: Final = 9
 ATTEMPT_S: Final = 0.6
 # Time at rest after which a repeated pose is refused, s.
 REPEATED_S: Final = 0.7
-# Times for the message that a pose is complete and the unit is still in it: time in the complete pose before
-# the first message, s, and interval between repetitions of the message, s.
+# If the unit stays in a complete pose, a message says that the pose is complete. STAYS_S is the time from the
+# completion of the pose to the first message, s. STAYS_AGAIN_S is the interval between repetitions, s.
 STAYS_S: Final = 1.5
 STAYS_AGAIN_S: Final = 8.0
 # Samples are missing if a time step exceeds both `GAP_S`, s, and `GAP_STEPS` median time steps.
@@ -73,7 +73,8 @@ class Order:
     """Requirements on a guided recording.
 
     hold_s        time for which a pose is held, s
-    poses         number of poses; None: that of `directions`; without directions 18, or 9 with targets
+    poses         number of poses; None for one pose per direction in `directions`, or without directions for
+                  18 poses, or 9 poses if there are targets
     targets       largest permitted standard deviation by group, in the form of `imucal.plan`
     directions    up directions in the body frame, in order; None: the faces, edges and corners of a box
     gravity_mps2  local gravity, m/s^2
@@ -320,8 +321,8 @@ class Session:
         """Request the next pose."""
         is_held = [any(angle_deg(pose.up, up) < NEAR_DEG for pose in self._round) for up in self._directions]
         asked = next_pose(self._directions, is_held, current)
-        # A pose between two listed directions counts for both. Therefore all directions may have been held
-        # before the round has its full number of poses. `asked` is then None.
+        # A pose between two requested directions counts for both directions. Therefore all directions may
+        # have been held before the round has its full number of poses. In this case `asked` is None.
         self._asked = 0 if asked is None else asked
         up = self._directions[self._asked]
         self._attitude = attitude_with(up, self._attitude)

@@ -60,8 +60,8 @@ def _option(found: re.Match[str]) -> str:
     if value == "True":
         return option
     bare = value[1:-1] if value[0] in "'\"[" else value
-    # All other values are quoted, because the shell would split them at spaces or interpret special
-    # characters.
+    # Values with other characters are quoted, because the shell would split them at spaces or interpret
+    # special characters.
     return f"{option} {bare}" if re.fullmatch(r"[\w.,=+/^-]+", bare) else f"{option} '{bare}'"
 
 

@@ -34,7 +34,7 @@ def show_fit(out: Output, fit: Fit) -> None:
 
 
 def show_rests_and_moves(out: Output, rests: Sequence[Rest], moves: Sequence[Move]) -> None:
-    """Print tables of rests and moves: residual, its standard deviation, and whether the fit uses the row."""
+    """Print tables of rests and moves: residual and its standard deviation, and whether the fit uses it."""
     are_long = any(rest.epochs > 1 for rest in rests)
     scale = out.scale("norm_error", "m/s^2")
     out.table(
@@ -76,7 +76,7 @@ def show_rests_and_moves(out: Output, rests: Sequence[Rest], moves: Sequence[Mov
 
 
 def show_ranking(out: Output, ranking: Sequence[Mapping[str, Any]]) -> None:
-    """Print each candidate effect with the log Bayes factor of the model with it to the model without it."""
+    """Print each candidate effect with the log Bayes factor of the models with and without the effect."""
     out.table(
         ("candidate", "log Bayes factor", "chi2", "parameters", "p"),
         (

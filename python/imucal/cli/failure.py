@@ -36,7 +36,7 @@ TRACEBACK: Final = "IMUCAL_TRACEBACK"
 # WITH_MODEL lists the commands that have the option --model.
 OFFERED: Final = r"\bmodel='(\w+)'"
 WITH_MODEL: Final = ("calibrate", "gap")
-# This text in the message of an error asks for the noise of mean readings.
+# An error whose message contains this text needs the noise of mean readings.
 NOISE_NEEDED: Final = "noise_mps2=..."
 
 

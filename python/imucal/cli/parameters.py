@@ -37,7 +37,7 @@ _MISSING: Final = inspect.Parameter.empty
 
 
 class Declared:
-    """What `option` or `argument` declares about a parameter, besides its name, type and default."""
+    """The declaration of a parameter by `option` or `argument`, in addition to its type and default."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Check that a document does not contradict itself: it must equal the document written again from its fields.
+"""Check that a document does not contradict itself: writing its fields again must give the same document.
 
 Documents repeat some of their contents for readers, such as a table of parameters beside the matrices. A file
 that was edited by hand in one of two places contradicts itself, and no program can know which place is

@@ -110,7 +110,7 @@ def hashed_blocks(
 ) -> Iterator[bytes]:
     """The bytes of a file: the first `first` bytes, then blocks of `size`.
 
-    After the last block the Source is in `sources`.
+    After the last block, the Source of the file is appended to `sources`.
 
     Raises the errors of `open_file`.
     """

@@ -55,7 +55,7 @@ class Effect:
                 if the field is linear in all parameters
     needs       inputs of the field other than rate and force: "angular_acceleration", "attitude",
                 "temperature", "time", ...
-    formula     the field times its parameters
+    formula     the error as text: the field times the parameters
     observable  the data in which the effect is observable
     """
 

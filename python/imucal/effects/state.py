@@ -21,7 +21,7 @@ MOVING_RADPS: Final = 0.1
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The true state of N samples, the input of fields. A quantity that is not known is None.
+    """The true state at N samples, from which effects compute their fields. An unknown quantity is None.
 
     angular_rate          (N, 3)  body frame, rad/s
     specific_force        (N, 3)  body frame, m/s^2

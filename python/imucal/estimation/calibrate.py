@@ -93,9 +93,9 @@ def calibrate(
                        counts; without it start values are estimated from the data
     effects            effects to estimate together with the 21 parameters: user-defined effects, formulas
                        such as "gyro: k * (supply_v - 3.3)", and names of the catalogue. NAME:full selects the
-                       form with all parameters of an effect, and NAME:6 a form with six. NAME:seen adds a
-                       prior with the estimated size of the effect, which determines the directions of its
-                       parameters that the recordings do not determine
+                       form with all parameters of an effect, and NAME:6 a form with six. NAME:seen gives
+                       each parameter of the effect a prior, whose standard deviation is the estimated size of
+                       the effect. The recordings then need not determine all of these parameters
     model              parameters that are estimated without a prior: "full" for all; "orthogonal" for biases
                        and scales, with the misalignments held; "bias" for the biases, with misalignments and
                        scales held
@@ -121,8 +121,9 @@ def calibrate(
                        moves for the gyroscope. A gyroscope in this calibration is not used
     folds              number of additional fits for cross-validation, each of which excludes one part of the
                        rests and moves and predicts it
-    max_iterations     maximum number of iterations of the joint fit, over all repetitions with new weights; a
-                       fit that reaches it before its optimum has the verdict poor
+    max_iterations     maximum number of iterations of the joint fit. The fit is repeated with new weights,
+                       and the iterations of all repetitions count together. If the fit reaches this number
+                       before its optimum, the verdict is poor
 
     Another thread must not change the arrays of the recordings during the calculation, because the result
     would describe neither the old nor the new values. The signal handlers of Python run during the
@@ -233,7 +234,7 @@ def result_of(
     """The result of a calibration by the compiled library.
 
     own    the user-defined effects that were estimated
-    found  the evaluation on `judges`, or None without control recordings
+    found  the evaluation on the control recordings `judges`; None without control recordings
     """
     names = _names(outcome, own)
     raw_units = (unit_data[0].accel_unit, unit_data[0].gyro_unit)
@@ -320,7 +321,7 @@ def _names(outcome: _core.Outcome, own: tuple[UserEffect, ...]) -> tuple[str, ..
 def _noise(accel_density: FloatArray, gyro_density: FloatArray | None) -> dict[str, float]:
     """White-noise densities by name, two-sided.
 
-    Density times root of the sampling rate is the noise of a sample.
+    The standard deviation of a sample is its density times the square root of the sampling rate.
     """
     return {
         f"{name}_{axis}_{unit}_per_sqrt_hz": float(density)

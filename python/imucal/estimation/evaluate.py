@@ -101,9 +101,9 @@ class Evaluation:
     date: str = ""
 
     def judged_by(self, limits: Limits, calibration: Calibration) -> Evaluation:
-        """The evaluation with the checks of `calibration` against limits.
+        """The evaluation, with its figures and `calibration` checked against limits.
 
-        These figures are the control set of the checks.
+        Limits on the control set are compared with the figures of this evaluation.
 
         A failed check makes the verdict poor.
         """

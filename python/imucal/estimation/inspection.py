@@ -63,9 +63,9 @@ class Inspection:
     explanation   why this threshold was chosen, or why there is no rest
     missing       the parameters that this recording alone does not determine, and the motion to add; None if
                   nothing is missing
-    predicted_sigma   predicted standard deviations of the 21 parameters, for the noise at the rests and
-                      nominal sensors; for an accelerometer alone, those of its nine parameters from a
-                      calibration
+    predicted_sigma   standard deviations of the 21 parameters, predicted from the motion and the noise at the
+                      rests for sensors without errors; for an accelerometer alone, the standard deviations of
+                      its nine parameters in a calibration from this recording
     through_moves     names of the parameters that only the moves determine, because the rests alone lack
                       directions for them, as on the six faces of a box
     """

@@ -30,7 +30,7 @@ RateAndForce: TypeAlias = tuple[FloatArray, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class UserEffectSource:
-    """The definitions of user-defined effects, and the recordings at whose samples their fields are computed.
+    """User-defined effects, and the recordings at whose samples their fields (see `UserEffect`) are computed.
 
     effects     the definitions
     recordings  the calibration recordings
@@ -61,7 +61,11 @@ class UserEffectSource:
     def brief_means(
         self, before: _core.Estimate, after: _core.Estimate, of_control: bool
     ) -> tuple[list[RateAndForce], list[RateAndForce], list[UserField]]:
-        """Means over 0.1 s, corrected by each of two calibrations, and effect fields of the second one."""
+        """Means of rate and force over 0.1 s, corrected by each of two calibrations, and the effect fields.
+
+        The first calibration is the given one, or `before` if none is given. The second one is `after`. The
+        fields are evaluated at the means that the second calibration has corrected.
+        """
         recordings = [_brief(recording) for recording in (self.control if of_control else self.recordings)]
         better = self._calibration(after)
         first = self._calibration(before) if self.given is None else self.given

@@ -110,7 +110,7 @@ def _require_no_log(calibration: Calibration) -> None:
 def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float]]:
     """INS_TCAL1 parameters of both sensors.
 
-    One switch enables both, so a sensor without thermal terms gets zeros.
+    INS_TCAL1_ENABLE enables the terms of both sensors, so a sensor without thermal terms gets zeros.
     """
     if not model.thermal:
         return
@@ -126,8 +126,8 @@ def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float]]:
         for i, axis in enumerate("XYZ"):
             linear = square = cube = 0.0
             if thermal is not None:
-                # The polynomial k d + q d^2 + c d^3 of the effect is expanded around 35 degC. Its constant
-                # term is not needed, because it cancels in p(CALTEMP) - p(T).
+                # The polynomial k d + q d^2 + c d^3 of the effect, with d = T - reference, is expanded around
+                # 35 degC. Its constant term is not needed, because it cancels in p(CALTEMP) - p(T).
                 moved = POLYNOMIAL_REFERENCE_DEGC - reference
                 cube = thermal.cube[i]
                 square = thermal.square[i] + 3 * cube * moved

@@ -116,7 +116,7 @@ def per_axis_model(calibration: Calibration) -> PerAxis:
 def _thermal(values: EffectValues, sensitivity: FloatArray) -> Thermal:
     """The temperature effect in raw units.
 
-    It is the sensitivity times the effect, which adds to the true value.
+    It is the sensitivity times the effect, because the effect is added to the true value.
     """
     numbers = np.zeros(9)
     numbers[: len(values.values)] = values.values

@@ -49,7 +49,7 @@ def write(
 ) -> Written:
     """The binary form. It omits all user-defined effects, including formulas.
 
-    axes         of the corrected samples, in terms of the body frame, such as "x,-y,-z"
+    axes         axes of the corrected samples, in terms of the body frame, such as "x,-y,-z"
     resolution   counts per g and per deg/s, if the calibration is in SI units and the firmware has raw
                  samples in counts
     """
@@ -132,7 +132,7 @@ def _of_counts(calibration: Calibration, accel_lsb_per_g: float, gyro_lsb_per_dp
 def blob_of(calibration: Calibration, axes: str = UNCHANGED) -> bytes:
     """The bytes of the binary form.
 
-    axes   of the corrected samples, in terms of the body frame, such as "x,-y,-z"
+    axes   axes of the corrected samples, in terms of the body frame, such as "x,-y,-z"
     """
     assert calibration.gyroscope is not None  # `Format.needs_gyroscope`
     kept = _kept(calibration)

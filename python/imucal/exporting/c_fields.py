@@ -1,7 +1,10 @@
 """The fields of the catalogue's effects as C expressions (docs/model.md (15)).
 
+The field of a parameter is the error that an effect adds to the true rate or force if the parameter is 1.
+
 Variables of the C code: w true angular rate, f true specific force, t time, d temperature minus reference
-temperature, a angular acceleration, and of the temperature history: rate_kps, direction, gyro_lag, accel_lag.
+temperature, a angular acceleration. The variables of the temperature history are rate_kps, direction,
+gyro_lag and accel_lag.
 """
 
 from __future__ import annotations

@@ -306,7 +306,7 @@ def _constants_of_a_sample(
     literal: Callable[[float], str],
     single: bool,
 ) -> list[str]:
-    """Local variables for the quantities other than rate and force that the fields depend on."""
+    """C code of local variables for all quantities on which the fields depend, except rate and force."""
     used = " ".join(
         expression
         for values in effects

@@ -1,6 +1,8 @@
-"""The temperature memory as C code, the operations of `imucal_core::temperature_memory` (docs/model.md (43)).
+"""C code of the temperature memory, with the operations of `imucal_core::temperature_memory`.
 
-The firmware keeps one memory per unit, and updates it with each reading of the thermometer.
+The temperature memory is the state of the filters that compute lag, rate and direction of the temperature
+(docs/model.md (43)). The firmware keeps one memory per unit, and updates it with each reading of the
+thermometer.
 """
 
 from __future__ import annotations
@@ -60,7 +62,7 @@ def memory_type(prefix: str, *, single: bool) -> str:
 
 
 def memory_code(effects: Sequence[EffectValues], prefix: str, *, single: bool) -> list[str]:
-    """The type and the function that updates it, as lines of C."""
+    """The type of the memory and the function that updates the memory, as lines of C."""
 
     def literal(value: float) -> str:
         return number(value, single=single) + ("f" if single else "")

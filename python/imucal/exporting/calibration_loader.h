@@ -13,24 +13,25 @@ extern "C" {
 
 #define IMUCAL_MAX_EFFECTS 12
 #define IMUCAL_MAX_PARAMETERS 18
-/* Bytes of the longest binary form. */
+/* Size of the longest binary form of a calibration, bytes. */
 #define IMUCAL_LONGEST_BLOB (128 + IMUCAL_MAX_EFFECTS * (8 + 4 * IMUCAL_MAX_PARAMETERS))
 
 /* Results of imucal_calibration_load. */
 #define IMUCAL_LOADED 0
 #define IMUCAL_TOO_SHORT (-1)
-#define IMUCAL_NO_CALIBRATION (-2) /* erased memory, or something else */
+#define IMUCAL_NO_CALIBRATION (-2) /* the bytes are no calibration, for example erased memory */
 #define IMUCAL_OTHER_VERSION (-3)
-#define IMUCAL_DAMAGED (-4)        /* the check sum is wrong */
-#define IMUCAL_UNKNOWN_EFFECT (-5) /* this header is older than the calibration */
+#define IMUCAL_DAMAGED (-4)        /* the checksum is wrong */
+#define IMUCAL_UNKNOWN_EFFECT (-5) /* the calibration has an effect that this older header does not know */
 #define IMUCAL_BAD_CONTENT (-6)
 
-/* Results of imucal_correct: a sum of the warnings, or one of the errors, whose results are NaN. */
+/* Results of imucal_correct. Warnings are positive and may be added. After an error, which is negative, the corrected
+ * sample is NaN. */
 #define IMUCAL_CORRECTED 0
-#define IMUCAL_TEMPERATURE_LIMITED 1 /* outside that of the recordings: the nearest end of their range was taken */
-#define IMUCAL_INPUT_MISSING 2       /* an effect depends on an unknown input; its term was left in */
-#define IMUCAL_NOT_INVERTIBLE (-1)   /* the effects are too large at this sample */
-#define IMUCAL_NOT_COUNTS (-2)       /* imucal_correct_counts with a calibration of SI units */
+#define IMUCAL_TEMPERATURE_LIMITED 1 /* the temperature was clamped to the range of the calibration's recordings */
+#define IMUCAL_INPUT_MISSING 2       /* an input of an effect is unknown, so this part of the error was not removed */
+#define IMUCAL_NOT_INVERTIBLE (-1)   /* the effects are so large at this sample that the iteration did not converge */
+#define IMUCAL_NOT_COUNTS (-2)       /* imucal_correct_counts was called with a calibration of SI units */
 
 /* Inputs that an effect may need, in imucal_calibration.needs. */
 #define IMUCAL_NEEDS_TEMPERATURE 1
@@ -55,36 +56,36 @@ typedef struct {
     imucal_triad accelerometer;
     imucal_effect effects[IMUCAL_MAX_EFFECTS];
     uint8_t effect_count;
-    uint8_t omitted_effects; /* effects that the binary form omits; their errors stay in the data */
+    uint8_t omitted_effects; /* number of effects that the binary form omits; their errors are not removed */
     uint8_t needs;           /* sum of IMUCAL_NEEDS_... */
     uint8_t rate_in_counts;
     uint8_t force_in_counts;
     uint8_t has_temperature_range;
-    uint8_t axis[3];   /* corrected component i is this axis of the body frame, */
-    float axis_sign[3]; /* times this sign; NaN until a calibration is loaded */
+    uint8_t axis[3];    /* index of the axis of the body frame that gives component i of a corrected sample */
+    float axis_sign[3]; /* sign by which this component is multiplied; NaN until a calibration is loaded */
     float lowest_degc;
     float highest_degc;
     float reference_degc;
 } imucal_calibration;
 
-/* History of the temperatures, updated by imucal_temperature_update; start with all zeros. */
+/* History of the temperature, updated by imucal_temperature_update. It must be all zeros before the first update. */
 typedef struct {
     int started;
-    float last_k, first_lag_k, second_lag_k; /* of the low-passes that suppress the noise of the thermometer */
-    float direction;                         /* 1 heating, -1 cooling */
+    float last_k, first_lag_k, second_lag_k; /* state of the low-passes that suppress the noise of the thermometer */
+    float direction;                         /* from -1 (cooling) to 1 (heating) */
     float rate_kps;
-    float gyro_lag_k, accel_lag_k;           /* temperature behind the lag of each sensor minus temperature */
+    float gyro_lag_k, accel_lag_k;           /* low-passed minus present temperature, for the lag of each sensor */
 } imucal_temperature;
 
-/* What the effects may depend on besides rate and force; NAN where it is unknown. */
+/* Quantities other than rate and force on which effects may depend. An unknown quantity is NAN. */
 typedef struct {
     float temperature_degc;
-    float time_s;                        /* since power-on, as in the recording */
+    float time_s;                        /* time since power-on, as in the recordings of the calibration */
     float angular_acceleration_radps2[3]; /* in the body frame, from imucal_differentiate */
-    const imucal_temperature *temperature_history; /* NULL where it is unknown */
+    const imucal_temperature *temperature_history; /* NULL if it is unknown */
 } imucal_surroundings;
 
-/* State of imucal_differentiate; start with IMUCAL_DERIVATIVE_START. */
+/* State of imucal_differentiate. Its initial value is IMUCAL_DERIVATIVE_START. */
 typedef struct {
     float rate[3];
     float acceleration[3];
@@ -117,7 +118,7 @@ static inline float imucal_float(const uint8_t *at)
     return value;
 }
 
-/* Reads floats; 0 if one of them is not finite. */
+/* Reads floats. Returns 0 if a float is not finite. */
 static inline int imucal_floats(const uint8_t *at, float *values, int count)
 {
     int i, finite = 1;
@@ -141,11 +142,12 @@ static inline uint32_t imucal_crc32(const uint8_t *bytes, size_t size)
     return crc ^ 0xFFFFFFFFu;
 }
 
-/* Largest number of the effects. */
+/* Largest identification number of an effect. */
 #define IMUCAL_LAST_EFFECT 31
 
-/* Numbers of parameters of the plain and of the full form of an effect, what it needs, and whether it has a shape. The
- * plain form of a number that is no effect has no parameters. */
+/* For the identification number of an effect: number of parameters of its plain form, number of parameters of its full
+ * form, sum of the IMUCAL_NEEDS_... of its inputs, and whether it has a shape parameter. The first entry is 0 if no
+ * effect has this number. */
 static inline const uint8_t *imucal_effect_row(const imucal_effect *effect)
 {
     static const uint8_t rows[IMUCAL_LAST_EFFECT + 1][4] = {
@@ -157,7 +159,7 @@ static inline const uint8_t *imucal_effect_row(const imucal_effect *effect)
     return rows[effect->number <= IMUCAL_LAST_EFFECT ? effect->number : 0];
 }
 
-/* Adds what an effect needs; 0 if the effect is unknown. */
+/* Adds the inputs that an effect needs to `needs`. Returns 0 if the effect is unknown. */
 static inline int imucal_effect_known(const imucal_effect *effect, uint8_t *needs)
 {
     const uint8_t *const row = imucal_effect_row(effect);
@@ -165,7 +167,8 @@ static inline int imucal_effect_known(const imucal_effect *effect, uint8_t *need
     return row[0] != 0;
 }
 
-/* Whether an effect has a form with this number of parameters, which are multiples of the plain number, and its shape. */
+/* Whether the effect has a valid number of parameters and a valid shape parameter. Valid numbers of parameters are the
+ * multiples of the number of the plain form, up to the number of the full form. */
 static inline int imucal_effect_counts(const imucal_effect *effect)
 {
     const uint8_t *const row = imucal_effect_row(effect);
@@ -173,7 +176,7 @@ static inline int imucal_effect_counts(const imucal_effect *effect)
            (row[3] == 0 || effect->shape > 0);
 }
 
-/* 0 if the rows of a matrix lie in one plane. */
+/* Returns 0 if the matrix is singular. */
 static inline int imucal_has_inverse(const imucal_triad *triad)
 {
     const float(*const m)[3] = triad->inverse;
@@ -183,8 +186,8 @@ static inline int imucal_has_inverse(const imucal_triad *triad)
     return determinant > 0 || determinant < 0;
 }
 
-/* Reads the binary form of a calibration. Bytes after its end are ignored. Returns IMUCAL_LOADED, or what is wrong with
- * the bytes; then the calibration must not be used. */
+/* Reads the binary form of a calibration. Bytes after its end are ignored. Returns IMUCAL_LOADED, or an error. After an
+ * error the calibration must not be used. */
 static inline int imucal_calibration_load(imucal_calibration *calibration, const void *bytes, size_t size)
 {
     const uint8_t *const all = (const uint8_t *)bytes;
@@ -246,7 +249,7 @@ static inline int imucal_calibration_load(imucal_calibration *calibration, const
     return IMUCAL_LOADED;
 }
 
-/* on += diag(values) cause */
+/* on += diag(values) (x, y, z) */
 static inline void imucal_axes(float on[3], const float *values, float x, float y, float z)
 {
     on[0] += values[0] * x;
@@ -254,15 +257,16 @@ static inline void imucal_axes(float on[3], const float *values, float x, float 
     on[2] += values[2] * z;
 }
 
-/* on += M cause, where the values are the rows of M with `stride` numbers each. */
+/* on += M (x, y, z). Row i of M is the three numbers that start at values[stride * i]. */
 static inline void imucal_entries(float on[3], const float *values, int stride, float x, float y, float z)
 {
     int i;
     for (i = 0; i < 3; ++i) on[i] += values[stride * i] * x + values[stride * i + 1] * y + values[stride * i + 2] * z;
 }
 
-/* What an effect adds to the true rate and force (docs/model.md (15)). d is the temperature minus the reference
- * temperature, K, h its history, t the time, s, and a the angular acceleration; 0 where they are unknown. */
+/* Adds the errors that an effect adds to the true rate and force (docs/model.md (15)) to on_w and on_f. d is the
+ * temperature minus the reference temperature, K, h the history of the temperature, t the time, s, and a the angular
+ * acceleration. Unknown quantities are 0. */
 static inline void imucal_effect_at(const imucal_effect *effect, const float w[3], const float f[3], float d,
                                     const imucal_temperature *h, float t, int has_time, const float a[3],
                                     float on_w[3], float on_f[3])
@@ -312,7 +316,7 @@ static inline void imucal_effect_at(const imucal_effect *effect, const float w[3
     case 16: imucal_axes(on_w, v, t, t, t); break;
     case 19: imucal_axes(on_f, v, t, t, t); break;
     case 17: case 20:
-        /* If the time is unknown, the unit has most likely been on for long. */
+        /* If the time is unknown, the warm-up is assumed to be over, so its error is 0. */
         cold = has_time ? expf(-t / effect->shape) : 0.0f;
         imucal_axes(effect->number == 17 ? on_w : on_f, v, cold, cold, cold);
         break;
@@ -354,10 +358,9 @@ static inline float imucal_size(const float v[3])
     return size;
 }
 
-/* Corrects one sample: rate in rad/s and force in m/s^2 along the axes of the calibration. The outputs may be the
- * inputs. `surroundings` may be NULL if nothing is known. Returns IMUCAL_CORRECTED, a sum of warnings (positive), or an
- * error
- * (negative) with NaN results. */
+/* Corrects one sample. The results are the rate in rad/s and the force in m/s^2, along the axes of the calibration. The
+ * output arrays may be the input arrays. `surroundings` may be NULL if no quantity is known. Returns IMUCAL_CORRECTED,
+ * a sum of warnings (positive), or an error (negative). After an error the results are NaN. */
 static inline int imucal_correct(const imucal_calibration *calibration, const float raw_rate[3],
                                  const float raw_force[3], const imucal_surroundings *surroundings, float rate[3],
                                  float force[3])
@@ -430,7 +433,7 @@ static inline int imucal_correct(const imucal_calibration *calibration, const fl
     return result;
 }
 
-/* As imucal_correct, from counts of 16 bits as the sensor gives them. */
+/* The same as imucal_correct, for raw samples of the sensor in 16-bit counts. */
 static inline int imucal_correct_counts(const imucal_calibration *calibration, const int16_t raw_rate[3],
                                         const int16_t raw_force[3], const imucal_surroundings *surroundings,
                                         float rate[3], float force[3])
@@ -448,16 +451,17 @@ static inline int imucal_correct_counts(const imucal_calibration *calibration, c
     return imucal_correct(calibration, counts_rate, counts_force, surroundings, rate, force);
 }
 
-/* Advances a low-pass by a time step in which the temperature changes linearly; `lag_k` is its output minus the
- * temperature. */
+/* Returns the lag of a low-pass, which is its output minus the temperature, after a time step in which the temperature
+ * changes linearly by change_k. `lag_k` is the lag before the time step. */
 static inline float imucal_lag(float lag_k, float tau_s, float time_step_s, float change_k)
 {
     const float step = time_step_s / tau_s, settled = -expm1f(-step), share = step > 0 ? settled / step : 1.0f;
     return lag_k - settled * lag_k - change_k * share;
 }
 
-/* Takes a reading of the thermometer (docs/model.md (43)). time_step_s is the time since the previous reading. Leave out
- * readings that are not finite. Give the memory to imucal_correct in the surroundings. */
+/* Updates the temperature history with a reading of the thermometer (docs/model.md (43)). time_step_s is the time since
+ * the previous reading. Do not call this function for readings that are not finite. imucal_correct reads the history
+ * through surroundings->temperature_history. */
 static inline void imucal_temperature_update(const imucal_calibration *calibration, imucal_temperature *memory,
                                              float time_step_s, float temperature_degc)
 {
@@ -487,9 +491,10 @@ static inline void imucal_temperature_update(const imucal_calibration *calibrati
     memory->direction = turned > 1 ? 1 : turned < -1 ? -1 : turned;
 }
 
-/* Angular acceleration, rad/s^2 in the body frame, from corrected rates of one sample after the other: `rate` is the
- * result of imucal_correct, dt_s the time since the sample before. Give the result to imucal_correct with the next
- * sample. A filter of 20 ms suppresses the noise; it delays the result by as much. */
+/* Computes the angular acceleration, rad/s^2 in the body frame, from the corrected rates of consecutive samples. `rate`
+ * is a result of imucal_correct, and dt_s the time since the previous sample. The angular acceleration is an input of
+ * imucal_correct for the next sample. A filter with a time constant of 20 ms suppresses the noise and delays the
+ * angular acceleration by 20 ms. */
 static inline void imucal_differentiate(const imucal_calibration *calibration, imucal_derivative *state, float dt_s,
                                         const float rate[3], float angular_acceleration_radps2[3])
 {

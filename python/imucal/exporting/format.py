@@ -75,18 +75,19 @@ class Format:
     source       source file or documentation of the other program that states the formula
     units        units of the corrected samples
     includes, omits  parts of a calibration that a file contains or not, for the table of formats
-    layout       combines header and body
-    write        makes the body from a calibration and noise figures
+    layout       function that combines the header and the body of a file
+    write        function that makes the body of a file from a calibration and noise figures
     takes_counts     whether calibrations of raw counts can be written
     needs_noise      whether noise figures of a recording at rest are required
     needs_gyroscope  whether the format cannot be written for an accelerometer alone
-    named            returns the format with a prefix for its C names; None if its files contain no C names
-    oriented         returns the format for recordings rotated by a board rotation (3, 3); None if the format
-                     has no such option
-    scaled           returns the format for a resolution, counts per g and per deg/s; None if the format has
-                     no such option
-    along            returns the format for corrected samples along other axes; None if the format has no such
-                     option
+    named            function that returns the format with a prefix for its C names; None if its files contain
+                     no C names
+    oriented         function that returns the format for recordings rotated by a board rotation (3, 3); None
+                     if the format has no such option
+    scaled           function that returns the format for a resolution, counts per g and per deg/s; None if
+                     the format has no such option
+    along            function that returns the format for corrected samples along other axes; None if the
+                     format has no such option
     is_binary        whether the file is binary, so that its header is only in the output of the export
     """
 

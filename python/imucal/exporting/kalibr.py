@@ -82,7 +82,7 @@ class TriangularModel:
                   are its sensitivity and biases
     rotation      (3, 3), from the body frame of the calibration to the triangular one
     gyro, to_gyro (3, 3) each: a lower triangular matrix with positive diagonal, and a rotation
-    from_force    (3, 3), rad/s per m/s^2
+    from_force    (3, 3) matrix of the g-sensitivity, rad/s per m/s^2
     """
 
     same_as: Calibration

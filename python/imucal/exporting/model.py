@@ -52,9 +52,9 @@ def inverse(triad: Triad) -> FloatArray:
 def along_columns(calibration: Calibration, *, with_body: bool = False) -> Calibration:
     """The calibration for raw samples in the columns of the recordings, before axis remapping (`axes`).
 
-    Firmware and other programs correct such samples. The body frame of the corrected samples stays the same,
-    or is also along the columns (`with_body`). The result has no covariance, because the known covariance is
-    for the parameters after axis remapping.
+    Firmware and other programs correct such samples. The body frame of the corrected samples stays the same;
+    with `with_body` it is also along the columns. The result has no covariance, because the known covariance
+    is for the parameters after axis remapping.
     """
     if calibration.axes == UNCHANGED:
         return calibration
@@ -118,8 +118,8 @@ def _is_in(frame: Frame, sensitivity: FloatArray) -> bool:
     """Whether the accelerometer's sensitivity has the form that defines this frame."""
     if frame == "triangular":
         return np.array_equal(sensitivity, np.tril(sensitivity)) and bool((np.diag(sensitivity) > 0).all())
-    # A matrix of this frame also has positive eigenvalues. Symmetry alone is not sufficient, because a
-    # rotation by 180 deg is also symmetric.
+    # In the symmetric frame the sensitivity also has positive eigenvalues. Symmetry is not sufficient,
+    # because a rotation by 180 deg is also symmetric.
     return np.array_equal(sensitivity, sensitivity.T) and bool((np.linalg.eigvalsh(sensitivity) > 0).all())
 
 

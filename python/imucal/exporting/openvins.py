@@ -79,7 +79,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
 
 
 def layout(lines: Sequence[str], body: str) -> str:
-    """The first line, then the header as comments."""
+    """The text of the file: the first line, the header as comments, and the body."""
     return f"{FIRST_LINE}\n\n{line_comments('#')(lines, body)}"
 
 

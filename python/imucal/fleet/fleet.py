@@ -77,18 +77,19 @@ class Fleet(Judging):
         what       path of a manifest (.csv, see docs/fleet.md), files, folders or glob patterns, or jobs
         names      pattern of paths from which serial numbers are taken, such as "{date}/{serial}.csv"
         limits     limits, or the path of a limits file
-        gap        whether to search for a missing effect of each unit, too
+        gap        whether to search each unit also for an effect that its calibration does not include
         read, calibrate   arguments of `imucal.read` and `imucal.calibrate`
         workers    processes on this computer; None for one per processor
         scheduler  address of a Dask scheduler, or a `distributed.Client`, instead of `workers`
         retry      whether to compute units without a result again
-        time_limit_s   longest time of one unit, s; a unit that takes longer has no result
+        time_limit_s   longest computing time for one unit, s; a unit that takes longer has no result
         total      number of jobs, if it is known
         tell       callback for each unit with its job, its verdict, and code and message of a failure
         tally      counts of earlier runs, to which those of this run are added
 
         Raises InputError for wrong arguments and if the store cannot be written, and ImucalError if the
-        scheduler is lost. All outcomes reported to `tell` are then in the store, and another run continues.
+        scheduler is lost. All outcomes reported to `tell` are then in the store, and another call of `run`
+        computes the remaining units.
         """
         if workers is not None and workers < 1:
             raise InputError(f"workers is {workers}: give 1 or more, or leave it out")
@@ -136,7 +137,7 @@ class Fleet(Judging):
             return dict(query(connection, sql, arguments)[1])
 
     def failures(self, **selection: str | None) -> dict[str, int]:
-        """The number of selected rows without a result by the code of the reason, the most frequent first."""
+        """The number of selected rows without a result for each reason code, the most frequent code first."""
         where, arguments = _selected(selection)
         with self._reading() as connection:
             sql = (

@@ -42,7 +42,8 @@ __all__ = [
 
 # Prefix of the key of a job whose files cannot be read. Such a key contains the paths instead of a hash.
 UNREAD: Final = "unread:"
-# Arguments of `calibrate` that each job sets individually. They cannot be options of a run.
+# Arguments of `calibrate` that cannot be options of a run: each job sets its control recordings and its
+# serial number, and all calibrations of a store have the default frame.
 OF_A_JOB: Final = ("control", "serial_number", "frame")
 
 
@@ -84,7 +85,7 @@ class Options:
     read       arguments of `imucal.read`
     calibrate  arguments of `imucal.calibrate`, without those that each job sets
     limits     limits that decide the verdict, or None
-    gap        whether to search for a missing effect of each unit
+    gap        whether to search each unit for an effect that its calibration does not include
     time_limit_s   time limit of one job, s, or None. It is not part of the key of a job, because it does not
                    change a result
     """

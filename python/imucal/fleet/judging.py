@@ -56,7 +56,9 @@ class Judging(ABC):
         return {name: str(value) for name, value in named if value}
 
     def drift(self, serial: str | None = None, **selection: str | None) -> DriftResult:
-        """Drift of all units over their dates, or of one unit, which is tested among all units.
+        """Drift of all units, or of one unit, between calibrations on different dates.
+
+        The false discovery rate refers to all units, even if the result is for one unit.
 
         Raises InputError if no unit has two dates.
         """
@@ -97,10 +99,10 @@ class Judging(ABC):
         step: Callable[[], None] = lambda: None,
         **selection: str | None,
     ) -> FleetGap:
-        """One effect searched over all units together, from the recordings of a part of the units.
+        """The effects that are significant over several units together, from the recordings of these units.
 
         effects    names of effects of the catalogue; None for all effects
-        units      maximum number of units, evenly spread over the selected units
+        units      maximum number of units that are searched, evenly spread over the selected units
         executor   executor that computes units in parallel: one of `concurrent.futures`, or
                    `Client.get_executor()` of Dask
         step       callback after each unit

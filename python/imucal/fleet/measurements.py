@@ -28,10 +28,10 @@ class Measurements:
     dates         (n,) datetime64[s], UTC; NaT where not known
     stations      (n,) and also operators, batches, roles, verdicts: text, empty if not known
     names, units  names and units of the p parameters, such as gyro_bias_x and rad/s
-    values_si     (n, p)
-    sigmas_si     (n, p) standard deviations
+    values_si     (n, p) values of the parameters, SI units
+    sigmas_si     (n, p) standard deviations of the parameters, SI units
     covariances   (n, p, p), or None if they were not requested
-    figures       (n,) each: gravity_direction_rms_deg, chi2_per_dof, temperature_degc and the like, by name
+    figures       figures by name, (n,) each: gravity_direction_rms_deg, chi2_per_dof, temperature_degc, ...
     """
 
     serials: TextArray

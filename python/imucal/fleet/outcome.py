@@ -42,8 +42,8 @@ class Measured:
     covariance   upper triangle by rows, float64; None if it is not known
     figures      figures of the calibration recordings, and with the prefix `control_` those of the control
                  recordings
-    document     the calibration file, its checks against limits, and the search for a missing effect,
-                 compressed
+    document     the calibration file, its checks against limits, and the result of the search for an effect
+                 that the calibration does not include, compressed
     """
 
     reasons: tuple[str, ...]

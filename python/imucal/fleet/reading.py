@@ -90,7 +90,10 @@ def query(
 def batches_of(
     connection: sqlite3.Connection, where: str = "TRUE", arguments: Sequence[Any] = ()
 ) -> Iterator[pa.RecordBatch]:
-    """Current rows in batches, including rows without a result: texts, figures, parameters with sigmas."""
+    """Batches of the current rows (the last calibration of each recording), also of those without a result.
+
+    The columns are texts, figures, and parameters with their standard deviations.
+    """
     import pyarrow as pa
 
     numbers = (*NUMBERS, *(column for name in BASE_NAMES for column in (name, f"{name}_sigma")))
@@ -187,7 +190,7 @@ def documents(
 
 
 def _common(sets: Sequence[Sequence[tuple[str, ...]]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """All parameters and their units. Parameters that every unit has come first."""
+    """The names and the units of all parameters. The parameters in `BASE_NAMES` come first."""
     units: dict[str, str] = {}
     for pairs in sorted(sets, key=len):
         for name, unit in pairs:
@@ -252,8 +255,9 @@ def _filled(
 ) -> FloatArray:
     """The numbers in the blobs as a table, (n, c), with one row per blob and one column per name.
 
-    kinds   kind of each blob
-    own     names of the numbers in a blob, by kind; the table has NaN for all other names
+    kinds   identifier of the list of names of each blob
+    own     lists of names by identifier, in the order of the numbers in a blob; the table has NaN for other
+            names
     """
     place = {name: index for index, name in enumerate(names)}
     found = np.full((len(blobs), len(names)), np.nan)

@@ -1,8 +1,8 @@
 """Computation of the jobs of a fleet that are not in the store.
 
 An outcome is stored before it is counted. If a process ends without an answer, its task is divided in halves,
-down to single jobs. A single job is tried again while no other job runs. If its process ends each time, the
-outcome of the job is that its recording is poisoned. Repeated attempts are needed, because a process may also
+down to single jobs. A single job is tried again while no other job runs. If its process ends without an
+answer each time, the job gets the verdict poisoned. Repeated attempts are needed, because a process may also
 be killed from outside, by a person or for lack of memory.
 """
 
@@ -24,7 +24,7 @@ from imucal.fleet.task import FILE_MISSING, Task, failure_of
 
 __all__ = ["Tally", "run_jobs"]
 
-# Number of jobs per task, without and with the search for a missing effect. A calibration takes about 20 ms,
+# Number of jobs per task, without and with the search for missing effects. A calibration takes about 20 ms,
 # so with 50 jobs the overhead of a task, a few ms, is small. A search takes seconds, so a task with a search
 # has fewer jobs. A task must not take minutes, because a run that was killed repeats its unfinished tasks.
 PER_TASK: Final = 50

@@ -198,7 +198,10 @@ def connect_reading(path: str | os.PathLike[str]) -> sqlite3.Connection:
 
 
 def disk_error(path: str | os.PathLike[str], error: sqlite3.Error, stored: str = "") -> InputError:
-    """The error for a store that cannot be read or written; `stored` is a text on the outcomes in it."""
+    """The error for a store that cannot be read or written.
+
+    stored   text for the message on the number of outcomes that are already in the store
+    """
     reason, name = str(error), os.fspath(path)
     if "locked" in reason:
         way_out = "another process has locked it; wait until that process ends, or end it"

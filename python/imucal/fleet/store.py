@@ -140,7 +140,7 @@ class Store:
         return new
 
     def describe(self, jobs: Sequence[KeyedJob]) -> None:
-        """Copy the known date, station, operator, batch and role of jobs to stored jobs with equal keys."""
+        """Copy date, station, operator, batch and role, if they are known, to stored jobs with equal keys."""
         changes = ", ".join(f"{name} = ifnull(?, {name})" for name in ABOUT)
         with self._transaction():
             self._connection.executemany(

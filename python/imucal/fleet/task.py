@@ -41,7 +41,7 @@ class Task:
 
     A task contains the paths of the files, not their contents.
 
-    The key of a job without a key is computed in this process, which reads the files anyway.
+    If a job has no key yet, its key is computed in the process that reads the files of the job.
     """
 
     jobs: tuple[Job | KeyedJob, ...]

@@ -35,7 +35,7 @@ class Work(Protocol):
         """Do the work and return its answer."""
 
     def is_stuck(self, answer: Any) -> bool:
-        """Whether the process that gave this answer is still busy, so that it has to be replaced."""
+        """Whether the process that gave this answer is still busy with this work and has to be replaced."""
 
 
 def do(work: Work) -> Any:
@@ -85,7 +85,7 @@ def receive(stream: IO[bytes]) -> Any:
 
 
 def serve() -> None:
-    """Process work until the parent closes the stream."""
+    """Do the work that the parent sends, until the parent closes the stream."""
     # Interrupts are ignored, because the parent ends its processes when the user interrupts it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     replies = os.fdopen(os.dup(1), "wb")

@@ -1,4 +1,4 @@
-"""Find the missing effect: its evidence, its size, and a motion to distinguish between rivals.
+"""Find the missing effect, its evidence and size, and a motion that distinguishes it from its rivals.
 
 find             public function, checks of its arguments
 question         input of a search, and the call of the compiled library

@@ -172,8 +172,8 @@ def _separation(
 def _design(question: Question, recordings: Sequence[Recording], names: Sequence[str]) -> Design:
     found = _core.gap_design(recordings, question.options, [(name, find(name).plain) for name in names])
     base, candidates = found.base, found.effects
-    # The columns are replaced by the factor R of their QR decomposition, which is smaller and has the same
-    # inner products.
+    # The Jacobian columns are replaced by the factor R of their QR decomposition. R has fewer rows, and its
+    # columns have the same inner products.
     whole: FloatArray = np.asarray(np.linalg.qr(np.hstack([base, *(of for _, of in candidates)]), mode="r"))
     columns: dict[str, list[FloatArray]] = {}
     at = base.shape[1]

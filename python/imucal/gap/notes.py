@@ -39,10 +39,12 @@ ABOVE_NOISE: Final = 4.0
 # A temperature coefficient is implausible if it exceeds this multiple of its typical size.
 MOST_TIMES_TYPICAL: Final = 5.0
 
-# A temperature effect beside a lag is part of the model even if its p-value is larger.
+# Largest p-value of a significant effect. A temperature effect with a larger p-value stays in the model if a
+# lag of the temperature is in the model, and a note reports this.
 NOT_SIGNIFICANT: Final = 0.01
 
-# Generic hypotheses vary one part (block) of the model. These blocks are biases, each with its SI unit.
+# A generic hypothesis is a variation of a bias or scale that no effect of the catalogue describes. It varies
+# one part of the model, its block. These blocks are biases, each with its SI unit.
 BIASES: Final = {"gyro_bias": "rad/s", "accel_bias": "m/s^2"}
 # Phrases that describe how a bias or a scale varies, by the kernel of the generic hypothesis.
 PATTERNS: Final = {
@@ -298,7 +300,7 @@ def not_confirmed_of(analysis: _core.GapAnalysis) -> dict[str, Any] | None:
 
 
 def _filtered(found: Sequence[float]) -> str:
-    """What a filter of the gyroscope does beside the delay."""
+    """A text on the second-derivative term of a gyroscope that is filtered and not only delayed."""
     tau_s, k_s2, sigma_s2 = found
     words = (
         f"the gyroscope is late by {1e3 * tau_s:.3g} ms on average, but it is not only delayed: the second "

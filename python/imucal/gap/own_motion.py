@@ -3,10 +3,10 @@
     motion = imucal.own_motion(gap, run, control=control)
     motion.signals.predicted_before, motion.rests.rate_before
 
-The recordings are corrected with the calibration without effects ("before") and with that of the result
-("after"). At a rest, a corrected gyroscope reads zero and a corrected accelerometer has the norm of gravity.
-During a move, the corrected rates propagate the gravity vector of the rest before the move. This prediction
-is compared with the accelerometer.
+The recordings are corrected with the calibration without effects ("before") and with the calibration of the
+result ("after"). At a rest, a corrected gyroscope reads zero and a corrected accelerometer has the norm of
+gravity. During a move, the corrected rates propagate the gravity vector of the rest before the move. This
+prediction is compared with the accelerometer.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ def own_motion(
     *,
     control: Recording | Sequence[Recording] | None = None,
 ) -> OwnMotion:
-    """Residuals of a search, computed from the motion in the recordings of the search.
+    """Residuals at the rests and moves of the recordings of a search, without and with the found effects.
 
     Raises InputError for a result without fits, and for other recordings than those of the search.
     """

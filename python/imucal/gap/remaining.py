@@ -1,4 +1,4 @@
-"""Description of the remainder of a search."""
+"""Description of the remainder of a search: the residuals that the accepted effects do not explain."""
 
 from __future__ import annotations
 

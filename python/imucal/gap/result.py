@@ -24,7 +24,7 @@ class Gap(GapFields):
     effects            accepted effects, or faults of the data: name, sensor, parameters (name, value, std,
                        unit), log_bayes_factor (nats), statistic, dof, p_value, and closed, the share of the
                        gap that the effect closes on control or held-out data, by kind of residual
-    ambiguous_with     names of effects that explain the residuals equally well as the accepted effects
+    ambiguous_with     names of effects that explain the residuals as well as the accepted effects do
     resembles          for the verdict unknown: up to three effects with the largest log Bayes factors
     generic            block, kernel and description of a variation that no effect of the catalogue describes,
                        or None
@@ -49,8 +49,9 @@ class Gap(GapFields):
                        angular_rate_rms_radps and specific_force_rms_mps2, each with before, after, factor
                        (before / after), and factor_low and factor_high (95 % interval); None if no effect
                        was accepted
-    traces             by effect, its residuals at its typical size: `times_noise` by kind of residual, and
-                       `taken_up`, the share of their chi2 that the 21 base parameters absorb
+    traces             for each effect, the residuals that it would cause at its typical size: `times_noise`
+                       by kind of residual, and `taken_up`, the share of their chi2 that the 21 base
+                       parameters absorb
     calibration_set    figures of the calibration recordings, before and after
     control_set        figures of the control recordings, before and after; None without control recordings
     held_out           figures of held-out rests and moves, before and after; None with control recordings

@@ -8,14 +8,14 @@ from imucal.units import SHOWN
 
 __all__ = ["for_people", "p_text"]
 
-# Times up to this limit, s, are shown in ms, and longer times in s.
+# Times up to this limit, in seconds, are shown in ms, and longer times in s.
 DELAY_S: Final = 0.1
 # Below this probability, a text states only that the probability is below this bound.
 LEAST_P: Final = 1e-12
 
 
 def p_text(p_value: float) -> str:
-    """A probability as text. Values near the rounding error of its calculation are only bounded."""
+    """A probability as text; for a value near the rounding error of its computation, only an upper bound."""
     return f"p {p_value:.2g}" if p_value > LEAST_P else f"p below {LEAST_P:g}"
 
 

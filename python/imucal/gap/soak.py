@@ -33,7 +33,8 @@ __all__ = ["is_soak", "soak"]
 # The readings are averaged over this number of epochs, each with at least `LEAST_SAMPLES` samples.
 EPOCHS: Final = 240
 LEAST_SAMPLES: Final = 10
-# Minimum number of epochs, and minimum range of their temperatures, K. Recordings with less are refused.
+# Minimum number of epochs, and minimum range of their temperatures, K. Recordings with fewer epochs or a
+# smaller range are refused.
 LEAST_EPOCHS: Final = 40
 LEAST_RANGE_K: Final = 2.0
 # Number of folds of the cross-validation. Epochs are held out in blocks of `BLOCK` consecutive epochs, so
@@ -113,8 +114,8 @@ def soak(recording: Recording, *, calibration: Calibration | None = None) -> Soa
 
     recording    a soak or a sweep with temperatures; a longer recording over a wider range gives better
                  results
-    calibration  calibration of the unit with which the readings are corrected, except for temperature
-                 effects; without a calibration, the readings must be in SI units
+    calibration  calibration of the unit, without temperature effects, with which the readings are corrected;
+                 without a calibration, the readings must be in SI units
 
     Raises InputError for a recording without temperatures or with too few, and for a unit that was moved.
     """
@@ -162,7 +163,7 @@ def _epochs(recording: Recording) -> tuple[npt.NDArray[np.intp], FloatArray, Flo
 
 
 def _corrected(recording: Recording, calibration: Calibration | None) -> Recording:
-    """The readings in SI units, without effects of the temperature."""
+    """The readings in SI units. Raises InputError for a calibration with temperature effects."""
     if calibration is None:
         if (recording.accel_unit, recording.gyro_unit) != ("m/s^2", "rad/s"):
             raise InputError(

@@ -78,7 +78,7 @@ class SoakedSensor:
 
     @property
     def parameters(self) -> Iterator[Parameter]:
-        """The parameters of all terms. The names of those of a second lag end in " (2)"."""
+        """The parameters of all terms. Names of parameters of a second lag end in " (2)"."""
         names: Counter[str] = Counter()
         for term in self.terms:
             names[term.name] += 1

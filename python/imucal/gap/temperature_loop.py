@@ -1,4 +1,4 @@
-"""Residuals of a sensor over temperature, heating and cooling apart, without and with the found effects."""
+"""Residuals of a sensor over temperature, separately for heating and cooling, without and with effects."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["TemperatureLoop", "temperature_loops"]
 
-# Duration over which residuals at rest are averaged, s, and minimum number of means of a recording.
+# Duration over which residuals at rest are averaged, s, and minimum number of these means in a recording.
 EPOCH_S: Final = 10.0
 LEAST_EPOCHS: Final = 8
 SENSORS: Final = {"gyroscope": "gyro_bias_temperature", "accelerometer": "accel_bias_temperature"}

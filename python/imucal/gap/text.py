@@ -32,7 +32,8 @@ WITHOUT_AXIS: Final = {"move_direction": "direction after moves", "move_force": 
 LEAST_TIMES_NOISE: Final = 0.05
 # Variables that explain residuals and whose names in texts differ from those in JSON documents.
 EXPLAINED_BY: Final = {"gravity": "gravity direction"}
-# Figures of the control or held-out recordings: words, factor and unit of the text.
+# Figures of the control recordings or held-out data in texts: name, factor that converts the figure, and
+# unit.
 VERIFIED: Final = {
     "gravity_direction_rms_deg": ("gravity direction error per move", 1.0, "deg"),
     "gravity_norm_rms_mps2": ("gravity norm error", *SHOWN["m/s^2"]),
@@ -41,7 +42,7 @@ VERIFIED: Final = {
 MOST_CHANNELS: Final = 4
 # An improvement factor is printed if the lower end of its 95 % interval is at least this value.
 LEAST_IMPROVEMENT: Final = 1.05
-# The summary states one improvement, that of the control figure or that of the kind of residual that improves
+# The summary states only one improvement: of the control figure, or of the kind of residual that improves
 # most. Both improvements are measured in multiples of the noise. The control figure is chosen if its
 # improvement is at least this share of the improvement of the residual.
 LEAST_SHARE_OF_CONTROL: Final = 0.1
@@ -206,7 +207,7 @@ def _finding(gap: GapFields) -> str:
 
 
 def _by_the_effects(figure: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-    """The figure, with `before` from the fit without effects, also if a calibration was given."""
+    """The figure of merit with `before` of the fit without effects, even if a calibration was given."""
     if figure is None or figure.get("refitted") is None:
         return figure
     before, after, floor = figure["refitted"], figure["after"], figure["floor"]
@@ -221,7 +222,7 @@ def _ratio(before: Mapping[str, Any], after: Mapping[str, Any], name: str) -> fl
 
 
 def _times_noise_less(figure: Mapping[str, Any]) -> float:
-    """Decrease of the figure of control or held-out data, in multiples of its noise."""
+    """Decrease of the figure of merit from `before` to `after`, in multiples of its noise."""
     power = 0.5 if figure["metric"] == "chi2_per_dof" else 1.0
     before, after = ((figure[name] / max(figure["floor"], 1e-300)) ** power for name in ("before", "after"))
     return float(before - after)

@@ -3,8 +3,9 @@
     calibration = imucal.read_calibration("imu.yaml")
     calibration.provenance.imported.missing      # what the file does not state
 
-The result corrects samples exactly as the other program does, in the body frame of that program. Parts that a
-file does not state, such as a covariance, are absent in the result and listed in `missing`.
+The result corrects samples exactly as the other program does, in the body frame of that program. Parts of a
+calibration that a file does not state, such as the covariance, are absent in the result and listed in
+`missing`.
 """
 
 from __future__ import annotations

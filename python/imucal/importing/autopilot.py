@@ -3,7 +3,7 @@
     corrected_accel = (raw - thermal(T) - offset) * scale         for each axis
     corrected_gyro  =  raw - thermal(T) - offset                  old versions of PX4: also * scale
 
-`imucal.exporting.autopilot` is the export to this form.
+`imucal.exporting.autopilot` converts calibrations of imucal to such offsets and scales.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ class Found:
     user_effects               effects that a formula defines
     accel_unit, gyro_unit      raw units: m/s^2 and rad/s, or lsb
     noise                      noise figures, named as in a calibration file
-    temperature_range_degc     temperatures between which the thermal terms vary
+    temperature_range_degc     range outside which the thermal terms are constant
     missing                    further parts that the files do not state, see `Imported.missing`
     notes                      remarks for the user
     """

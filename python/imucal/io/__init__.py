@@ -47,9 +47,9 @@ def read(
 ) -> Recording:
     """Read one recording.
 
-    paths      a data frame (pandas, polars, pyarrow, DuckDB) with the options columns and rate_hz; or path of
-               one file; of two files, one per sensor; of a folder with such files or a ROS 2 bag; of
-               a zip archive with such files
+    paths      path of one file; or paths of two files, one per sensor; or path of a folder or a zip archive
+               with such files, or of the folder of a ROS 2 bag; or a data frame (pandas, polars, pyarrow,
+               DuckDB), for which only the options columns and rate_hz exist
     format     a name of `imucal.io.FORMATS`; None detects the format from the file
     columns    [columns] a canonical name for every column, `-` for a column to ignore;
                [csv, folder, labels, parquet, matlab, hdf5, numpy] "canonical=name,..." if the file uses other

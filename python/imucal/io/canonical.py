@@ -39,8 +39,8 @@ BUFFER = 1 << 20
 CSV, PARQUET = ".csv", ".parquet"
 # Number of rows in each row group of a written Parquet file. It is Arrow's default.
 ROWS_WRITTEN = 1 << 20
-# Number of rows that are formatted as one block of CSV. Blocks are small, because a single integral value in
-# a column makes the formatting of its whole block slower.
+# Number of rows that are formatted as one block of CSV. Blocks are small, because a single value without a
+# fractional part makes the formatting of its whole block slower.
 ROWS_OF_TEXT = 1 << 16
 
 # Names and values of columns, in the order in which they are written.
@@ -141,7 +141,7 @@ def _with_points(name: str, column: Any) -> Any:
     # different number when read as float64.
     column = compute.cast(column, pa.float64())
     whole = compute.equal(column, compute.round(column))
-    # No ".0" has to be appended in columns of raw counts and in columns without an integral value.
+    # No ".0" is needed in columns of raw counts, or if every value of the column has a fractional part.
     if name.endswith("_lsb") or not compute.any(whole).as_py():
         return column
     text = compute.cast(column, pa.string())
@@ -159,10 +159,10 @@ def _parquet_writer(file: BinaryIO, schema: Any) -> Iterator[Callable[[Any], Non
 
 
 def chosen(table: Table, columns: str | Sequence[str] | None, *, has_rate: bool) -> Table:
-    """The table with renamed columns, and with the other columns whose names are canonical.
+    """The table with the columns that `columns` names, and with other columns whose names are canonical.
 
-    Without `columns`, names that state sensor, axis and unit in other words are also recognised; `has_rate`
-    has the same meaning as in `by_header`.
+    Without `columns`, names that state sensor, axis and unit in other words are also recognised. `has_rate`
+    states whether the caller gives the sampling rate, so that no time column is needed.
     """
     if columns is None:
         return by_header(table, has_rate=has_rate)

@@ -64,7 +64,7 @@ def words_of(name: str) -> list[str]:
 
 
 def role_of(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[str, str, str] | None:
-    """Quantity and axis of a column name, and the part of the name that is the same for all three axes."""
+    """Quantity and axis of a column, and the part of its name that is common to all three axes; or None."""
     of = unit[0] if unit else ""
     if of in ("time", "temp", "angle", "other"):
         return None

@@ -66,7 +66,7 @@ def _refuse_rows_of_several_sensors(text: Text, names: Sequence[str]) -> None:
     """Raises FormatError if the cells of an ignored column name both sensors, such as `acc` and `gyro`."""
     cells = Head(text).cells
     ignored = [cells[str(index)] for index, name in enumerate(names) if name in SKIP and str(index) in cells]
-    # Labels of one or two letters can have another meaning, such as the classes `a` and `w`.
+    # Cells of one or two letters are ignored, because they can be other labels, such as classes `a` and `w`.
     words = {str(at): [cell for cell in column if len(cell) > 2] for at, column in enumerate(ignored, 1)}
     several = rows_of_several_sensors(words)
     if several:

@@ -18,7 +18,7 @@ STAMPS_AT_ONCE: Final = 1 << 14
 
 
 def has_equal_stamps(time_s: FloatArray) -> bool:
-    """Whether a time stamp is not later than the previous time stamp, so that rows may be copies."""
+    """Whether any time stamp is equal to or earlier than the previous one, so that rows may be copies."""
     # The differences are computed in blocks, so that their memory does not grow with the recording.
     starts = range(0, len(time_s), STAMPS_AT_ONCE)
     return any((np.diff(time_s[at : at + STAMPS_AT_ONCE + 1]) <= 0).any() for at in starts)
@@ -27,8 +27,8 @@ def has_equal_stamps(time_s: FloatArray) -> bool:
 def without_copies(recording: Recording) -> Recording:
     """The recording without exact copies of earlier rows, with a warning that reports their number.
 
-    If other rows have equal time stamps with different values, no row is removed, because the time stamps are
-    then too coarse and equal samples may be coincidences.
+    If there are also rows with equal time stamps but different values, no row is removed. The time stamps are
+    then too coarse, and rows with equal values may be different samples.
     """
     time_s = recording.time_s
     if not has_equal_stamps(time_s):

@@ -45,9 +45,10 @@ UNITS = {**dict.fromkeys(ACCEL, "m/s/s"), **dict.fromkeys(GYRO, "rad/s")}
 
 @dataclass
 class Rows:
-    """Fields of all messages with one name and instance, in the order of the log, three numbers per triad.
+    """The values of all messages with one name and instance, in the order of the log.
 
-    The fields are arrays, because lists of Python numbers would need several times the memory of the file.
+    `accel` and `gyro` contain three consecutive numbers per message. All fields are arrays, because lists of
+    Python numbers would need several times the memory of the file.
     """
 
     time_us: array[int] = field(default_factory=lambda: array("q"))

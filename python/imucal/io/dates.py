@@ -151,7 +151,12 @@ def _days(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int
 
 
 def _past_midnight(ns: NDArray[np.int64], empty: NDArray[np.bool_], turn_ns: int) -> NDArray[np.int64]:
-    """Times of day, continued over midnight: a time that is much earlier than the previous is a day later."""
+    """Times of day, continued over midnight.
+
+    turn_ns   period after which the times start again, ns: a day, or an hour for times without hours
+
+    A time that is earlier than the previous time by more than half a period belongs to the next period.
+    """
     known = np.flatnonzero(~empty)
     turns = np.cumsum(np.diff(ns[known], prepend=ns[known[:1]]) < -turn_ns // 2)
     ns = ns.copy()

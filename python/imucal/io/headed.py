@@ -1,4 +1,8 @@
-"""Text tables with a header: canonical names, names assigned by the caller, or names with all units."""
+"""Text tables with a header.
+
+The column names in the header are canonical, or the caller assigns canonical names, or the names state all
+sensors, axes and units in other words.
+"""
 
 from __future__ import annotations
 
@@ -184,7 +188,10 @@ def canonical_names(names: Sequence[str], header: Header, time: tuple[str, str] 
 def certain_time(
     header: Header, head: FirstCells, has_rate: bool
 ) -> tuple[tuple[str, str] | None, float | None] | None:
-    """(name, canonical name) of the time column and its ticks; None if the header is ambiguous."""
+    """(name, canonical name) of the time column and its ticks per second, as from `time_of`.
+
+    The result is None if the header is ambiguous.
+    """
     if len(header.accel) != 1 or len(header.gyro) != 1:
         return None
     accel, gyro = header.accel[0], header.gyro[0]
@@ -205,7 +212,10 @@ def certain_time(
 
 
 def time_of(header: Header, head: FirstCells) -> tuple[tuple[str, str], float | None] | None:
-    """(name, canonical name) of the time column, and its ticks per second if no canonical name has them."""
+    """(name, canonical name) of the time column, and its ticks per second.
+
+    The ticks per second are None if the unit in the canonical name states them.
+    """
     chosen = time_column(header.times, head.numbers, head.is_date)
     if chosen is None:
         return None

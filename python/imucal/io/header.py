@@ -19,7 +19,8 @@ __all__ = ["Header", "Triad", "header_of", "names_sensor", "unknown_units"]
 
 # Descriptor of a quantity in the names of MicroStrain, such as `X Accel [x8004]`.
 DESCRIPTOR: Final = r"\s*\[x[0-9A-Fa-f]{4}\]"
-# A multiple of a unit of time, such as `Time [10ms]` or `Timestamp (100 ns)`, which no canonical name has.
+# Matches a multiple of a unit of time, as in `Time [10ms]` or `Timestamp (100 ns)`. No canonical name states
+# such a unit.
 MULTIPLE: Final = r"(?i)(?<![A-Za-z\d])(?!1 ?[a-zµ])[\d.]+ ?(?:s|ms|us|µs|ns)(?![A-Za-z])"
 
 
@@ -42,7 +43,7 @@ class Header:
 
     accel, gyro  the triads, the more likely one first
     linear       triads of acceleration without gravity
-    plain        triads whose names are only x, y, z, with the sensor according to their unit, or ""
+    plain        triads whose names are only x, y, z, each with the sensor that its unit indicates, or with ""
     times        name and unit, or None, of the time columns
     stamp        names of two columns with the seconds and the nanoseconds of a time stamp of ROS, or None
     temperature  name of a column of temperature and its canonical name, or None
@@ -148,7 +149,7 @@ def names_sensor(names: Sequence[str], what: str) -> bool:
 
 
 def unknown_units(described: Sequence[str]) -> list[str]:
-    """The unknown units in brackets in the names of columns that belong to a sensor."""
+    """The texts in brackets that are not known units, from the names of the columns of sensors."""
     brackets = re.compile(r"[\[(]([^\])]*)[\])]\s*$")
     found = {text: match[1].strip() for text in described if (match := brackets.search(text))}
     bare = {
@@ -160,7 +161,7 @@ def unknown_units(described: Sequence[str]) -> list[str]:
 
 
 def _is_quaternion(x: str, names: Sequence[str]) -> bool:
-    """Whether there is a column w besides the only column x, as in x, y, z, w."""
+    """Whether a column w belongs to the column `x`, as in x, y, z, w, and there is only one column `x`."""
     w = re.sub(r"x(?=[^x]*$)", "w", x.lower())
     return list(names).count(x) == 1 and any(name.lower() == w for name in names)
 
@@ -178,9 +179,10 @@ def _has(groups: _Groups, what: str) -> bool:
 
 
 def _sensors_by_unit(names: Sequence[str], described: Sequence[str], groups: _Groups) -> None:
-    """Add a sensor that only its unit identifies: AsX(°/s), or three columns of which the first is named.
+    """Add a sensor that only its unit identifies, such as AsX(°/s).
 
-    The second form, `Gyroscope [rad/s]`, `1`, `2`, is that of GoPro's telemetry without names of axes.
+    Three columns of which only the first has a name and a unit are also such a sensor. GoPro's telemetry
+    without names of axes has this form: `Gyroscope [rad/s]`, `1`, `2`.
     """
     for what in ("accel", "gyro"):
         if _has(groups, what):
@@ -202,7 +204,8 @@ def _sensors_by_unit(names: Sequence[str], described: Sequence[str], groups: _Gr
 def _index_axes(names: Sequence[str], described: Sequence[str], groups: _Groups) -> None:
     """Add sensors whose column names number the axes, such as gyroADC[0], gyroADC[1], gyroADC[2].
 
-    Names without brackets, such as acc0, acc1, acc2, are those of a sensor if no acc3 follows.
+    Names without brackets, such as acc0, acc1, acc2, are also those of the three axes, unless there is an
+    acc3.
     """
     low = {text.lower() for text in described}
     for name, text in zip(names, described, strict=True):

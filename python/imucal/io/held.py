@@ -23,7 +23,7 @@ def hold_temperature(
     """The pieces of a recording, with missing temperatures (NaN) replaced by the last reading before them.
 
     longest_s  maximum time for which a reading is held, s; later samples stay NaN. Samples before the first
-               reading of the first piece get this reading if it follows within this time.
+               reading of the first piece get this reading if it follows within `longest_s`.
     """
     last_s, last_degc = np.nan, np.nan
     for number, piece in enumerate(pieces):

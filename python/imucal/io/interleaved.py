@@ -1,7 +1,8 @@
-"""Rows of several units in one text table: a column, such as an address, names the unit of each row.
+"""Detection of text tables with rows of several units, in which a column such as an address names the unit.
 
-Read as one unit, such rows give wrong samples at a wrong rate. Labels of other kinds, such as classes of a
-motion, do not divide the samples: within one label they vary as much as from row to row.
+If such a table were read as one unit, its samples and its sampling rate would be wrong. A column may also
+contain labels that are not units, such as classes of a motion. The samples then change from one label to the
+next by no more than from row to row within one label.
 """
 
 from __future__ import annotations
@@ -21,18 +22,19 @@ __all__ = ["refuse_interleaved"]
 
 # Largest number of units in one table.
 MOST_UNITS: Final = 8
-# Least number of rows, and least share of rows with another label than the row before.
+# A column can name units if the table has at least LEAST_ROWS rows, and if the label in at least the share
+# LEAST_CHANGES of the rows differs from the label in the previous row.
 LEAST_ROWS: Final = 40
 LEAST_CHANGES: Final = 0.1
-# The samples belong to several units if their median change from one label to the next exceeds this number of
-# median changes between successive samples with one label.
+# The samples belong to several units if their median change from a row to a row with another label exceeds
+# this multiple of the median change between successive samples with the same label.
 CLEAR: Final = 5.0
 
 
 def refuse_interleaved(text: Text, names: Sequence[str], head: Head | None = None) -> None:
-    """Raises FormatError if the values of a column without a canonical name divide the samples into units.
+    """Raises FormatError if a column without a canonical name tells that rows belong to several units.
 
-    names  canonical names of the columns, or others
+    names  names of the columns, canonical or not
     head   the first cells, if they are known
     """
     keys = text.layout.names or [str(index) for index in range(len(names))]

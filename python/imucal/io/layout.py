@@ -17,8 +17,8 @@ from imucal.io.unit_words import unit_of
 
 __all__ = ["HEAD", "Layout", "is_number", "is_value", "layout_of", "plain_text", "split_line"]
 
-# Most patterns in this module are texts, which `re` compiles at their first use, because most files need few
-# of the patterns.
+# Most patterns in this module are strings. The module `re` compiles a pattern at its first use, so that only
+# the few patterns that a file needs are compiled.
 
 # Size of the start of a file in which header and first row are searched, bytes.
 HEAD: Final = 1 << 16
@@ -50,7 +50,7 @@ class Layout(NamedTuple):
     names      column names, or None without a header
     units      text of a line with the unit of each column, or None
     preamble   lines before the header
-    separator  between fields; " " stands for any number of spaces
+    separator  text between two fields; " " stands for any number of spaces
     decimal    decimal point, "." or ","
     start      offset of the first row, bytes
     line       number of the line at `start`, from 1

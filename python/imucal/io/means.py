@@ -11,8 +11,8 @@ from imucal.recording.means import Means
 
 __all__ = ["read_means"]
 
-# Arbitrary sampling rate. The rows of the table have no time, and the reader of recordings then needs a rate.
-# The resulting times are not used.
+# Arbitrary sampling rate, Hz. A table of means has no time column, but the reader of recordings needs a time
+# column or a rate. The resulting times are not used.
 ANY_RATE_HZ: Final = 1.0
 
 
@@ -21,9 +21,10 @@ def read_means(
 ) -> Means:
     """Read a table of mean readings: one row for each pose in which the unit rested, without a time column.
 
-    path, columns, axes   as for `imucal.read`, like its other options; the columns are accel_x_mps2, ...,
-                          and, optionally, gyro_x_radps, ..., accel_x_std_mps2, ... (standard deviation of
-                          each mean) and duration_s (time over which a mean was taken)
+    path, columns, axes   as for `imucal.read`; all other options of `imucal.read` are also accepted. The
+                          columns of the table are accel_x_mps2, ..., and, optionally, gyro_x_radps, ...,
+                          accel_x_std_mps2, ... (standard deviation of each mean) and duration_s (time over
+                          which a mean was taken)
 
     Raises the errors of `imucal.read`.
     """

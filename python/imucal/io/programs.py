@@ -12,7 +12,8 @@ class Program(NamedTuple):
     """A program, and the units according to its manual.
 
     name         name of the program in messages
-    accel, gyro  suffixes of the canonical names; "" if the program has no such sensor or no fixed unit
+    accel, gyro  units of the sensors, as suffixes of canonical names; "" for a missing sensor or a unit that
+                 is not fixed
     times        units of time columns whose names do not state them, by name in lower case
     is_corrected whether the program has applied its own calibration to the samples
     """

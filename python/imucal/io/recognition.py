@@ -143,7 +143,7 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
 
 
 def _several_sensors(start: bytes, layout: Layout) -> str:
-    """A sentence on lines of which each contains one sensor, named in its first field; empty for others."""
+    """A sentence for a message if each line starts with the name of its sensor; otherwise empty."""
     lines = start.decode(errors="replace").splitlines()[:100]
     return rows_of_several_sensors({"1": [split_line(line, layout.separator)[0] for line in lines]})
 

@@ -29,7 +29,7 @@ __all__ = [
 
 # Range of the median magnitude of an accelerometer, g, that is accepted as gravity. It allows for motion.
 GRAVITY_G: Final = (0.7, 1.4)
-# Median magnitude, g, below which acceleration does not include gravity.
+# If the median magnitude of acceleration is below this number, g, the acceleration does not include gravity.
 NO_GRAVITY_G: Final = 0.3
 # Resolutions of gyroscopes from datasheets, counts per deg/s: 16.4 times powers of two (MPU-60x0, ICM and BMI
 # series), 16 (BNO055), and the inverse of the resolution in mdps per count (LSM6 and L3G).
@@ -46,22 +46,25 @@ UNLIKELY_FACTOR: Final = 12.0
 LARGEST_RATE_RADPS: Final = 4100 * DEGREE_RAD
 # Plausible range of sampling rates, Hz.
 RATES_HZ: Final = (5.0, 40_000.0)
-# Range of the median magnitude of whole numbers that can be mg. Biases of MEMS sensors reach 0.05 g.
+# Whole numbers can be accelerations in mg if their median magnitude is in this range. Gravity is 1000 mg, and
+# biases of MEMS sensors reach 50 mg.
 MG: Final = (900, 1100)
-# Ranges in which whole numbers, and others, can also be counts of 0.01 m/s^2, of which 981 are 1 g (BNO055).
+# Numbers that can be mg can also be counts of 0.01 m/s^2 (BNO055), of which 981 are 1 g, if their median
+# magnitude is in the first range (whole numbers) or in the second range (all other numbers).
 MG_OR_CM_PER_S2: Final = ((900, 1030), (971, 991))
 # Acceleration may lack gravity if the interquartile range of its magnitude exceeds this share of the median
-# magnitude, and its mean vector is shorter than this share. Without gravity, random motion gives 0.6 and 0.
+# magnitude, and the length of its mean vector is below this share of the median magnitude. For random motion
+# without gravity, these ratios are 0.6 and 0.
 UNSTEADY: Final = 0.5
-# Least share of repeated time stamps for which the clock counts as too coarse, or rows as written twice.
+# If at least this share of the time stamps are repeated, the clock is too coarse or rows were written twice.
 REPEATED: Final = 0.25
 # Largest share of time steps that may be negative in a column of time.
 MOST_BACKWARDS: Final = 0.1
-# Largest noise of the accelerometer per sample, g, at which a unit can be at rest.
+# Upper limit of the standard deviation of an accelerometer's samples, g, with which a unit can be at rest.
 STILL_G: Final = 0.02
 # Number of samples of a block. The noise is estimated from the quietest blocks.
 BLOCK: Final = 20
-# Range of time stamps that are accepted as a date, s since 1970: years 2001 to 2103.
+# Numbers in this range, s, are accepted as times since 1970: years 2001 to 2103.
 EPOCH_S: Final = (1.0e9, 4.2e9)
 UNIT_TEXT: Final = {
     **{"mps2": "m/s^2", "g": "g", "mg": "mg", "lsb": "counts"},
@@ -74,7 +77,7 @@ class Reading(NamedTuple):
 
     likely  suffix of the canonical names for the likely unit, or None
     text    sentence with the values in each unit
-    either  suffixes of the units between which the numbers do not decide
+    either  suffixes of the units if several units are equally likely
     """
 
     likely: str | None
@@ -120,7 +123,7 @@ def accel_reading(values: FloatArray) -> Reading:
 
 
 def _without_gravity(values: FloatArray, size: float) -> str:
-    """The end of a sentence on samples that vary like acceleration without gravity; empty for others."""
+    """The end of a sentence if the samples vary like acceleration without gravity; otherwise empty."""
     values = values[np.isfinite(values).all(axis=1)]
     low, high = np.quantile(np.linalg.norm(values, axis=1), (0.25, 0.75)) / size
     mean = float(np.linalg.norm(values.mean(axis=0))) / size
@@ -133,7 +136,7 @@ def _without_gravity(values: FloatArray, size: float) -> str:
 
 
 def is_still(accel: FloatArray, unit: str | None) -> bool:
-    """Whether the quietest first samples of an accelerometer can be those of a rest; True for counts."""
+    """Whether an accelerometer can be at rest in the quietest blocks of these samples; True for counts."""
     size = gravity_g(accel, unit) if unit is not None else math.nan
     if not math.isfinite(size):
         return True
@@ -143,7 +146,7 @@ def is_still(accel: FloatArray, unit: str | None) -> bool:
 def gyro_reading(values: FloatArray, *, is_moving: bool = False) -> Reading:
     """The interpretation of a gyroscope's first samples, (N, 3).
 
-    is_moving  whether the unit never rests, so that the motion can be taken for noise
+    is_moving  whether the unit never rests, so that its motion could be mistaken for noise
     """
     (noise, least), largest = _noise(values), float(np.nanmax(np.abs(values), initial=0.0))
     text = (
@@ -161,14 +164,15 @@ def gyro_reading(values: FloatArray, *, is_moving: bool = False) -> Reading:
             "dps" if largest < 6000 else "mdps", f"{text}; rates up to {largest:.4g} exclude rad/s"
         )
     likely = _unit_of_noise(noise)
-    # A unit that moves most of the time has little noise only in a few blocks, or in none.
+    # If a unit moves most of the time, `noise` is the variation by the motion, and at most a few blocks are
+    # as quiet as at rest. The unit is therefore unknown if the quietest block indicates another unit.
     if likely is None or _unit_of_noise(least) not in (None, likely) or (is_moving and likely == "dps"):
         return Reading(None, f"{text}: the data do not tell which")
     return Reading(likely, text)
 
 
 def _unit_of_noise(noise: float) -> str | None:
-    """The unit in which the noise per sample is that of a MEMS gyroscope; None if it does not tell."""
+    """The unit in which the noise per sample is typical of a MEMS gyroscope; None if it is ambiguous."""
     if not noise > 0:
         return None
     as_radps, as_dps = (abs(math.log(noise * factor / USUAL_NOISE_RADPS)) for factor in (1.0, DEGREE_RAD))
@@ -216,9 +220,10 @@ def is_constant(values: Any) -> bool:
 
 
 def _without_copies(times: FloatArray) -> FloatArray:
-    """Each time stamp where it first occurs, if blocks of rows occur twice; otherwise all time stamps.
+    """The time stamps without repetitions if blocks of rows were written twice; otherwise all time stamps.
 
-    Loggers that write a block again, for example after a lost connection, repeat stamps out of order.
+    A logger that writes a block of rows again, for example after a lost connection, also repeats the earlier
+    time stamps of this block.
     """
     finite = times[np.isfinite(times)]
     if not (np.diff(finite) < 0).any():
@@ -258,7 +263,10 @@ def is_whole(values: FloatArray) -> bool:
 
 
 def _noise(values: FloatArray) -> tuple[float, float]:
-    """Standard deviations of the noise per sample: of the quietest tenth of short blocks, and the least."""
+    """Two standard deviations of the noise per sample, from the standard deviations of short blocks.
+
+    The first is their 10 % quantile, and the second their smallest value that is not zero.
+    """
     steps = np.diff(values, axis=0)
     steps = steps[np.isfinite(steps).all(axis=1)]
     if len(steps) < 2:

@@ -133,7 +133,7 @@ def stated_unit(sensor: Sensor, what: str, units: Units) -> str | None:
 
 
 def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
-    """The unit of a sensor, from the header, from the caller, or from the size of gravity."""
+    """The unit of a sensor, which the header or the caller states, or which the size of gravity indicates."""
     stated = stated_unit(sensor, what, units)
     if stated is not None:
         return stated
@@ -156,7 +156,7 @@ def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
 
 
 def how_read(sensor: Sensor, what: str, units: Units, unit: str, source: str) -> str:
-    """The start of a message on columns and units: what `source` states, and what follows from gravity."""
+    """The start of a message on columns and units: whether the unit is from `source` or from gravity."""
     if stated_unit(sensor, what, units) is not None:
         return f"columns and units were read from {source}"
     return f"columns were read from {source}; the unit {unit} follows from the size of gravity"
@@ -197,7 +197,10 @@ def _without_gravity(sensor: Sensor, gravity: float) -> FormatError:
 
 
 def time_of_sensor(sensor: Sensor, given: str | None) -> tuple[tuple[str, str], float | None]:
-    """(name, canonical name) of the time column, and its ticks per second if no canonical name has them."""
+    """(name, canonical name) of the time column, and its ticks per second.
+
+    The ticks per second are None if the unit in the canonical name states them.
+    """
     if not sensor.header.times:
         raise FormatError(
             f"{sensor.text.name}: there is no time column: two files need their own time stamps; if the "

@@ -57,7 +57,7 @@ def read_folder(
 ) -> Recording:
     """Read the text files in a folder or a zip archive: one file with both sensors, or one file per sensor.
 
-    Without a file of the gyroscope, the recording has the accelerometer alone.
+    If there is no file with the samples of the gyroscope, the recording contains only the accelerometer.
 
     The other arguments are those of `read_csv` and `read_pair`.
     """

@@ -23,8 +23,8 @@ NANOSECONDS: Final = "stamp_nanoseconds"
 def joined_stamps(table: Table) -> Table:
     """The table with seconds and nanoseconds as one column time_ns, if it has both.
 
-    Raises FormatError with the place of a cell that is not a whole number. Columns of a file are joined, and
-    their cells are checked, when they are read.
+    Raises FormatError with the place of a cell that is not a whole number. If the columns are stored in a
+    file, they are joined and checked later, when their values are read.
     """
     if NANOSECONDS not in table.names:
         return table

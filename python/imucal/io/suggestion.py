@@ -127,7 +127,10 @@ def _likely_first(header: Header, numbers: Callable[[str], Any]) -> Header:
 
 
 def _with_rates(header: Header, names: Sequence[str]) -> Header:
-    """The header. The only three columns in a unit of angular rate, such as p, q, r, become the gyroscope."""
+    """The header, in which the columns in a unit of angular rate, such as p, q, r, become the gyroscope.
+
+    This applies only if there are three such columns, and the header has no other gyroscope.
+    """
     units = {name: unit for name in names if (unit := split_unit(name)[1]) is not None and unit[0] == "gyro"}
     if header.gyro or len(units) != 3 or len(set(units.values())) > 1:
         return header
@@ -192,7 +195,7 @@ def _without_a_sensor(header: Header) -> str:
 
 
 def _alone(header: Header) -> str:
-    """A sentence on a header in which only the columns of one sensor have names that are known."""
+    """A sentence on a header in which the columns of only one sensor are recognised by their names."""
     names = ", ".join((header.accel or header.gyro)[0].columns)
     found, other = ("accelerometer", "gyroscope") if header.accel else ("gyroscope", "accelerometer")
     return (

@@ -34,7 +34,8 @@ class Table:
 
     place        function that returns the position of row i in the file, for messages: "line 12"
     findings     repairs and omissions of the reader
-    ticks_per_s  ticks per second of the time column if no canonical name has this unit; otherwise None
+    ticks_per_s  ticks per second of the time column if its unit has no canonical name, such as 100 us;
+                 otherwise None
     """
 
     file: str

@@ -1,8 +1,8 @@
 """Tables of numbers as text, separated by comma, semicolon, tab or spaces, with or without a header.
 
 A text of plain numbers is parsed in blocks while it is read and hashed, so that a file is never in memory as
-a whole. Any other text is read by Arrow in one pass. Only if Arrow fails is the file read again as text,
-where lines that are not rows are skipped (see `rows`).
+a whole. Any other text is read by Arrow in one pass. If Arrow fails, the file is read a second time, and
+lines that are not rows of numbers are skipped (see `rows`).
 """
 
 from __future__ import annotations
@@ -284,7 +284,10 @@ def _is_read(name: str, column: Any) -> bool:
 
 
 def _is_doubtful(table: Table) -> bool:
-    """Whether a part may contain rows that must be skipped. Only a reader of the whole text can skip rows."""
+    """Whether a part of a text may contain rows that must be skipped.
+
+    Such a text is read again as a whole, because only the reader of whole texts can skip rows.
+    """
     if any(not _is_read(name, column) for name, column in zip(table.names, table.columns, strict=True)):
         return True
     return bool(table.columns) and all(column.null_count for column in table.columns)

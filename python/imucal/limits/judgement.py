@@ -183,7 +183,7 @@ class Judgement:
         return tuple(dict.fromkeys(check.reason for check in self.failed))
 
     def applied(self, verdict: Verdict, reasons: Sequence[str]) -> tuple[Verdict, tuple[str, ...]]:
-        """The verdict of a unit with the checks, and all reasons. The arguments are those without checks."""
+        """The verdict after the checks, with all reasons. The arguments are those before the checks."""
         return verdict if self.passed else "poor", (*self.reasons, *reasons)
 
     @property

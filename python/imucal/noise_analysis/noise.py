@@ -96,7 +96,7 @@ class AxisNoise:
 class Departure:
     """Change of the mean of one axis: its size and standard deviation, m/s^2, rad/s or lsb.
 
-    gain  increase of twice the log-likelihood relative to a model with random noise only
+    gain  twice the increase of the log-likelihood relative to a model with random noise only
     """
 
     size: float

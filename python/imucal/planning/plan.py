@@ -41,7 +41,7 @@ __all__ = ["plan"]
 
 DEFAULT_MINUTES: Final = 3.0
 PROPOSALS: Final = 12000
-# Number of steps of a short trial search, which shows which parameters the motions of the stand can
+# Number of changes that a short trial search tries, to find the parameters that motions of the stand can
 # determine.
 FEW_PROPOSALS: Final = 300
 # Standard deviation of the hand tremor about each axis, deg, in the simulated run from which detection limits
@@ -83,7 +83,8 @@ def plan(
                a unit ("50 ppm"), for the optimal program. Groups are accel_bias, accel_sensitivity,
                gyro_bias, gyro_sensitivity and the names in `effects`. The shortest program is found; for
                "faces", the smallest number of rounds. Without targets the optimal program is the D-optimal
-               one in `minutes`, which has the most information on all parameters
+               program of duration `minutes`, which maximises the determinant of the information matrix of all
+               parameters
     minutes    maximum duration of the optimal program; default: the maximum in the stand limits, or 3
     effects    names of further effects that the program must determine
     model, hold  parameters that have a prior, as in `calibrate`; the default standard deviations of

@@ -30,7 +30,7 @@ class NotObservable:
 
 @dataclass(frozen=True, slots=True)
 class ComparedProgram:
-    """One of the paper's programs: its duration, and the largest standard deviation of each group."""
+    """A program of the paper cited in docs/model.md: duration, largest standard deviation of each group."""
 
     name: str
     minutes: float

@@ -56,7 +56,7 @@ SETS: Final = {"control_set": "control", "held_out": "held out", "calibration_se
 
 
 def disagreement(gap: Gap) -> Figure:
-    """Residuals of each channel of `gap.where` relative to their noise, without and with the found effects.
+    """Residuals of each kind and axis in `gap.where`, divided by their noise, without and with the effects.
 
     Residuals from noise alone have the value 1.
 

@@ -27,8 +27,8 @@ __all__ = [
     "sphere_before_and_after",
 ]
 
-# All errors are drawn magnified by a common factor. The factor is chosen such that the largest distance of a
-# point from the sphere is this number of radii.
+# All errors are drawn magnified by a common factor. With this factor, the largest distance of a point from
+# the sphere is this fraction of the radius.
 DRAWN_ERROR: Final = 0.4
 # Edges of the bins of a histogram of a normal variable, in standard deviations. The outermost bins also
 # contain all values beyond them.
@@ -38,7 +38,7 @@ LENGTH_EDGES: Final = np.arange(0.0, 5.01, 0.5)
 
 
 def norms_before_and_after(result: CalibrationResult) -> tuple[FloatArray, FloatArray]:
-    """Norm of the force at each used rest over gravity, before and after the calibration, (K,) each.
+    """Norm of the force at each used rest, divided by gravity, before and after calibration, (K,) each.
 
     Before calibration, raw counts are converted to forces with one scale and one zero for all axes, which are
     means of the calibration over the axes.
@@ -55,7 +55,7 @@ def norms_before_and_after(result: CalibrationResult) -> tuple[FloatArray, Float
 
 
 def sphere_before_and_after(result: CalibrationResult) -> tuple[Figure, float]:
-    """Gravity at each rest relative to a sphere of radius g, before and after, and the factor of the errors.
+    """Gravity at each rest beside a sphere of radius g, before and after, and the magnification of errors.
 
     The distance of a point from the sphere is |f| - g, magnified by the returned factor.
 

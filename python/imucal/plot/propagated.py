@@ -1,4 +1,4 @@
-"""Gravity propagated by the gyroscope through a run: figures 2 to 4 of the paper."""
+"""Gravity propagated by the gyroscope through a run: figures 2 to 4 of the paper cited in docs/model.md."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ LENGTH_95: Final = math.sqrt(-2.0 * math.log(0.05))
 
 
 def rest_residuals(result: CalibrationResult | Evaluation) -> Figure:
-    """|f| - g at each rest, mg, over the number of the rest; the band contains 95 % of noise residuals.
+    """Norm of the force minus gravity at each rest, mg; 95 % of residuals of noise alone are in the band.
 
     Raises ImucalError without plotly.
     """
@@ -44,7 +44,7 @@ def rest_residuals(result: CalibrationResult | Evaluation) -> Figure:
 def move_residuals(result: CalibrationResult | Evaluation) -> Figure:
     """Angle between propagated and measured gravity after each move, deg, over the number of the move.
 
-    The band contains 95 % of noise residuals. Raises ImucalError without plotly.
+    The band contains 95 % of the residuals that noise alone causes. Raises ImucalError without plotly.
     """
     moves = result.moves
     words = [

@@ -58,7 +58,7 @@ def waterfall_steps(gap: Gap) -> dict[str, list[tuple[str, float]]]:
 
 
 def waterfall(gap: Gap) -> Figure:
-    """The gap of each kind of residual, closed by one effect after the other.
+    """Waterfall chart of the gap of each kind of residual: the share that each effect closes.
 
     Raises InputError if no effect closes a gap, ImucalError without plotly.
     """

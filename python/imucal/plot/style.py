@@ -55,8 +55,8 @@ def styled(figure: Figure, height: int) -> Figure:
         "minexponent": 5,
         "title": {"standoff": 8},
     }
-    # Invisible ticks, in the colour of the paper, separate the labels of both axes in the corner of the
-    # figure.
+    # Ticks in the colour of the background, which are invisible, keep the labels of the two axes apart in the
+    # corner of the figure.
     ticks = {"ticks": "outside", "ticklen": 4, "tickcolor": PAPER}
     layout = figure.layout.to_plotly_json()
     axes = {name: axis for name in ("yaxis", *layout) if name.startswith("yaxis")}
@@ -81,7 +81,7 @@ def styled(figure: Figure, height: int) -> Figure:
 
 
 def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
-    """A layout with the entries of another one, which replace its own."""
+    """The layout `old` with the entries of `new`, which replace entries of the same name."""
     replaced = {
         name: _merged(old[name], value) if isinstance(value, dict) and name in old else value
         for name, value in new.items()

@@ -1,4 +1,4 @@
-"""Plot of the residuals at rest over temperature, heating and cooling apart."""
+"""Plot of the residuals at rest over temperature, separately for heating and cooling."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["temperature_loop"]
 
 
 def temperature_loop(loop: TemperatureLoop) -> Figure:
-    """Residuals of a sensor over temperature by axis, heating and cooling apart, and with the effects.
+    """Residuals of each axis over temperature, separately for heating and cooling, and with the effects.
 
     Raises ImucalError without plotly.
     """

@@ -163,7 +163,8 @@ class Recording:
     def said(self, samples: int, duration_s: float) -> str:
         """A one-line description.
 
-        If this is the first piece of a recording, the arguments describe the whole recording.
+        The arguments are the stated number of samples and duration. If this is the first piece of a
+        recording, they are those of the whole recording.
         """
         extras = [
             *(["temperature"] if self.temperature_degc is not None else []),

@@ -73,7 +73,7 @@ def write_fleet_page(
 
 
 def _or_reason(compute: Any) -> Any:
-    """The result of `compute`, or the reason as text if the fleet is too small for this statistic."""
+    """The result of `compute`, or a text with the reason if the fleet is too small for this statistic."""
     try:
         return compute()
     except InputError as error:
@@ -217,7 +217,7 @@ def _parameters(
 
 
 def _of_spread(spread: Spread, scale: Scale) -> list[str]:
-    """Mean, spread and noise with two significant digits of their uncertainty or value."""
+    """Mean, to two digits of its standard deviation, and spread and noise, to two digits each."""
     stds = [scale.factor * std for std in (spread.mean_std, spread.spread, spread.noise)]
     shown = [scale.shown(spread.mean), *stds[1:]]
     return [rounded_to(value, std) for value, std in zip(shown, stds, strict=True)]

@@ -38,7 +38,7 @@ MOST_PANELS = 4
 
 
 def where(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
-    """Residuals of each channel, residuals against explaining variables, and the worst rests and moves."""
+    """Residuals by kind and axis, residuals against explaining variables, and the worst rests and moves."""
     found = gap.where or {}
     yield Shown(
         "where",

@@ -84,8 +84,8 @@ class StandLimits:
     settle_s       duration of the vibration after a rotation, s; rests are extended by this time
     min_rest_s     minimum duration of a rest, s
     minutes        maximum duration of a program, or None
-    forbidden_deg  boxes of motor angles, modulo full revolutions, that the unit must not enter: from and to
-                   for each motor, None for any angle
+    forbidden_deg  forbidden combinations of motor angles, modulo full revolutions. Each combination has one
+                   interval per motor, or None if it is forbidden at any angle of this motor
     in_hand        whether the unit is hand-held instead of on a stand, with tremor and poses in steps of 45
                    deg
     """

@@ -133,9 +133,9 @@ class Unit:
     """An accelerometer and a gyroscope on one board, with their effects.
 
     description, sources   description of the unit, and the sources of its figures
-    spread                 standard deviations over units of this kind, from the tolerances of the file, SI
-                           units: accel_bias, accel_scale, accel_misalignment, gyro_bias, gyro_scale and
-                           gyro_misalignment; one value, or one per axis
+    spread                 standard deviations of the figures over units of this kind, from the tolerances in
+                           the file, SI units: accel_bias, accel_scale, accel_misalignment, gyro_bias,
+                           gyro_scale and gyro_misalignment; one value, or one per axis
     """
 
     accelerometer: Sensor = field(default_factory=Sensor)
@@ -342,7 +342,7 @@ def _drawn_effect(spread: Node, name: str) -> tuple[int, str, float]:
 
 
 def _draw(node: Node, seed: int) -> Unit:
-    """A random unit of a profile."""
+    """A random unit, drawn from the tolerances in the unit file `node`."""
     check_seed(seed)
     profile = unit_from(node)
     spread = node.get("spread") if "spread" in node.mapping() else Node({}, "$.spread", node.file)

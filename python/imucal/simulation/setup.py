@@ -29,8 +29,8 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 __all__ = ["Setup"]
 
 # Parameters of the clock and of the data link in the compiled library, each with the range of values that are
-# accepted in a file. Shares of samples are from 0 to 1. The ranges of the rate error and of the jitter, s, of
-# the clock include the errors of every clock.
+# accepted in a file. Shares of samples are from 0 to 1. The rate error of the clock is a ratio, and its
+# jitter is in s. Both ranges are wider than the errors of any real clock.
 LINK: Final = {
     "missing_share": (0.0, 1.0),
     "duplicated_share": (0.0, 1.0),

@@ -81,8 +81,8 @@ def simulate(
     effects       name -> values (see `imucal.effects.values`): effects of the catalogue, noise, faults,
                   formulas, and user-defined effects; they replace effects of the unit with the same name
     user_effects  definitions of the user-defined effects in `effects`
-    auxiliary     name -> (N,) values at the samples, or a function of their times in s: recorded, and
-                  available to user-defined effects
+    auxiliary     name -> (N,) values at the samples, or a function of the sample times in s; these columns
+                  are recorded, and user-defined effects can depend on them
     stand         errors of the stand: a Stand, "cheap" or "cheap:SEED", or the path of a stand file; None
                   uses the stand of the program
     gravity_mps2  local gravity, m/s^2; None: normal gravity at `latitude_deg` and `height_m`, or standard

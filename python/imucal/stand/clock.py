@@ -13,7 +13,7 @@ Item = TypeVar("Item")
 
 
 class Clock(Protocol):
-    """A monotonic clock. A run waits only by its methods."""
+    """A monotonic clock. A run waits only by the methods of this clock."""
 
     def now_s(self) -> float:
         """Seconds since an arbitrary instant."""
@@ -22,7 +22,7 @@ class Clock(Protocol):
         """Return after `duration_s`."""
 
     def next_item(self, queue: SimpleQueue[Item], wait_s: float) -> Item:
-        """Take the next item of a queue; `queue.Empty` if none arrives within `wait_s`."""
+        """Take the next item of a queue. Raises `queue.Empty` if none arrives within `wait_s`."""
 
     def start_work(self, thread: Thread) -> None:
         """Start a computation in parallel to the run."""
@@ -40,7 +40,7 @@ class SystemClock:
         time.sleep(duration_s)
 
     def next_item(self, queue: SimpleQueue[Item], wait_s: float) -> Item:
-        """Take the next item of a queue; `queue.Empty` if none arrives within `wait_s`."""
+        """Take the next item of a queue. Raises `queue.Empty` if none arrives within `wait_s`."""
         return queue.get(timeout=wait_s)
 
     def start_work(self, thread: Thread) -> None:

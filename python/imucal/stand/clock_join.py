@@ -103,7 +103,7 @@ def _slope(unit_s: FloatArray, late_s: FloatArray) -> float:
 
 
 def _hull_slope(unit_s: FloatArray, late_s: FloatArray) -> float:
-    """Slope of the lower convex hull of the points (unit time, delay) at the mean of the unit's times."""
+    """Slope of the lower convex hull of the points (unit time, delay), at the mean of all unit times."""
     hull: list[tuple[float, float]] = []
     if len(unit_s) > MOST_POINTS:
         # Only the least delayed sample of each block is kept, because the lower hull depends only on such

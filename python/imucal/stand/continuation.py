@@ -27,14 +27,14 @@ WRAP_SHARE: Final = 0.9
 
 
 class Continuation:
-    """Waiting samples after an interruption.
+    """Samples that are held back after an interruption, until their times are known.
 
     last_s    time of the last sample before the interruption, s
     host_s    host time at which this sample arrived, s
     per_s     counts per second of the counter that gives the time of a sample
     turn      value at which the counter wraps, or None
     is_clock  whether the counter is a clock of the unit, which may have continued
-    waiting   the samples, with their arrivals
+    waiting   the samples that are held back, with their host times of arrival
     """
 
     def __init__(

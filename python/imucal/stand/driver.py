@@ -17,7 +17,7 @@ Position: TypeAlias = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Progress:
-    """Number of completed steps, and the controller's position of the motors' zero, deg."""
+    """Number of completed steps, and the controller's position with all motors at zero, deg."""
 
     steps_done: int
     zero_deg: tuple[float, float, float]
@@ -35,7 +35,7 @@ class Event:
 class Status:
     """State of a driver.
 
-    state    moving or holding a pose, finished (all steps done), or failed
+    state    moving; holding, while a pose is held; finished, after all steps; or failed
     step     current step of the program, from 0
     code     stable identifier of the cause of a failure
     message  information for the operator; for a failure, cause and remedy
@@ -48,7 +48,7 @@ class Status:
 
 
 class Driver(Protocol):
-    """Runs a program on a stand, starting with all motors at zero.
+    """Runs a program on a stand. At the start of the program all motors are at zero.
 
     Only `start` may block. The recorder calls `poll` about fifty times a second.
     """

@@ -93,7 +93,7 @@ class Motors:
         for motor, turn in zip(self._ids, turns, strict=True):
             self._check(motor)
             share = turn / max(turns) if max(turns) > 0.0 else 1.0
-            # At least 1, because 0 means no limit.
+            # The velocity is at least 1, because the value 0 means no limit.
             velocity = max(round(share * RATE_DPS / RATE_UNIT_DPS), 1)
             acceleration = max(round(share * ACCELERATION_DPS2 / ACCELERATION_UNIT_DPS2), 1)
             self._write(motor, PROFILE_ACCELERATION, 4, acceleration)

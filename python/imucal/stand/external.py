@@ -38,7 +38,7 @@ QUERY_S: Final = 0.04
 ANSWER_S: Final = 3.0
 FIRST_S: Final = 15.0
 # A pose counts as reached if each motor is within this angle of its target, deg. The angle is larger than the
-# error of a hobby servo. The recorded angles do not depend on it, because the program reports them.
+# error of a hobby servo. The recorded angles do not depend on this limit, because the program reports them.
 NEAR_DEG: Final = 1.0
 # The motors count as stalled if none of them turns by more than `STILL_DEG` within `STALL_S` before the
 # target is reached.
@@ -53,7 +53,7 @@ STOP_S: Final = 2.0
 
 
 class ExternalDriver:
-    """Runs a program with a command that moves the stand, starting with all motors at zero.
+    """Runs a program on a stand that a command of the user moves. All motors are at zero at the start.
 
     command     the command with its arguments, as typed in a shell; it is started without a shell
     start_here  take the position of the motors at the start as zero
@@ -265,7 +265,7 @@ class ExternalDriver:
             yield
 
     def _hold(self, pose: Triple, hold_s: float) -> Waiting:
-        """Wait until the pose was reported, without a change, for the hold time."""
+        """Wait until all angles reported during the hold time are those of the pose and do not change."""
         target, since_s, first = self._target(pose), self._read_s, self._angles
         self._phase = "holding"
         while self._read_s - since_s < hold_s:

@@ -2,8 +2,9 @@
 
 Each step consists of a line that moves all motors to absolute angles, and a line with `G4`, which waits until
 the motors are at rest and then dwells. Every move therefore starts and ends at rest, with a trapezoidal rate
-profile (GRBL's planner.c). Let d be the combined rotation of all motors, deg. v is the feed, deg/s, and a the
-acceleration, deg/s^2, along this rotation. The duration of the move is
+profile (GRBL's planner.c). Let d be the combined rotation, deg: the root of the sum of the squared rotations
+of the three motors. v is the feed, deg/s, and a the acceleration, deg/s^2, along this combined rotation. The
+duration of the move is
 
     t = d / v + v / a    if v^2 / a <= d,    2 sqrt(d / a)    if the feed is not reached
 
@@ -61,7 +62,7 @@ class MotorLimits:
                 raise InputError(f"{name} is {values}: three positive numbers up to {most:g} are needed")
 
     def along(self, turn_deg: Sequence[float]) -> tuple[float, float]:
-        """Highest rate, deg/s, and acceleration, deg/s^2, along a combined rotation of the motors."""
+        """Highest rate, deg/s, and acceleration, deg/s^2, along the combined rotation of `turn_deg`."""
         length = math.hypot(*turn_deg)
 
         def most(limits: Sequence[float]) -> float:
@@ -94,9 +95,9 @@ class Axes:
 
 @dataclass(frozen=True)
 class Block:
-    """One step of a program in the terms of the controller.
+    """One step of a program, as the controller executes it.
 
-    angles_deg  target angles of the motors, from all motors at zero
+    angles_deg  target angles of the motors, deg, if all motors start at 0 deg
     feed_dpm    feed along the combined rotation, deg/min; None if no motor moves
     dwell_s     requested dwell after the move, s
     move_s      duration of the move on the controller, s
@@ -114,7 +115,7 @@ class Block:
         return f"G4P{_number(self.dwell_s, 3)}"
 
     def move_line(self, axes: Axes, words: str = "G1", shift_deg: Sequence[float] = (0.0, 0.0, 0.0)) -> str:
-        """The line of the move; `shift_deg` is the controller's position at the stand's zero, deg."""
+        """The line of the move; `shift_deg` is the controller's position with all motors at zero, deg."""
         angles = [angle + shift for angle, shift in zip(self.angles_deg, shift_deg, strict=True)]
         return f"{words}{axes.words(angles)}F{_number(self.feed_dpm or LEAST_FEED_DPM, FEED_DECIMALS)}"
 

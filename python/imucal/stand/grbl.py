@@ -2,9 +2,9 @@
 
 The motors never move to a target that the controller might have misread. For each step the driver sets the
 origin of the work coordinates to the target, waits until a report confirms this offset, and then commands a
-move to 0, 0, 0 (grbl_motors.py). A byte lost on the way can prevent or
-shorten a move, but cannot send the motors past the target. The confirmed offset also proves that the
-controller has not restarted, because a restart clears the offset.
+move to 0, 0, 0 (grbl_motors.py). If a byte is lost on the serial line, the move can fail or be too short, but
+the motors cannot move past the target. The confirmed offset also proves that the controller has not
+restarted, because a restart clears the offset.
 
 A step is complete when its pose has been reported at rest for the hold time of the step. After a fault of the
 line (a refused line, a lost cable, a silent controller) the step is repeated from the reported position. An
@@ -192,7 +192,7 @@ class GrblDriver:
         return Status("moving", step, message="" if phase == "moving" else phase)
 
     def _start_from(self, position_deg: Triple) -> tuple[Triple, int]:
-        """The zero of the motors, and the number of steps that are already completed, from their position."""
+        """The zero of the motors, and the number of completed steps, if the motors are at this position."""
         if self._resume is None:
             require_zero(position_deg, self._consent)
             return ((0.0, 0.0, 0.0) if self._consent.unwind else position_deg), 0
@@ -213,7 +213,7 @@ class GrblDriver:
         return zero, step
 
     def _say_uncertainty(self) -> None:
-        """Warn if the unknown instants of the reported angles make the angles in moves uncertain."""
+        """Warn if a difference between the delays of queries and reports can falsify the angles in moves."""
         half_s = (self._session.port.shortest_s or 0.0) / 2
         rate_dps = max((block.feed_dpm or 0.0 for block in self._blocks), default=0.0) / 60.0
         if half_s * rate_dps > UNCERTAIN_DEG:

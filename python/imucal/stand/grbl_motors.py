@@ -1,8 +1,8 @@
 """Motors of a stand under a GRBL controller: their reported position, and moves to confirmed targets.
 
-For each move the origin of the work coordinates is set to the target (`G92`; `G43.1` with grblHAL, which
-stores G92). When a report has confirmed this offset, a move to 0, 0, 0 is commanded. A move has ended when
-reports show the motors at rest.
+For each move the origin of the work coordinates is set to the target by `G92`, or by `G43.1` with grblHAL,
+which keeps the offset of G92 over a restart. When a report has confirmed this offset, a move to 0, 0, 0 is
+commanded. A move has ended when reports show the motors at rest.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ class Motors:
     """The motors of a controller that is ready.
 
     zero_deg  position that the controller reports at the zero of the stand: angle = reported position - zero
-    instants  receives the angles of the stand with their instants
-    phase     what the motors do, for the state of the run
+    instants  object that receives the reported angles and corrects their instants
+    phase     current activity of the motors in words, such as moving or holding
     """
 
     def __init__(

@@ -1,8 +1,8 @@
 """A session with a GRBL controller: its last state, and the exchanges of commands, stop and reset.
 
-Exchanges are generators that yield while they wait for answers, so that recording continues. One line is sent
-at a time. A line that is refused or not answered is sent again. Repeating a line is safe, because all lines
-of the driver are idempotent.
+Exchanges are generators that yield while they wait for answers, so that recording continues. A line is sent
+only after the previous line was answered. A line that is refused or not answered is sent again. Repeating a
+line is safe, because all lines of the driver are idempotent.
 """
 
 from __future__ import annotations
@@ -78,11 +78,11 @@ class TroubleError(Exception):
 class Timeouts:
     """Timeouts of the driver, s.
 
-    answer_s     for the answer to a line or a query
-    stall_s      without a report of the controller, or without motion after a line that starts it
-    reconnect_s  for a lost port to reappear
-    pause_s      for a feed hold or an open safety door to be ended
-    boot_s       for a controller that restarts when its port is opened
+    answer_s     longest time until a line or a query is answered
+    stall_s      longest time without a report of the controller, and from the line of a move to its motion
+    reconnect_s  longest time until a lost port reappears
+    pause_s      longest time until the user ends a feed hold or closes the safety door
+    boot_s       longest time until a controller reports that restarts when its port is opened
     """
 
     answer_s: float = 2.0

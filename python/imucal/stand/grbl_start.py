@@ -71,7 +71,8 @@ class Ready:
     position_deg  machine position of the motors
     offset_deg    offset of work coordinates
     limits        rates and accelerations of the motors
-    is_hal        whether the controller is grblHAL, whose tool offsets have all axes and whose G92 is stored
+    is_hal        whether the controller is grblHAL. It has tool offsets of all axes, and keeps the offset of
+                  G92 over a restart
     """
 
     position_deg: Triple

@@ -32,7 +32,7 @@ def one_way_s(shortest_s: float, length: int, baud: int) -> tuple[float, float]:
     """Shortest times, s, from the query to the position, and from the position to the arrival of the report.
 
     The transmission of the report takes the time given by the baud rate, unless the line is faster, as with
-    USB. The rest of the shortest time between query and report is divided equally.
+    USB. Half of the remaining part of `shortest_s` is before the position is taken, and half after it.
     """
     sent_s = length * BITS / baud
     if sent_s > shortest_s:

@@ -2,8 +2,8 @@
 
 A position is accepted if it is near the straight line of the commanded move, and if the motors can have
 reached it since the last accepted position. All other reports are considered damaged, unless three
-consecutive reports agree. In this case the motors are elsewhere, or the controller has restarted and counts
-from zero.
+consecutive reports agree. In this case the motors have left the commanded line, or the controller has
+restarted and counts its positions from zero.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ and payload) and a payload, little-endian:
     S  samples: rows of float64, the columns of the header followed by the host time of arrival, s
     P  motor positions: rows of float64, host time, s, and three angles, deg
     E  event, JSON
-    D  progress, JSON: number of completed steps, and the controller's position of the motors' zero, deg
+    D  progress, JSON: number of completed steps, and the controller's position with all motors at zero, deg
 
 Blocks are only appended, each with one write. If the process is killed, the file ends with complete blocks
 and at most one partial block. Data written before the last `sync` survive a power failure.
@@ -117,7 +117,7 @@ class Journal:
             self._append(POSITIONS, np.asarray(rows, dtype="<f8").tobytes())
 
     def progress(self, steps_done: int, zero_deg: Sequence[float]) -> None:
-        """Append the number of completed steps and the zero, from which an interrupted run can be resumed."""
+        """Append the number of completed steps and the zero of the motors, which `stand resume` needs."""
         progress = {"steps_done": steps_done, "zero_deg": list(zero_deg)}
         self._append(PROGRESS, json.dumps(progress).encode())
 
@@ -167,9 +167,9 @@ class Logged:
     positions   (M, 4)  host time, s, and motor angles, deg
     events      events with host_s, code and message
     steps_done  number of completed steps of the program
-    zero_deg    controller's position of the motors' zero, deg; None if it is not known
+    zero_deg    controller's position with all motors at zero, deg; None if it is not known
     blocks_lost number of blocks that are missing between others
-    tail_bytes  number of bytes after the last complete block, which are a partially written block
+    tail_bytes  number of bytes of a partially written block at the end of the file
     """
 
     path: str

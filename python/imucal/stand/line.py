@@ -93,7 +93,7 @@ class Outcome:
 
     verdict  passed, failed or no_result
     reasons  reasons for a verdict other than passed
-    folder   folder of all files
+    folder   folder that contains all files of the unit
     calibration  path of the saved calibration, None if there is none
     exports  exported files by format
     not_written  error messages by format or file name, for files that the verdict permits but that could not
@@ -155,7 +155,7 @@ def calibrate_unit(
 
     equipment  returns the driver and the source for a program and the seed of simulated noise
     folder     parent of the unit's new folder; existing folders are not changed
-    view       live view of a run that is written to a given file, run.csv or control.csv
+    view       function that returns the live view of a run, given its output file, run.csv or control.csv
 
     Raises ImucalError if the equipment cannot start, and InputError for a program that does not determine all
     parameters and for exports that do not accept the unit's data. Failures after the first sample are

@@ -117,7 +117,7 @@ class ManualDriver:
         """Does nothing, because there are no motors."""
 
     def _bins(self) -> FloatArray:
-        """Means of the window over intervals of `BIN_S`, (B, 6): specific force and angular rate."""
+        """Means of the latest samples over intervals of `BIN_S`, (B, 6): specific force, angular rate."""
         number = ((self._window[:, 0] - self._window[0, 0]) / BIN_S).astype(int)
         counts = np.bincount(number)
         sums = np.stack([np.bincount(number, column) for column in self._window[:, 1:].T], axis=1)

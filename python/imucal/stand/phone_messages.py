@@ -90,7 +90,7 @@ class PhoneDecoder:
                     known.append(sample)
 
     def _describe(self, names: set[str]) -> None:
-        """Set the remark if a sensor is missing."""
+        """Set `remark`, the sentence for the user on a missing sensor; empty if none is missing."""
         if all(self._samples.values()):
             self.remark = ""
         elif not self._samples["accel"] and "accelerometer" in names:
@@ -107,7 +107,7 @@ class PhoneDecoder:
             self.remark = f"the phone sends no {missing}: switch it on"
 
     def _rows(self) -> list[tuple[float, ...]]:
-        """Rows up to the time for which both sensors are known."""
+        """Rows up to the latest time at which samples of both sensors are available."""
         if any(len(samples) < FIRST for samples in self._samples.values()):
             return []
         accel, gyro = (self._stream(sensor) for sensor in ("accel", "gyro"))

@@ -1,4 +1,4 @@
-"""Progress of a run: rate, rests, coverage of directions, and predicted standard deviations."""
+"""Progress of a run: rate, rests, coverage of directions, and predicted accuracy of a calibration."""
 
 from __future__ import annotations
 
@@ -36,8 +36,9 @@ class Prospect:
     """Evaluation of the samples received so far.
 
     rests     number of rests
-    coverage  share of all directions within 30 deg of the vertical of a rest
-    sigma     predicted standard deviation of each parameter, None if it is not determined
+    coverage  share of all body directions that were within 30 deg of the vertical at any rest
+    sigma     standard deviation of each parameter that a calibration from these samples would have; None for
+              a parameter that is not determined
     units     units of the parameters
     missing   description of the motion that is needed to determine the undetermined parameters
     """
@@ -121,8 +122,8 @@ class Progress:
             self._evaluating.join()
         if not wait and (self._clock.now_s() < self._next_s or not self._chunks):
             return
-        # The chunks are concatenated before the background thread starts, because this thread appends to the
-        # list.
+        # The chunks are concatenated before the background thread starts, because `add` appends to the list
+        # in the calling thread.
         self._chunks = [np.concatenate(self._chunks)] if self._chunks else []
         rows = self._chunks[0] if self._chunks else np.zeros((0, len(self.columns)))
         if wait:
@@ -153,7 +154,7 @@ def _prospect(recording: Recording, inspection: Inspection) -> Prospect:
 
 
 def _coverage(recording: Recording, inspection: Inspection) -> float:
-    """Share of all directions within `NEAR_DEG` of the vertical of a rest."""
+    """Share of all body directions that were within `NEAR_DEG` of the vertical at any rest."""
     ups = [
         samples_of_both(recording.between(rest.start_s, rest.end_s))[0].mean(axis=0)
         for rest in inspection.rests

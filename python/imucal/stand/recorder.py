@@ -64,7 +64,7 @@ class Done:
     output     path of the recording, None if there are no samples
     counts     counts of received, lost and damaged data
     events     events of the run
-    prospect   rests, coverage of directions, and predicted standard deviations of the samples
+    prospect   rests, coverage of directions, and predicted standard deviations of a calibration
     """
 
     state: str
@@ -110,7 +110,7 @@ def record(
 
     steps     number of steps of the program
     about     further fields for the header of the journal
-    targets   end the run early when the predicted standard deviations reach these targets
+    targets   end the run early when a calibration would have standard deviations within these targets
     watch     called with the state of the run in every iteration
     silent_s  time without samples, s, after which the unit counts as lost
     resume    contents of the journal of an interrupted run, which is continued

@@ -83,7 +83,7 @@ class StreamSource:
         if rate_hz is not None and not rate_hz > 0:
             raise InputError(f"the sample rate is {rate_hz}: give a positive number, Hz")
         self._rate_hz = rate_hz
-        # The column from which the time is computed, if there is one, and its counts per second.
+        # Index of the column from which the time is computed, or None, and its counts per second.
         self._counter = self._sequence if self._time is None else self._time
         self._per_s = TICKS_PER_S[names[self._time]] if self._time is not None else rate_hz or 1.0
         self._check = (

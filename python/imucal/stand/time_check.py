@@ -1,10 +1,12 @@
 """Check of the times that a unit sends as text without a checksum, by comparison with the host clock.
 
 If a digit of a time is lost or changed on the line, the time is ahead of the host clock, or the next time is
-smaller. Therefore each row is held back until the next row arrives, whose time must continue that of the row.
-If the next row continues the earlier rows instead, the row that was held back is damaged. If later rows
-continue neither the row nor the earlier rows, the unit has restarted. Times may lag behind the host clock by
-any duration, because rows can be delivered late, but they cannot be ahead of the host clock.
+smaller. Therefore each row is held back until the next row arrives. A row continues an earlier row if the
+step between their times is possible for the host times at which they arrived. If the next row continues the
+row that is held back, this row is intact. If the next row only continues rows before it, the row that is held
+back is damaged. If later rows continue neither the row nor the rows before it, the unit has restarted. Times
+may lag behind the host clock by any duration, because rows can be delivered late, but they cannot be ahead of
+the host clock.
 """
 
 from __future__ import annotations
@@ -93,7 +95,10 @@ class TimeCheck:
         return self._accept([self._waiting.pop(0)])
 
     def _continues(self, last_s: float, last_arrived_s: float, new: _Waiting) -> bool:
-        """Whether the time step from an earlier row, which may be late, to `new` fits their arrivals."""
+        """Whether the time step from an earlier row to `new` is possible for their times of arrival.
+
+        The earlier row may have arrived late.
+        """
         late_s = max(last_arrived_s - last_s - self._least_s, 0.0)
         return _is_step(new.time_s - last_s, new.timed[1] - last_arrived_s + late_s)
 

@@ -34,8 +34,8 @@ def unit_source(
 ) -> StreamSource:
     """The source at an address.
 
-    address  as `link_to` takes it, or http://[HOST]:PORT to which Sensor Logger pushes,
-             phyphox://HOST[:PORT], or ros2://TOPIC
+    address  an address for `link_to`; or http://[HOST]:PORT, to which Sensor Logger sends its messages; or
+             phyphox://HOST[:PORT]; or ros2://TOPIC
     columns  template of text lines, see `LineDecoder`
     packet   file that describes binary packets
     rate_hz  sampling rate of a unit that sends no time, Hz

@@ -6,7 +6,8 @@ mount_slip          the unit has slipped on its mount
 loose_mount         the mount has play
 poor_calibration    a figure of the run is poor, or too many rests or moves were rejected as outliers
 poor_control        a figure of the control run is poor
-incomplete_calibration, incomplete_control   good is required, but residuals of a run exceed their noise
+incomplete_calibration, incomplete_control   residuals of a run exceed their noise; a reason only if the
+                    verdict good is required
 limit               a limit of the limits file is exceeded
 no_motion           all axes contain only noise: the stand did not move, or the data are frozen; no result
 stand_mismatch      the attitude differs by several degrees from the stand's angles, because of a motor or the
@@ -53,7 +54,7 @@ QUIET_SHARE: Final = 0.25
 QUIET_QUANTILE: Final = 0.3186
 # If the attitude of the unit and the attitude from the stand's angles differ by more than this angle, deg, a
 # motor is faulty or the unit came off its mount. GROSS_DEG is for calibrated samples, and larger than the
-# play of any mount. GROSS_RAW_DEG is for raw samples, and also larger than their errors.
+# play of any mount. GROSS_RAW_DEG is for raw samples, and larger than the attitude errors from raw samples.
 GROSS_DEG: Final = 5.0
 GROSS_RAW_DEG: Final = 15.0
 MOTORS: Final = (
@@ -81,7 +82,7 @@ class Assessment:
     """The evaluation of a unit's recordings.
 
     reasons  reasons why the unit does not pass, the most serious first; empty if it passes. A calibration
-             with the verdict incomplete passes unless good is required
+             with the verdict incomplete passes unless the verdict good is required
     judged   whether the unit was judged; False if the reasons concern the stand or the run (no result)
     result   the calibration, None if there is none
     """

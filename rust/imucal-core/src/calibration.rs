@@ -81,8 +81,9 @@ impl<F: RealField + Copy> Calibration<F> {
         self.effects.remove(seen_rate, seen_force, surroundings)
     }
 
-    /// The correction of [`correct_at`](Self::correct_at) with further effects. `own` returns the errors that these
-    /// effects add to the true rate (rad/s) and to the true force (m/s^2), in the body frame.
+    /// Corrects one raw sample as [`correct_at`](Self::correct_at) does, and also removes effects that the caller
+    /// defines. `own` returns the errors that these effects add to the true rate (rad/s) and to the true force (m/s^2),
+    /// in the body frame.
     ///
     /// ```
     /// use imucal_core::{calibration::Calibration, effects::Surroundings};
@@ -178,8 +179,8 @@ mod tests {
         Effect::catalogue().filter(|effect| effect.sensor != Sensor::Encoder)
     }
 
-    /// The effect in its full form. The magnitude of each parameter is `times` its typical size, and the signs of the
-    /// parameters alternate.
+    /// The effect in its full form, with all its parameters. The magnitude of each parameter is `times` its typical
+    /// size, and the signs of the parameters alternate.
     fn typical<F: RealField + Copy>(effect: &'static Effect<F>, times: f64) -> EffectValues<F> {
         let mut values = [F::zero(); MAX_PARAMETERS];
         for (k, (value, parameter)) in values.iter_mut().zip(effect.parameters).enumerate() {
@@ -319,8 +320,8 @@ mod tests {
 
     #[test]
     fn rest_and_zero_settle_too() {
-        // These two states are difficult for the convergence test. At rest, an effect is larger than the rate. At zero
-        // force, a change of the force cannot be compared with the magnitude of the force.
+        // These two states are difficult for the convergence test of the correction. At rest, an effect is larger than
+        // the rate. At zero force, a change of the force cannot be compared with the magnitude of the force.
         for effect in catalogue() {
             for specific_force in [Vector3::zeros(), Vector3::new(0.0, 0.0, 9.80665)] {
                 let state = State { angular_rate: Vector3::zeros(), specific_force, ..fast_state() };

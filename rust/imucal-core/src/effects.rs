@@ -58,7 +58,7 @@ use nalgebra::{RealField, UnitQuaternion, Vector3};
 /// Largest number of parameters of an effect.
 pub const MAX_PARAMETERS: usize = 18;
 
-/// Storage for the columns of any field. An effect with p parameters sets the first p columns.
+/// Storage for the columns of the field Phi of any effect. An effect with p parameters sets the first p columns.
 pub type Columns<F> = [Vector3<F>; MAX_PARAMETERS];
 
 /// True state of the unit at the instant of a sample. Effects depend on this state.
@@ -132,7 +132,8 @@ impl<F: RealField + Copy> Surroundings<F> {
     }
 }
 
-/// An effect, which is one row of the catalogue. Firmware refers to an effect by its constant, for example
+/// An effect, which is one row of the catalogue. Its field Phi contains the derivatives of the measured quantity with
+/// respect to the parameters theta. Firmware refers to an effect by its constant, for example
 /// `Effect::GYRO_G_SENSITIVITY`. Without the feature `catalogue`, the constant contains no text.
 #[derive(Clone, Copy, Debug)]
 pub struct Effect<F: RealField + Copy> {
@@ -141,12 +142,13 @@ pub struct Effect<F: RealField + Copy> {
     pub number: u8,
     /// Sensor on which the effect acts.
     pub sensor: Sensor,
-    /// Number of parameters of the plain form, which has the fewest parameters. Every form uses the first n of all
-    /// parameters. n is a multiple of `plain`, and n = `count` in the full form.
+    /// Number of parameters of the plain form, which is the form with the fewest parameters. A form with n parameters
+    /// uses the first n of all parameters. n is a multiple of `plain`, and n = `count` in the full form.
     pub plain: usize,
     /// Number of parameters of the full form.
     pub count: usize,
-    /// Whether the field depends nonlinearly on a positive number, called the shape, for example a time constant.
+    /// Whether the field depends nonlinearly on a further positive parameter, called the shape, for example a time
+    /// constant.
     pub is_shaped: bool,
     /// Sensors on whose true values the field depends. `needs` contains the other quantities on which it depends.
     pub reads: &'static [Sensor],
@@ -167,7 +169,7 @@ pub struct Effect<F: RealField + Copy> {
     /// Name, unit and typical size of the shape; `None` if the field does not depend on a shape.
     #[cfg(feature = "catalogue")]
     pub shape: Option<Parameter>,
-    /// Formula of the field times the parameters, as text.
+    /// Formula of the error `Phi theta` that the effect adds, as text.
     #[cfg(feature = "catalogue")]
     pub formula: &'static str,
     /// Measurements in which the effect is observable, as text.
@@ -190,14 +192,15 @@ impl<F: RealField + Copy> PartialEq for Effect<F> {
     }
 }
 
-/// Sensor on which an effect acts. It determines the quantity and the unit of the field.
+/// Sensor on which an effect acts. It determines the quantity and the unit of the error that the effect adds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sensor {
-    /// The field is a specific force, m/s^2.
+    /// The effect adds a specific force, m/s^2.
     Accelerometer,
-    /// The field is an angular rate, rad/s.
+    /// The effect adds an angular rate, rad/s.
     Gyroscope,
-    /// The field is the angle of each motor of the stand, rad. Encoders are part of the stand and not of the unit.
+    /// The effect adds an angle to the encoder reading of each motor of the stand, rad. Encoders are part of the stand
+    /// and not of the unit.
     Encoder,
 }
 
@@ -285,9 +288,9 @@ impl<F: RealField + Copy> Effect<F> {
         parameters > 0 && parameters <= self.count && parameters.checked_rem(self.plain) == Some(0)
     }
 
-    /// Whether the field depends on a quantity.
+    /// Whether the effect depends on a quantity of its [`Surroundings`].
     pub fn has_need(&self, need: Need) -> bool {
-        // A loop is used instead of `contains`, because `contains` contains code that panics if it is not optimised.
+        // A loop is used instead of `contains`. Without optimisation, `contains` would add code that can panic.
         for own in self.needs {
             if *own == need {
                 return true;
@@ -305,8 +308,8 @@ impl<F: RealField + Copy> Effect<F> {
         label
     }
 
-    /// Name, for messages, of the shape: the parameter on which the effect depends nonlinearly, for example a time
-    /// constant. `None` if the effect has no shape. Without the feature `catalogue`, the name is always "shape".
+    /// Name of the shape for messages. The shape is the parameter on which the effect depends nonlinearly, for example
+    /// a time constant. `None` if the effect has no shape. Without the feature `catalogue`, the name is always "shape".
     fn shape_label(&self) -> Option<&'static str> {
         #[cfg(feature = "catalogue")]
         let label = self.shape.map(|shape| shape.name);

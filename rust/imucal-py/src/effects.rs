@@ -23,7 +23,7 @@ type ParameterTuple = (&'static str, &'static str, f64);
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Effect {
     name: &'static str,
-    /// Number in the binary form of a calibration; 0 if it has none.
+    /// Number of the effect in the binary form of a calibration; 0 if the effect has no number.
     number: u8,
     sensor: &'static str,
     parameters: Vec<ParameterTuple>,

@@ -67,9 +67,9 @@ pub(crate) struct SessionStep {
     chi2: (f64, f64),
 }
 
-/// Name of an effect and two measures of the residuals that it causes. The first is, for each kind of residual, their
-/// rms after division by their standard deviations from noise. The second is the share of their chi2 that a refit of
-/// the base parameters removes.
+/// Name of an effect and two measures of the residuals that it causes. The first measure lists the name of each kind of
+/// residual, and the rms of residual / standard deviation from noise. The second measure is the share of chi2 that a
+/// refit of the model without the effect removes.
 type Trace = (String, Vec<(&'static str, f64)>, f64);
 
 /// Result of a search for effects: the score of each candidate effect, the variations of biases and scales that no
@@ -121,15 +121,15 @@ pub(crate) struct GapAnalysis {
     /// the effect; None if this fit fails.
     rivals: Vec<(String, String, Option<Py<EffectEstimate>>)>,
     refused: Vec<RefusalTuple>,
-    /// The constant rate estimated for the effect `earth_rate`, if it differs from the Earth's rate: its magnitude and
-    /// standard deviation, rad/s. None otherwise.
+    /// The constant rate estimated for the effect `earth_rate`, if it cannot be attributed to the Earth: its magnitude
+    /// and standard deviation, rad/s. None otherwise.
     not_the_earth: Option<(f64, f64)>,
     not_confirmed: Vec<Py<EffectScore>>,
-    /// Names of contradicted effects, and chi2 per degree of freedom of the control recordings without and with these
+    /// Names of effects that unseen data contradict, and chi2 per degree of freedom of these data without and with the
     /// effects.
     contradiction: Option<(Vec<String>, f64, f64)>,
     remainder: Py<Remainder>,
-    /// Change of the biases since the calibration recordings; None if it is not significant.
+    /// Change of the biases from the calibration recordings to the control recordings; None if it is not significant.
     session: Option<Py<SessionStep>>,
     /// Name of the figure of merit on unseen data (data that the fit does not use), its values without and with
     /// effects, and its expected value from noise.
@@ -358,7 +358,7 @@ pub(crate) fn stand_mismatch_deg(py: Python<'_>, recording: RecordingColumns<'_>
 pub(crate) struct GapDesign {
     residual: Py<PyArray1<f64>>,
     base: Py<PyArray2<f64>>,
-    /// Name and columns (m, p) of each effect.
+    /// Name of each effect, and its Jacobian columns (m, p) for m residuals and p parameters.
     effects: Vec<(String, Py<PyArray2<f64>>)>,
     groups: Py<PyArray1<usize>>,
     items: Py<PyArray1<usize>>,

@@ -68,7 +68,7 @@ mod _core {
     #[pymodule_export]
     const TEMPERATURE_SMOOTHING_S: f64 = imucal_core::temperature_memory::SMOOTHING_S;
 
-    /// The direction of the temperature history is completely reversed after a temperature change of 2 x this value, K.
+    /// Half of the temperature change that completely reverses the direction of the temperature history, K.
     #[pymodule_export]
     const TEMPERATURE_REVERSAL_K: f64 = imucal_core::temperature_memory::REVERSAL_K;
 
@@ -263,9 +263,8 @@ mod _core {
         py.detach(check).to_python(py)
     }
 
-    /// The reason for a poor verdict from the figures of merit of the `"calibration set"` or `"control set"`; None if
-    /// these figures do not make the verdict poor. An accelerometer without a gyroscope (not `has_gyroscope`) needs no
-    /// moves.
+    /// The reason why figures of merit make a verdict poor; None if they do not. `set` states the recordings of these
+    /// figures: `"calibration set"` or `"control set"`. If `has_gyroscope` is false, no moves are required.
     #[pyfunction]
     #[pyo3(signature = (set, rests, moves, chi2_per_dof, has_gyroscope = true))]
     fn poor_figures(

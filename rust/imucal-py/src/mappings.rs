@@ -1,5 +1,5 @@
 //! Conversion of parts of a result to mappings, which JSON documents contain unchanged. Values that are not finite
-//! become None. For example, the library uses NaN for a value that does not exist.
+//! become None, for example NaN, which the library uses for a value that does not exist.
 
 use imucal::Termination;
 use imucal::calibrate;

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 /// The columns of a text table of plain numbers, given in blocks of bytes.
 #[pyclass]
 pub(crate) struct NumberColumns {
-    /// None after a block that is not plain, and after `finish`.
+    /// None after a block that is not a plain table of numbers, and after `finish`.
     table: Option<Library>,
 }
 
@@ -30,7 +30,7 @@ impl NumberColumns {
         is_plain
     }
 
-    /// The columns as arrays of int64 or float64; None if the text is not plain.
+    /// The columns as arrays of int64 or float64; None if the text is not a plain table of numbers.
     fn finish<'py>(&mut self, py: Python<'py>) -> Option<Vec<Bound<'py, PyUntypedArray>>> {
         let columns = self.table.take().ok_or(NotPlain).and_then(Library::finish).ok()?;
         Some(columns.into_iter().map(|column| array(py, column)).collect())

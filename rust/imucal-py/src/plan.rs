@@ -99,8 +99,8 @@ pub(crate) fn predict_sigma(
     Ok((found.sigma, found.rests))
 }
 
-/// Steps of the best program, and whether the program reaches `sigma`. Without `sigma`, the best program has the most
-/// information in `duration_s`.
+/// Steps of the best program, and whether the program reaches the standard deviations `sigma`. The best program is the
+/// shortest program that reaches `sigma`. Without `sigma`, it is the program with the most information in `duration_s`.
 #[pyfunction]
 #[pyo3(signature = (sensors, limits, duration_s, sigma, seed, proposals))]
 pub(crate) fn optimal_program(

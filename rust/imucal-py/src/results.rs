@@ -65,7 +65,8 @@ impl EffectEstimate {
     }
 }
 
-/// Triads and effects of a calibration. Python functions correct recordings with them.
+/// Triads and effects of a calibration. They are passed to the Python functions that correct recordings for
+/// user-defined effects.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Estimate {
     accel_sensitivity: Rows,
@@ -360,7 +361,7 @@ impl Inspection {
     }
 }
 
-/// Which parameters the recordings determine, predicted before any fit.
+/// Prediction, before any fit, of the parameters that the recordings determine.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Prospect {
     /// Predicted standard deviation of each parameter in its unit; None if it is not determined.

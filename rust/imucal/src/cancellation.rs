@@ -76,7 +76,7 @@ impl Cancellation {
         self.is_requested.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the end of these calculations was requested.
+    /// Whether the end of the calculations with this cancellation has been requested.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
         self.is_requested.load(Ordering::Relaxed)
@@ -86,7 +86,8 @@ impl Cancellation {
     /// only if its own cancellation is requested.
     ///
     /// # Errors
-    /// [`Error::Cancelled`] if the calculation was cancelled before it returned, and the error that `work` returns.
+    /// [`Error::Cancelled`] if the calculation was cancelled before it returned. Otherwise, the error that `work`
+    /// returns.
     pub fn run<T>(&self, work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
         // A cancelled calculation returns no result, so its data are never used in an intermediate state. Asserting
         // unwind safety is therefore valid.

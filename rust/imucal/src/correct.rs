@@ -8,11 +8,11 @@
 //! T is the sensitivity and b the bias of a triad. `seen` is the true value plus the effects. Phi_c is the field of
 //! effect c and theta_c its parameters. The second line is iterated until it converges.
 //!
-//! The fields of effects depend on other quantities in addition to rate and force. A recording provides the time since
-//! its first sample. If it has a temperature column, it provides the temperature minus [`REFERENCE_TEMPERATURE_DEGC`]
-//! and its history. The derivative of the rate provides the angular acceleration ([`angular_acceleration`]). A
-//! recording provides neither the attitude nor the angles of a stand. The rate of the Earth is not removed, because the
-//! attitude is not known. It is not an error of the gyroscope, because a gyroscope measures the rate relative to the
+//! Effects may depend on other quantities in addition to rate and force. A recording provides the time since its first
+//! sample. If it has a temperature column, it provides the temperature minus [`REFERENCE_TEMPERATURE_DEGC`] and its
+//! history. The derivative of the rate provides the angular acceleration ([`angular_acceleration`]). A recording
+//! provides neither the attitude nor the angles of a stand. The rate of the Earth is not removed, because the attitude
+//! is not known. This rate is not an error of the gyroscope, because a gyroscope measures the rate relative to the
 //! stars.
 
 use crate::cancellation::checkpoint;
@@ -37,7 +37,7 @@ pub fn is_left_in_data(effect: &Effect<f64>) -> bool {
     effect.sensor == Sensor::Encoder || !effect.needs.iter().all(is_given)
 }
 
-/// Corrects every sample: true `(angular_rate, specific_force)` in rad/s and m/s^2 in the body frame.
+/// Corrects every sample. Returns the true `(angular_rate, specific_force)`, rad/s and m/s^2, in the body frame.
 ///
 /// A corrected sample is NaN if the raw sample is NaN, or if the effects are too large to be removed. Effects of
 /// temperature are removed only if there is a temperature column. Effects of angular acceleration are removed only if
@@ -84,7 +84,7 @@ pub fn require_surroundings(recording: &Recording<'_>, calibration: &Calibration
     Ok(())
 }
 
-/// The function [`correct`] for a part of a longer recording. `start_s` is the time of the first sample of the longer
+/// Corrects a part of a longer recording, as [`correct`] does. `start_s` is the time of the first sample of the longer
 /// recording. It is `None` if the part starts with this sample.
 pub fn correct_from(
     start_s: Option<f64>,
@@ -107,10 +107,10 @@ pub fn correct_from(
     correct_with(start_s, recording, calibration, &accelerations(&rate), &of_seen)
 }
 
-/// Corrects every sample with the given angular accelerations, rad/s^2: the derivatives of the corrected rate, and
-/// those of the measured rate, which is delayed if the gyroscope has a delay. Their mean is the mean angular
-/// acceleration over the delay, to the second order of the delay. Both slices are empty if the angular acceleration is
-/// unknown.
+/// Corrects every sample with the given angular accelerations, rad/s^2. The first slice contains the derivatives of the
+/// corrected rate. The second contains the derivatives of the measured rate, which is delayed if the gyroscope has a
+/// delay. Their mean is the mean angular acceleration over the delay, to the second order of the delay. Both slices are
+/// empty if the angular acceleration is unknown.
 fn correct_with(
     start_s: f64,
     recording: &Recording<'_>,
@@ -153,7 +153,7 @@ pub(crate) fn temperature_history(recording: &Recording<'_>, effects: &EffectSet
     }
 }
 
-/// The temperature history at each sample of a memory that starts at the first sample.
+/// The temperature history at each sample. `memory` must not have received a temperature before.
 pub fn temperature_history_of<'t>(
     mut memory: TemperatureMemory<f64>,
     time_s: &'t [f64],
@@ -261,7 +261,7 @@ mod tests {
     #[test]
     fn a_lever_arm_is_taken_away_to_rounding_where_the_rate_is_a_parabola() {
         // The lever arm affects only the accelerometer. The measured rate therefore equals the true rate, also at the
-        // ends.
+        // first and the last sample.
         let errors = round_trip(&unit("accel_lever_arm", &[0.02, -0.03, 0.05], None), 0.0, false);
         assert!(errors.0 < 1e-13 && errors.1 < 1e-11, "{errors:?}");
     }
@@ -295,7 +295,8 @@ mod tests {
 
     #[test]
     fn the_derivative_of_a_quartic_is_exact_at_every_sample() {
-        // Steps of 10 ms use five consecutive samples. Steps of 0.4 ms use every fifth sample.
+        // The narrowest trial boxes (groups of averaged samples) contain one sample with time steps of 10 ms, and five
+        // samples with time steps of 0.4 ms.
         for stretch in [1.0, 0.04] {
             let time_s: Vec<f64> = uneven_time(60).iter().map(|t| stretch * (t - 70.0)).collect();
             let rate: Vec<[f64; 3]> = time_s.iter().map(|t| [2.0, t - 3.0 * t * t, t.powi(4)]).collect();

@@ -55,7 +55,7 @@ pub fn convert(from: &Sensitivities, frame: Frame) -> Result<Sensitivities, Erro
     Ok(Sensitivities { accelerometer, gyroscope: from.gyroscope * rotation.transpose() })
 }
 
-/// Change of the result of [`convert`] to first order for a small change of the sensitivities.
+/// First-order change of the result of [`convert`] if the sensitivities change by the small amount `change`.
 pub(crate) fn convert_change(
     from: &Sensitivities,
     to: &Sensitivities,

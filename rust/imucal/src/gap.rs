@@ -105,10 +105,10 @@ pub struct Search {
     pub smallest_visible: Vec<(String, f64, String)>,
     /// For each effect, the residuals that it would cause at its typical size.
     pub traces: Vec<Trace>,
-    /// Residuals, at rests or relative to the stand, that scatter more than noise under the final model: the kind with
-    /// the largest ratio of scatter to noise. `None` if no ratio is significant. If effects were selected, only
-    /// residuals of their sensors and of the stand are tested. The name is `stand_and_sensors` if the effects estimated
-    /// with and without the stand's angles differ significantly.
+    /// The kind of residual with the largest ratio of scatter to noise under the final model. Only residuals at rests
+    /// and residuals relative to the stand's angles are tested. `None` if no ratio is significant. If effects were
+    /// selected, only residuals of their sensors and of the stand are tested. The name is `stand_and_sensors` if the
+    /// effects estimated with and without the stand's angles differ significantly.
     pub scattering_rests: Option<Scattering>,
     /// Whether the search ignores accelerometer samples inside moves. It ignores them if the unit was moved by hand,
     /// because the specific force then contains accelerations in addition to gravity. It also ignores them if the
@@ -142,8 +142,8 @@ pub struct Score {
     pub rivals: Vec<String>,
 }
 
-/// Residuals that an effect of typical size causes in a model without the effect. The base parameters have been
-/// refitted to these residuals.
+/// Residuals that an effect of typical size causes in a model without the effect. The parameters of this model have
+/// been refitted to these residuals.
 #[derive(Clone, Debug)]
 pub struct Trace {
     /// Name of the effect.
@@ -151,7 +151,7 @@ pub struct Trace {
     /// For each kind of residual: its name, and the rms of residual / sigma. Sigma is the standard deviation of a
     /// residual from sensor noise.
     pub times_noise: Vec<(&'static str, f64)>,
-    /// Share (0 to 1) of the effect's chi2 that the refit of the base parameters removes.
+    /// Share, 0 to 1: decrease of chi2 of these residuals by the refit / chi2 before the refit.
     pub taken_up: f64,
 }
 

@@ -84,8 +84,9 @@ enum Quantity {
     Entry { parameter: usize, nominal: f64 },
     /// An off-diagonal entry of a sensitivity divided by the diagonal entry of its row.
     Misalignment { parameter: usize, diagonal: usize },
-    /// One of nine uncorrelated combinations of the parameters of a calibrated accelerometer. It is `by . (p - at)`,
-    /// where p are the nine parameters and `at` the calibrated values. `number` is its index, 0 to 8.
+    /// One of nine uncorrelated combinations of the parameters of a calibrated accelerometer. For the nine parameters p
+    /// and their calibrated values `at`, the combination is `by . (p - at)`. `number` is the index of the combination,
+    /// 0 to 8.
     Combination { number: usize, by: [f64; 9], at: [f64; 9] },
 }
 

@@ -88,12 +88,12 @@ use reweighting::Reweighting;
 use start::Prior;
 use weights::Weights;
 
-/// Observability limit of an effect: the norm of the change of the whitened residuals for a parameter change of one
-/// typical size. An effect is observable if even its least observable direction reaches this limit. At 0.1, a change of
-/// ten typical sizes changes chi2 by one (model.md (18)).
+/// Observability limit of an effect: the norm of the change of the whitened residuals if the parameters change by one
+/// typical size (`Term::typical`) in their least observable direction. At 0.1, a change of ten typical sizes changes
+/// chi2 by one (model.md (18)).
 const LEAST_CHANGE: f64 = 0.1;
-/// Observability limit of an effect with a prior, for the same norm as in `LEAST_CHANGE`. Only the most observable
-/// direction of the parameters must reach this limit. At 0.01, a change of a hundred typical sizes changes chi2 by one.
+/// Observability limit of an effect with a prior, for the same norm as in `LEAST_CHANGE`, but in the most observable
+/// direction of the parameters. At 0.01, a change of a hundred typical sizes changes chi2 by one.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
 /// Initial standard deviation of the prior of an effect that is determined only partly, in typical sizes of its
 /// parameters.
@@ -126,7 +126,7 @@ const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
 const LAG_SHARES: [f64; 5] = [0.002, 0.006, 0.02, 0.06, 0.2];
 
 /// Effects that depend on the angular acceleration and cause a rotation error over a whole move. They are observable
-/// without the force inside the moves.
+/// from the gravity directions at the rests, without the force inside the moves.
 const OBSERVABLE_AT_RESTS: [&str; 1] = ["gyro_angular_acceleration"];
 
 /// Whether an effect is not observable in hand-held recordings. This is the case if it is observable only from the
@@ -239,8 +239,9 @@ pub(crate) fn predict(
 /// residuals at the start.
 ///
 /// With weights from noise only, the large residuals at the start could move an effect far from its true value. For
-/// example, a g-sensitivity that is equal on all axes adds a rate about gravity at rest, which the moves do not
-/// observe. If this g-sensitivity is very large, the fitted rotations are so fast that all other errors average out.
+/// example, if all axes have the same g-sensitivity, it adds a rate parallel to gravity at rest. This rate rotates the
+/// attitude about gravity, and the moves do not observe this rotation. If the g-sensitivity is very large, the fitted
+/// rotations are so fast that all other errors average out.
 fn begin(
     problem: &mut Joint<'_>,
     terms: &Terms<'_>,
@@ -305,8 +306,8 @@ fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error
 }
 
 /// Priors of the effects. An effect for which `width` returns a width gets a prior of this width, if the recordings
-/// determine at least one direction of its parameters. Any other effect must be determined in all directions;
-/// otherwise, the error contains the explanation from the catalogue.
+/// determine at least one direction of its parameters. Any other effect must be determined in all directions.
+/// Otherwise, the function returns an error with the explanation from the catalogue of effects.
 fn check_determined(
     jacobian: &Mat<f64>,
     terms: &Terms<'_>,
@@ -316,8 +317,8 @@ fn check_determined(
     // A prior of 100 typical sizes hardly changes the estimate in observable directions. Therefore, the result does not
     // depend on the exact value of the observability limit.
     for term in &terms.all {
-        // Columns of zeros are omitted. The column of a time constant is zero while its effect is zero, and the QR
-        // decomposition would give it an arbitrary direction.
+        // Columns of zeros are omitted. While an effect is zero, the derivative with respect to its time constant is
+        // zero, and the QR decomposition would give this column an arbitrary direction.
         let own = BASE + term.first..BASE + term.first + term.linear;
         let others = (BASE..terms.total()).filter(|p| !own.contains(p)).filter(|&p| jacobian.col(p).norm_l2() > 0.0);
         let order: Vec<usize> = (0..BASE).chain(others).chain(own.clone()).collect();

@@ -13,8 +13,8 @@
 //!
 //! v is the unit of the sensor. The definitions agree with [`crate::simulate`] and with IEEE Std 952. For a gyroscope,
 //! N is the angle random walk. Quantisation here is the rounding of an angle or a velocity, in a sensor whose output is
-//! an increment of angle or velocity. Rounding a rate to counts is a different process. Its error is white noise, and
-//! its variance per sample is the square of a count divided by 12. N does not include it.
+//! an increment of angle or velocity. Rounding a rate to counts is a different process. The error of this process is
+//! white noise, and its variance per sample is the square of a count divided by 12. N does not include this variance.
 //!
 //! The values are maximum-likelihood estimates from the power spectrum of a cosine transform, `docs/model.md` (31) and
 //! (32). Their variance reaches the Cramer-Rao bound. The Allan deviations are only for display, and their confidence
@@ -84,7 +84,8 @@ pub struct Noise {
 pub struct Options {
     /// Minimum duration of a rest, s, for rest detection.
     pub min_rest_s: f64,
-    /// Whether steps are cut out. If so, only the longest part of the rest without a step of any mean is used.
+    /// Whether steps of the mean are cut out. If so, only the longest part of the rest in which no channel has a step
+    /// is used.
     pub cut_steps: bool,
 }
 

@@ -1,5 +1,5 @@
-//! Planning of motions: the accuracy that a program will reach, and the program that reaches the best accuracy
-//! (`docs/model.md` (33)).
+//! Planning of motions: the accuracy of the calibration after a program (a sequence of turns and holds of the unit),
+//! and the program with the best accuracy (`docs/model.md` (33)).
 //!
 //! * [`Sensors`]: derivatives of the sensor readings with respect to the parameters, and the white noise of the
 //!   sensors.

@@ -12,8 +12,8 @@ use crate::error::Error;
 /// minus this temperature.
 pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;
 
-/// Minimum time step that counts as a pause between two runs, s. Every inertial sensor that can be calibrated has a
-/// shorter sampling interval.
+/// Minimum length of a time step that counts as a pause between two runs, s. Every inertial sensor that can be
+/// calibrated has a shorter sampling interval.
 const PAUSE_S: f64 = 1.0;
 
 /// Unit of a triad's samples. Other physical units (g, deg/s, ...) are converted to SI when a file is read.

@@ -73,7 +73,8 @@ pub(crate) struct Levels {
 }
 
 impl Rounding {
-    /// Rounding for noise of known size; used in predictions. `None` if rounding causes no error of the mean.
+    /// Rounding for noise of known standard deviation `noise`; used in predictions. `None` if rounding causes no error
+    /// of the mean.
     pub(crate) fn of_noise(step: f64, noise: f64) -> Option<Self> {
         let coarse = step > 0.0 && (noise / step).hypot(1.0 / 12f64.sqrt()) < LEAST_SCATTER;
         coarse.then(|| Self {
@@ -84,13 +85,14 @@ impl Rounding {
         })
     }
 
-    /// Rounding of the three axes of a sensor. For each axis, `axes` contains the quantisation step and the levels at
-    /// the rests. It contains `None` if the noise of the axis is not below its step.
+    /// Rounding of the three axes of a sensor. For each axis, `axes` contains the quantisation step and the numbers of
+    /// samples at each level at the rests. It contains `None` if the noise of the axis is not below its step.
     ///
     /// The noise of each axis is estimated from the levels that occur at rest. Its variance is the mean of all trial
-    /// variances, weighted by their likelihood. The true means are unknown and are eliminated. The levels of the other
-    /// axes contribute to the likelihood, because the axes of a triad usually have similar noise. If each axis has only
-    /// one level, all small trial values are equally likely, and the error variance is the mean over all of them.
+    /// variances, weighted by their likelihood. The true means are unknown and are eliminated from the likelihood. The
+    /// levels of the other axes contribute to the likelihood, because the axes of a triad usually have similar noise.
+    /// If each axis has only one level, all small trial values are equally likely, and the error variance is the mean
+    /// over all of them.
     pub(crate) fn of_levels(axes: [Option<(f64, Vec<Levels>)>; 3]) -> [Self; 3] {
         let noises: [f64; NOISES] = std::array::from_fn(tried_noise);
         let likelihoods = axes.each_ref().map(|axis| {
@@ -169,8 +171,8 @@ fn error_variance(noise: f64) -> f64 {
     (1..=60).map(|h| term(f64::from(h))).sum()
 }
 
-/// Logarithm of the share of the samples at a level. `distance` is the distance of the true mean from the level, and
-/// `noise` the standard deviation of the noise, both in steps.
+/// Logarithm of the expected share of samples at a level. `distance` is the distance of the true mean from the level,
+/// and `noise` the standard deviation of the noise, both in steps.
 fn ln_share(distance: f64, noise: f64) -> f64 {
     // For levels far from the mean, the difference of two small erfc values is accurate. The difference of two values
     // near one would lose digits.
@@ -273,7 +275,7 @@ mod tests {
 
     #[test]
     fn the_logarithm_of_a_share_continues_where_the_share_is_zero() {
-        // The distance from the mean at which the share is taken from the asymptotic series.
+        // The distance from the mean beyond which `ln_share` uses the asymptotic series.
         let noise = 0.02;
         let limit = 0.5 + 25.0 * SQRT_2 * noise;
         let (before, after) = (ln_share(limit - 1e-9, noise), ln_share(limit + 1e-9, noise));

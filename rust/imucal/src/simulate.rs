@@ -155,7 +155,7 @@ impl Simulation {
         }
     }
 
-    /// A run with time stamps and rests, in which all other columns are zero.
+    /// A run whose time stamps and rests are set. All other columns are zero.
     fn blank(samples: usize, setup: &Setup, clock: &Clock) -> Self {
         let on_a_stand = matches!(setup.motion, Motion::Stand { .. });
         let rests = setup.motion.rests().into_iter();

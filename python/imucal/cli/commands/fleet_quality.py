@@ -24,9 +24,9 @@ __all__ = ["By", "capability", "grr"]
 LimitsOption = Annotated[
     Path | None, option("--limits", metavar="LIMITS", help="Limits file, as of `imucal limits template`.")
 ]
-# The verdict is poor if the performance index Ppk, or the number of distinct categories (ndc) of a gauge
-# study, is below this limit. Both limits are from AIAG manuals: Statistical Process Control, and Measurement
-# Systems Analysis.
+# The verdict is poor if the performance index Ppk is below LEAST_PPK, or if the number of distinct categories
+# (ndc) of a gauge study is below LEAST_CATEGORIES. The limits are from the AIAG manuals Statistical Process
+# Control and Measurement Systems Analysis.
 LEAST_PPK = 1.0
 LEAST_CATEGORIES = 5
 

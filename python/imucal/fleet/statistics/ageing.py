@@ -105,7 +105,7 @@ def _groups(dated: Measurements, slopes: Slopes) -> list[tuple[str, str, np.ndar
 
 
 def _mean_of(slopes: FloatArray, stds: FloatArray) -> tuple[float, float, float]:
-    """Mean over units, its standard deviation, and the spread of the units without noise.
+    """Mean slope over units, its standard deviation, and the spread of the slopes without measurement noise.
 
     The spread is the moment estimate of DerSimonian and Laird (Controlled Clinical Trials 7, 1986). A unit
     has the weight 1 / (spread^2 + noise^2). The mean is not robust: if a third of the units drifts, the mean

@@ -82,10 +82,11 @@ def columns_of(measurements: Measurements, *, figures: bool = True) -> Columns:
 
 
 def repeatability(numbers: np.ndarray, values: FloatArray, sigmas: FloatArray) -> float:
-    """Square root of (variance of a unit's repeats - stated variance); 0 with few repeats.
+    """Excess standard deviation of repeats: square root of (variance of a unit's repeats - stated variance).
 
-    The result is computed from the differences of consecutive measurements, so a steady drift common to all
-    units has no effect. The caller removes trends of single units.
+    The result is 0 if there are few repeats, or if the excess is not significant. It is computed from the
+    differences of consecutive measurements, so a steady drift common to all units has no effect. The caller
+    removes trends of single units.
     """
     known = np.isfinite(values)
     order = np.argsort(numbers[known], kind="stable")

@@ -44,9 +44,9 @@ STEP_IS_BETTER: Final = 6.0
 class ParameterDrift:
     """The drift of one parameter of one unit.
 
-    name, unit               of the parameter
-    change, change_std       last minus first value
-    slope, slope_std         per month of 30.4 days
+    name, unit               name and unit of the parameter
+    change, change_std       last minus first value, and its standard deviation
+    slope, slope_std         change per month of 30.4 days, and its standard deviation
     p_value                  p-value of the slope or of the step, corrected for the number of parameters and
                              steps
     step, step_date          change between two values and date of the second one, if a step explains the
@@ -124,7 +124,7 @@ class DriftResult:
 
 
 def drift(measurements: Measurements, serial: str | None = None) -> DriftResult:
-    """The drift of all units, or of one unit, which is tested among all units.
+    """The drift of all units, or of one unit. The false discovery rate refers to all units in both cases.
 
     Raises InputError if no unit has two dates, and for a serial number with fewer than two dates.
     """

@@ -50,7 +50,7 @@ class MeanParameter:
     mean, mean_std   mean over the units, and its standard deviation
     spread           standard deviation of the units, without the noise of their fits
     low, high        95 % interval of the spread
-    noise            rms standard deviation of a fit
+    noise            rms over the units of the standard deviation of the parameter in the fit of one unit
     """
 
     name: str
@@ -68,8 +68,9 @@ class EffectEvidence:
     """The evidence for one effect over all units.
 
     units            number of units in which the effect is determined
-    alone            number of units in which the effect is significant without the other units
-    statistic        2 ln(likelihood ratio), with `dof` degrees of freedom: mean and spread of each parameter
+    alone            number of units in which the effect is significant by the data of the unit alone
+    statistic        2 ln(likelihood ratio). Its `dof` degrees of freedom are the mean and the spread of each
+                     parameter
     p_value          p-value corrected for the number of effects
     is_significant   whether p_value is below 0.1 %
     rivals           effects that explain the units equally well
@@ -94,7 +95,7 @@ class FleetGap:
     """The effects of a fleet.
 
     units      number of units whose recordings were searched
-    unread     number of units whose recordings could not be fitted
+    unread     number of units in which no effect could be fitted
     inflation  factor on the stated variances, estimated from the chi2 of all effects; 1 if they are right
     effects    significant effects, in the order in which they were accepted
     ranking    all effects of the first round, the most significant first
@@ -126,7 +127,7 @@ def searchable(names: Sequence[str] | None = None) -> tuple[str, ...]:
 def effect_search(fit_all: FitAll, effects: Sequence[str]) -> FleetGap:
     """Accept effects over all units one after the other, until none is significant or three are accepted.
 
-    fit_all   function that fits each of some effects in all units, together with other effects
+    fit_all   function that fits effects to the recordings of all units, see `FitAll`
     """
     fits = fit_all(effects, ())
     fitted = [serial for serial, of_unit in fits.items() if of_unit]

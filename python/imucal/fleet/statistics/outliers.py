@@ -47,7 +47,7 @@ class Deciding:
     value, expected   measured value without shifts of the station, and mean of the fleet; for a figure,
                       natural logarithms
     z                 deviation in standard deviations of a measured value
-    removed           decrease of d^2 without this parameter
+    removed           decrease of d^2 if this parameter is omitted
     """
 
     name: str
@@ -205,7 +205,7 @@ def _noise(
 def _distances(
     residuals: FloatArray, noise: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Squared Mahalanobis distance d^2, its decrease without each column, and standardised deviations."""
+    """Squared Mahalanobis distance d^2, its decrease if a column is omitted, and standardised deviations."""
     total = spread + noise
     inverse = np.linalg.inv(total)
     weighted = np.einsum("nij,nj->ni", inverse, residuals)
@@ -217,19 +217,21 @@ def _distances(
 def _p_values(squared: FloatArray, removed: FloatArray, marginal: FloatArray) -> tuple[FloatArray, float]:
     """p-values of d^2, and the degrees of freedom of the tail of its distribution.
 
-    removed, marginal  squared deviation in each column, with the other columns known and without them
+    removed    squared deviation in each column, given the values in all other columns
+    marginal   squared deviation in each column, without using other columns
 
     The first test compares d^2 / c, for c columns, with an F distribution that is scaled to the median of the
-    units. The second degrees of freedom of this distribution reproduce the observed ratio of the upper 5 %
-    point to the median, so that a fleet with wide tails has few false alarms. For a normally distributed
-    fleet, they are infinite, and the distribution is chi-square.
+    units. The second degrees of freedom of this distribution are chosen to give the observed ratio of the
+    upper 5 % point to the median, so that a fleet with wide tails has few false alarms. For a normally
+    distributed fleet, they are infinite, and the distribution is chi-square.
 
-    The second test detects a deviation in a single column, which is small in the sum over many columns. It
-    uses the largest deviation of a unit in any column, and the same tail.
+    The second test detects a deviation in a single column, which is small compared with the sum over many
+    columns. It uses the largest deviation of a unit in any column, and a distribution with the same tail.
 
     If more than 5 % of the units of a small fleet are outliers, the outliers themselves widen this tail. A
-    third test therefore compares the marginal deviations with the tail of the deviations of all columns
-    together, of which outlying units are a small part. All p-values are corrected for the number of tests.
+    third test therefore compares the marginal deviations of a unit with the tail of the marginal deviations
+    of all units in all columns, of which those of outlying units are a small part. All p-values are corrected
+    for the number of tests.
     """
     columns = marginal.shape[1]
     largest = np.maximum(removed, marginal).max(axis=1)

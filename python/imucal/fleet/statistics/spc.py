@@ -3,7 +3,7 @@
     z_i = (y_i - centre) / sqrt(spread^2 + sigma_i^2)      spread^2 = (moving range estimate)^2 - noise^2
 
 y_i is measurement i, sigma_i its standard deviation, and z_i the normalised deviation from the centre line of
-the chart. spread is the standard deviation of the true values, and noise^2 is the median of sigma_i^2.
+the chart. `spread` is the standard deviation of the true values, and noise^2 is the median of sigma_i^2.
 
 A chart shows single values and moving ranges, an exponentially weighted moving average (EWMA), and the four
 rules of the Western Electric handbook (1956). The rules give false alarms at a known rate per chart, so many
@@ -64,7 +64,8 @@ class Signal:
 class Chart:
     """The chart of one column at one station.
 
-    station, name, unit
+    station        name of the station
+    name, unit     name and unit of the parameter or figure
     units          number of units
     centre         median of the values
     spread         standard deviation of the units from the moving ranges, without measurement noise
@@ -113,7 +114,7 @@ class SpcResult:
         return tuple(dict.fromkeys((shift.station, shift.day) for shift in self.shifts))
 
     def to_dict(self) -> dict[str, Any]:
-        """The JSON document of `imucal fleet spc --json`. The measured values are only in the store."""
+        """The JSON document of `imucal fleet spc --json`. It does not contain the measured values."""
         charts = [
             {name: getattr(chart, name) for name in ("station", "name", "unit", "units", "centre")}
             | {"spread": chart.spread, "noise": chart.noise, "signals": chart.signals}

@@ -13,7 +13,7 @@ __all__ = ["Curve", "Law"]
 class Curve:
     """A law of one variable over the range that the recordings cover, relative to its mean over this range.
 
-    variable  the variable, in the names of formulas
+    variable  name of the variable, as formulas write it
     at        values of the variable
     value     the error of the sensor by axis, rad/s or m/s^2
     std       standard deviations of the error by axis, propagated from the parameters

@@ -53,7 +53,7 @@ class Form:
     """A candidate law.
 
     sensor     "gyro" or "accel"
-    driver     the variable on which the law depends, in the names of formulas
+    driver     name of the variable on which the law depends, as formulas write it
     pattern    the expression, with {c} for the constant
     constant   value of the constant; None if the expression has none
     variables  all variables of the expression

@@ -1,8 +1,9 @@
 """The search for laws, a second pass for residuals that effects of the catalogue leave unexplained.
 
-The recordings are corrected by the calibration with the named effects. Their residuals are linearised once
-with the columns of all forms of `library`. The laws that `select` chooses are fitted together with the named
-effects. They are kept if control or held-out data confirm them.
+The recordings are corrected by the calibration with the named effects, which are the effects of the catalogue
+that the first search has accepted. The residuals of the corrected recordings, and their derivatives with
+respect to the coefficients of all formulas of `library`, are computed once. The laws that `select` chooses
+are fitted together with the named effects. They are kept if control or held-out data confirm them.
 """
 
 from __future__ import annotations
@@ -39,18 +40,19 @@ CONTRADICTED: Final = 1e-3
 LEAST_BETTER: Final = 0.5
 # Minimum share of the gap that a law must close in one kind of control or held-out residuals.
 LEAST_CLOSED: Final = 0.3
-# No law is searched if the remainder has one of these patterns. The first pattern is a change between
-# sessions. The second pattern is a contradiction between the stand and the sensors, or between the recordings
-# and the model. A missing law does not cause these patterns.
+# No law is searched if the remainder has one of these patterns, because a missing law does not cause them: a
+# change of the biases between sessions, or a contradiction between the stand and the sensors or between the
+# recordings and the model.
 NO_LAW: Final = ("between_sessions", "contradiction")
-# Maximum number of field values in one linearisation. With this number, the values take 400 MB of memory.
+# Maximum number of values in one linearisation, 18 for each sample and formula. With this number, the values
+# take 400 MB of memory.
 MOST_VALUES: Final = 5e7
-# Number of points at which the curve of a law is computed, so that corners of a law are visible.
+# Number of points of the curve of a law. With this number, corners of the curve are visible.
 POINTS: Final = 201
 
 
 def with_laws(question: Question, first: Gap) -> Gap:
-    """Search for laws in the remainder of a result. If no law is found, the result is returned unchanged."""
+    """Search for laws in the residuals that effects do not explain. Without a law, `first` is returned."""
     remainder = first.remainder
     if (
         remainder is None
@@ -94,7 +96,7 @@ def _found(question: Question, first: Gap, names: Sequence[str]) -> Gap | None:
 
 
 def _excess(gap: Gap) -> float:
-    """Excess over noise of the figure on unseen data."""
+    """Excess over noise of the figure of merit on unseen data (control recordings or held-out data)."""
     return 0.0 if gap.gap is None else float(gap.gap["after"] - gap.gap["floor"])
 
 
@@ -136,7 +138,7 @@ def columns_of(
     *,
     is_hand_moved: bool,
 ) -> Columns:
-    """Whitened residuals of corrected recordings, with columns of the named effects and of the forms.
+    """Whitened residuals of corrected recordings, and their derivatives for the named effects and the forms.
 
     named  number of parameters of each named effect, without a time constant
     """
@@ -177,7 +179,7 @@ def _state(recording: Recording) -> State:
 
 
 def _field(form: Form, name: str, columns: Collection[str], states: Sequence[State]) -> UserField | None:
-    """The field of a form, evaluated in the recordings; None if it is constant or not finite."""
+    """The field of a form at each sample of the recordings; None if the field is constant or not finite."""
     try:
         effect = FormulaEffect.of(form.text(name), columns=columns)
         fields = tuple(effect.columns(state) for state in states)

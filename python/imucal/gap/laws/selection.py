@@ -45,7 +45,7 @@ SEED: Final = 20240
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Whitened residuals and columns.
+    """Whitened residuals, and the columns of their Jacobian for the model and for the candidate laws.
 
     residual      (m,)
     model         (m, n), base parameters and named effects

@@ -12,8 +12,8 @@
 //! w is the angular rate. The parameters are the matrix D, the delay tau, the Earth rate Omega in the world frame, and
 //! the positions r, r_y and r_z. R_wb is the attitude (world from body), and `[v]x` is the matrix of the cross product
 //! with v. A sensor at position r measures `dw/dt x r + w x (w x r)` in addition to the force at the origin of the body
-//! frame. The size effect occurs because the three sensor axes of an accelerometer are at different positions. For this
-//! effect, r_y and r_z are positions relative to the x axis.
+//! frame. The size effect occurs because the sensing elements of the three axes of an accelerometer are at different
+//! positions. r_y and r_z are the positions of the y and z elements relative to the x element.
 
 use super::{AXES, Alias, ENTRIES, Effect, Need, Parameter, Sensor, State, Terms, effect, parameters};
 use crate::{EARTH_RATE_RADPS, vector::neg};
@@ -105,8 +105,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| lever_arm(state, terms),
     };
 
-    /// `accel_size_effect`: force `(dw/dt x r_i + w x (w x r_i))_i` on axis i = y, z, with the angular rate w and the
-    /// position r_i of sensor axis i relative to the x axis.
+    /// `accel_size_effect`: force `(dw/dt x r_i + w x (w x r_i))_i` on axis i = y, z, with the angular rate w. r_i is
+    /// the position of the sensing element of axis i relative to the sensing element of the x axis.
     pub const ACCEL_SIZE_EFFECT: &'static Self = &effect! {
         number: 25,
         name: "accel_size_effect",

@@ -8,16 +8,17 @@
 //! The plain form has the linear terms only. Forms with 3, 6 and 9 parameters have the terms up to the first, second
 //! and third degree.
 //!
-//! k_i, q_i and c_i are the parameters of axis i. dT is the temperature minus the reference temperature, at which
-//! sensitivity and bias apply, K. v is the angular rate w for the gyroscope and the specific force f for the
-//! accelerometer.
+//! k_i, q_i and c_i are the parameters of axis i. dT is the temperature minus the reference temperature, in kelvin. The
+//! sensitivity and the bias of the calibration are valid at the reference temperature. v is the angular rate w for the
+//! gyroscope and the specific force f for the accelerometer.
 
 use super::{AXES, Alias, DEGREE, Effect, Need, Parameter, Sensor, State, Terms, effect, parameters, same};
 use crate::{STANDARD_GRAVITY_MPS2, vector::scaled};
 use nalgebra::{RealField, Vector3};
 
 const HEAT_AND_COOL: &str = "a run that heats and cools again";
-/// Temperature difference at which the typical terms of all degrees are equal, K.
+/// Temperature difference, in kelvin, at which the terms of all degrees in the polynomial of a typical effect are
+/// equal.
 const BEND_K: f64 = 50.0;
 /// Typical temperature coefficient of a gyroscope bias: 0.015 deg/s per kelvin.
 pub(super) const GYROSCOPE: f64 = 0.015 * DEGREE;
@@ -120,7 +121,7 @@ const fn cubic(units: [&'static str; 3], typical: f64) -> [Parameter; 9] {
 }
 
 /// Coefficients of three consecutive powers of the temperature difference, for each axis. `typical` is the typical size
-/// of the coefficients of the lowest power. `higher` contains the names of the coefficients of the other two powers.
+/// of the coefficients of the lowest power. `higher` contains the names of the coefficients of the two higher powers.
 pub(super) const fn by_degree(
     higher: [[&'static str; 3]; 2],
     units: [&'static str; 3],

@@ -6,16 +6,17 @@
 //! *_bias_temperature_hysteresis   (k_i + q_i dT + c_i dT^2) s
 //! ```
 //!
-//! Forms with 3, 6 and 9 parameters have the coefficients up to k, q and c.
+//! The form with 3 parameters has only the k_i, the form with 6 also the q_i, and the form with 9 also the c_i.
 //!
-//! k_i, q_i and c_i are the parameters of axis i, T is the temperature, and dT is its difference from the reference, K.
-//! T_tau is the output of a first-order low-pass of T with the time constant tau (the shape). s is the direction of the
-//! last temperature change, from -1 (cooling) to 1 (heating). [`TemperatureMemory`](super::temperature_memory) computes
-//! T_tau - T, dT/dt and s.
+//! k_i, q_i and c_i are the parameters of axis i. T is the temperature, and dT is T minus the reference temperature, in
+//! kelvin. T_tau is the output of a first-order low-pass of T with the time constant tau (the shape). s is the
+//! direction of the last temperature change, from -1 (cooling) to 1 (heating).
+//! [`TemperatureMemory`](super::temperature_memory) computes T_tau - T, dT/dt and s.
 //!
-//! A unit may have both the lag effect and `*_bias_temperature`, whose linear coefficient is called a here. The sum of
-//! both is a T + k (T_tau - T). If k = a, this is a T_tau: the temperature of the sensing element lags the thermometer.
-//! If k and a have opposite signs, the temperature of the sensing element leads the thermometer.
+//! A unit may have both the lag effect and `*_bias_temperature`. Let a be the linear coefficient of
+//! `*_bias_temperature`. The sum of the two linear terms is then a T + k (T_tau - T), up to a constant. If k = a, this
+//! sum equals a T_tau, so the temperature of the sensing element lags the thermometer. If k and a have opposite signs,
+//! the temperature of the sensing element leads the thermometer.
 
 use super::temperature::{ACCELEROMETER, GYROSCOPE, by_degree};
 use super::temperature_memory::TemperatureHistory;
@@ -27,10 +28,11 @@ const OBSERVABLE: &str = "rests while the temperature rises and while it falls";
 const SEVERAL_RATES: &str = "temperature changes of several rates and durations";
 /// Shape of the lag effects: the time constant, typically 60 s for a sensor on a board.
 const TAU: Option<Parameter> = Some(Parameter { name: "tau", unit: "s", typical: 60.0 });
-/// Typical coefficient of dT/dt / typical coefficient of T, s. With this ratio, the temperature of the sensing element
-/// is ahead of the thermometer by this time.
+/// Typical ratio, in seconds, of the coefficient of dT/dt to the coefficient of T in the bias. With this ratio, the
+/// temperature of the sensing element leads the thermometer by this time.
 const AHEAD_S: f64 = 60.0;
-/// Typical hysteresis, K: (bias while heating - bias while cooling) / 2 / temperature coefficient of the bias.
+/// Typical hysteresis as a temperature, in kelvin: half the difference between the biases while heating and while
+/// cooling, divided by the temperature coefficient of the bias.
 const WIDTH_K: f64 = 2.0;
 
 impl<F: RealField + Copy> Effect<F> {
@@ -45,7 +47,7 @@ impl<F: RealField + Copy> Effect<F> {
     ];
 
     /// `gyro_bias_temperature_lag`: bias change `(k_i + q_i dT + c_i dT^2) (T_tau - T)` of axis i. T_tau is the
-    /// temperature T after a low-pass with the time constant tau, and dT is the difference of T from the reference.
+    /// temperature T after a low-pass with the time constant tau, and dT is T minus the reference temperature.
     pub const GYRO_BIAS_TEMPERATURE_LAG: &'static Self = &effect! {
         number: 26,
         name: "gyro_bias_temperature_lag",
@@ -65,8 +67,9 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| powers(state, |history| history.gyroscope_lag_k, terms),
     };
 
-    /// `gyro_bias_temperature_rate`: bias change `(k_i + q_i dT + c_i dT^2) dT/dt` of axis i. dT is the difference of
-    /// the temperature from the reference, K, and dT/dt is the rate of the temperature, K/s.
+    /// `gyro_bias_temperature_rate`: bias change `(k_i + q_i dT + c_i dT^2) dT/dt` of axis i. dT is the temperature
+    /// minus the reference temperature, in kelvin. dT/dt is the rate of change of the temperature, in kelvin per
+    /// second.
     pub const GYRO_BIAS_TEMPERATURE_RATE: &'static Self = &effect! {
         number: 27,
         name: "gyro_bias_temperature_rate",
@@ -85,8 +88,9 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| powers(state, |history| history.rate_kps, terms),
     };
 
-    /// `gyro_bias_temperature_hysteresis`: bias change `(k_i + q_i dT + c_i dT^2) s` of axis i. dT is the difference of
-    /// the temperature from the reference, K, and s its direction: 1 while heating, -1 while cooling.
+    /// `gyro_bias_temperature_hysteresis`: bias change `(k_i + q_i dT + c_i dT^2) s` of axis i. dT is the temperature
+    /// minus the reference temperature, in kelvin. s is the direction of the temperature change: 1 while heating, -1
+    /// while cooling.
     pub const GYRO_BIAS_TEMPERATURE_HYSTERESIS: &'static Self = &effect! {
         number: 28,
         name: "gyro_bias_temperature_hysteresis",
@@ -106,7 +110,7 @@ impl<F: RealField + Copy> Effect<F> {
     };
 
     /// `accel_bias_temperature_lag`: bias change `(k_i + q_i dT + c_i dT^2) (T_tau - T)` of axis i. T_tau is the
-    /// temperature T after a low-pass with the time constant tau, and dT is the difference of T from the reference.
+    /// temperature T after a low-pass with the time constant tau, and dT is T minus the reference temperature.
     pub const ACCEL_BIAS_TEMPERATURE_LAG: &'static Self = &effect! {
         number: 29,
         name: "accel_bias_temperature_lag",
@@ -126,8 +130,9 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| powers(state, |history| history.accelerometer_lag_k, terms),
     };
 
-    /// `accel_bias_temperature_rate`: bias change `(k_i + q_i dT + c_i dT^2) dT/dt` of axis i. dT is the difference of
-    /// the temperature from the reference, K, and dT/dt is the rate of the temperature, K/s.
+    /// `accel_bias_temperature_rate`: bias change `(k_i + q_i dT + c_i dT^2) dT/dt` of axis i. dT is the temperature
+    /// minus the reference temperature, in kelvin. dT/dt is the rate of change of the temperature, in kelvin per
+    /// second.
     pub const ACCEL_BIAS_TEMPERATURE_RATE: &'static Self = &effect! {
         number: 30,
         name: "accel_bias_temperature_rate",
@@ -146,8 +151,9 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| powers(state, |history| history.rate_kps, terms),
     };
 
-    /// `accel_bias_temperature_hysteresis`: bias change `(k_i + q_i dT + c_i dT^2) s` of axis i. dT is the difference
-    /// of the temperature from the reference, K, and s its direction: 1 while heating, -1 while cooling.
+    /// `accel_bias_temperature_hysteresis`: bias change `(k_i + q_i dT + c_i dT^2) s` of axis i. dT is the temperature
+    /// minus the reference temperature, in kelvin. s is the direction of the temperature change: 1 while heating, -1
+    /// while cooling.
     pub const ACCEL_BIAS_TEMPERATURE_HYSTERESIS: &'static Self = &effect! {
         number: 31,
         name: "accel_bias_temperature_hysteresis",
@@ -167,14 +173,14 @@ impl<F: RealField + Copy> Effect<F> {
     };
 }
 
-/// Coefficients of a variable of the temperature history, for each axis: a polynomial of the second degree in the
-/// temperature difference. `typical` is the typical size of the constant term of this polynomial.
+/// Parameters of an effect of the temperature history, for each axis. They are the coefficients of a polynomial of the
+/// second degree in the temperature difference. `typical` is the typical size of its constant term.
 const fn graded(units: [&'static str; 3], typical: f64) -> [Parameter; 9] {
     by_degree([["x_linear", "y_linear", "z_linear"], ["x_square", "y_square", "z_square"]], units, typical)
 }
 
-/// The products variable x dT^0, variable x dT^1 and variable x dT^2. They are zero if the history or the temperature
-/// is unknown.
+/// Adds the terms of a `variable` v of the temperature history: v, v dT and v dT^2, where dT is the temperature
+/// difference. The terms are zero if the history or the temperature is unknown.
 #[inline(always)]
 fn powers<F: RealField + Copy>(
     state: &State<F>,

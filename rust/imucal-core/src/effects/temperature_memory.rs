@@ -41,8 +41,8 @@ use nalgebra::{RealField, convert};
 /// Time constant of the low-passes for rate and direction, s. They suppress the noise of a thermometer. The rate is
 /// delayed by twice this time, which is short relative to the temperature changes of a unit.
 pub const SMOOTHING_S: f64 = 0.5;
-/// The direction is completely reversed after a temperature change of 2 x this value, K. The noise of a thermometer
-/// after the low-pass is smaller than this change.
+/// The direction is completely reversed after a temperature change of 2 x this value, in kelvin. After the low-pass,
+/// the noise of a thermometer is smaller than this change.
 pub const REVERSAL_K: f64 = 1.0;
 
 /// Variables of the temperature history at an instant.
@@ -50,7 +50,8 @@ pub const REVERSAL_K: f64 = 1.0;
 pub struct TemperatureHistory<F: RealField + Copy> {
     /// Derivative of the temperature, K/s.
     pub rate_kps: F,
-    /// Direction of the last temperature change: 1 heating, -1 cooling, between them while the temperature reverses.
+    /// Direction of the last temperature change: 1 for heating, -1 for cooling. The value is between -1 and 1 while the
+    /// temperature reverses.
     pub direction: F,
     /// Output of the low-pass for the lag effect of the gyroscope minus the temperature, K; 0 without such an effect.
     pub gyroscope_lag_k: F,
@@ -88,7 +89,7 @@ pub struct TemperatureMemory<F: RealField + Copy> {
     /// Output of the second low-pass minus the output of the first, K.
     second_lag_k: F,
     direction: F,
-    /// The last temperature; `None` before the first.
+    /// The last temperature, K; `None` before the first temperature.
     last_k: Option<F>,
     /// Time since the last temperature, s.
     since_s: F,
@@ -121,8 +122,8 @@ impl<F: RealField + Copy> LowPass<F> {
 }
 
 impl<F: RealField + Copy> TemperatureMemory<F> {
-    /// The memory for these effects, before the first temperature. If the set contains a lag effect twice, the memory
-    /// has the time constant of the last one.
+    /// The memory for these effects, before it has received a temperature. If the set contains a lag effect twice, the
+    /// memory has the time constant of the last one.
     pub fn new(effects: &EffectSet<F>) -> Self {
         let (mut gyroscope, mut accelerometer) = (None, None);
         for values in effects.iter() {
@@ -151,9 +152,10 @@ impl<F: RealField + Copy> TemperatureMemory<F> {
         }
     }
 
-    /// Takes the next temperature, relative to any fixed reference, K, and returns the history at it. `time_step_s` is
-    /// the time since the previous call, at least 0. If the temperature is not finite, it is ignored, and the next one
-    /// is connected to the previous one by a straight line.
+    /// Adds the next temperature and returns the history at this temperature. `temperature_k` is relative to any fixed
+    /// reference temperature, K. `time_step_s` is the time since the previous call, at least 0. A temperature that is
+    /// not finite is ignored. The next finite temperature is then connected to the last finite temperature by a
+    /// straight line.
     pub fn update(&mut self, time_step_s: F, temperature_k: F) -> TemperatureHistory<F> {
         self.since_s += time_step_s;
         if temperature_k.is_finite() && self.since_s.is_finite() {
@@ -170,8 +172,9 @@ impl<F: RealField + Copy> TemperatureMemory<F> {
         self.accelerometer.advance(step_s, change_k);
         let (before_k, second_before_k) = (self.first.lag_k, self.second_lag_k);
         self.first.advance(step_s, change_k);
-        // The input of the second low-pass is the output of the first: a straight line plus a decaying exponential.
-        // `steady_k` is the constant lag of the first output behind its input after the exponential has decayed.
+        // The output of the first low-pass is the input of the second. This output is a straight line plus a decaying
+        // exponential. `steady_k` is the constant lag of the output behind the temperature after the exponential has
+        // decayed.
         let step = step_s / smoothing_s;
         if step > F::zero() {
             let settled = -((-step).exp_m1());

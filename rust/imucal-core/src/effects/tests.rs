@@ -33,8 +33,8 @@ const TAU_S: f64 = 25.0;
 /// The fraction of the warm-up that is left after 50 s with a time constant of 25 s: exp(-50 / 25).
 const LEFT: f64 = 0.135_335_283_236_612_7;
 
-/// The field at [`state`] times the parameters 1, 2, 3, ... The values are calculated by hand from the formulas of the
-/// catalogue.
+/// The error that each effect adds at [`state`] if its parameters are 1, 2, 3, ... The values are calculated by hand
+/// from the formulas of the catalogue.
 const BY_HAND: [(&str, [f64; 3]); 34] = [
     ("gyro_g_sensitivity", [26.0, 59.0, 92.0]),
     ("gyro_g2_sensitivity", [210.0 + 224.0, 453.0 + 284.0, 696.0 + 344.0]),

@@ -55,12 +55,12 @@ impl<F: RealField + Copy> EffectValues<F> {
         Ok(Self { effect, values: all_values, count, shape })
     }
 
-    /// The catalogue row of the effect.
+    /// The effect, as the catalogue defines it.
     pub fn effect(&self) -> &'static Effect<F> {
         self.effect
     }
 
-    /// Parameter values of the form that was given at creation.
+    /// Values of the parameters, as many as were given at creation.
     pub fn values(&self) -> &[F] {
         self.values.get(..self.count).unwrap_or_default()
     }
@@ -126,9 +126,9 @@ impl<F: RealField + Copy> EffectSet<F> {
         (on_rate, on_force)
     }
 
-    /// Whether the field of any effect depends on the true value of the quantity that `sensor` measures.
+    /// Whether any effect depends on the true value of the quantity that `sensor` measures.
     fn reads(&self, sensor: Sensor) -> bool {
-        // A loop is used, because `contains` has code that panics if it is not optimised.
+        // A loop is used instead of `contains`. Without optimisation, `contains` would add code that can panic.
         for member in self.iter() {
             for read in member.effect.reads {
                 if *read == sensor {
@@ -149,12 +149,12 @@ impl<F: RealField + Copy> EffectSet<F> {
     /// Computes the true `(rate, force)` from values that contain the effects, in rad/s and m/s^2 in the body frame. It
     /// inverts the addition of [`at`](Self::at) to the true values (`docs/model.md` (16)).
     ///
-    /// The method iterates `true <- seen - effects(true)` until the quantities on which the fields depend change only
-    /// by rounding errors. Each iteration multiplies the error by at most the derivative of the effects with respect to
-    /// rate and force, for example by 0.002 for a scale asymmetry of 0.2 %. For one effect of typical size, one
-    /// iteration is sufficient if its field does not depend on the quantity that the effect changes. Otherwise, two or
-    /// three iterations are needed in `f32`, and two to seven in `f64`. If the derivative exceeds about 0.83, the
-    /// iteration does not converge in [`MAX_PASSES`] steps, and both results are NaN.
+    /// The method iterates `true <- seen - effects(true)` until the rate and the force on which the effects depend
+    /// change only by rounding errors. Each iteration multiplies the error by at most the derivative of the effects
+    /// with respect to rate and force, for example by 0.002 for a scale asymmetry of 0.2 %. One effect of typical size
+    /// needs a single iteration if it does not depend on the quantity that it changes. Otherwise, it needs two or three
+    /// iterations in `f32`, and two to seven in `f64`. If the derivative exceeds about 0.83, the iteration does not
+    /// converge in [`MAX_PASSES`] steps, and both results are NaN.
     pub fn remove(
         &self,
         seen_rate: Vector3<F>,
@@ -178,8 +178,8 @@ impl<F: RealField + Copy> EffectSet<F> {
         self.remove_reading([true; 2], seen_rate, seen_force, surroundings, own)
     }
 
-    /// The two elements of `reads` state whether any effect depends on the rate, and whether any effect depends on the
-    /// force.
+    /// The iteration of [`remove`](Self::remove). The first element of `reads` states whether any effect depends on the
+    /// rate, and the second whether any effect depends on the force.
     #[inline]
     fn remove_reading(
         &self,
@@ -218,10 +218,9 @@ fn zeros<F: RealField + Copy>() -> Vector3<F> {
     Vector3::new(F::zero(), F::zero(), F::zero())
 }
 
-/// Whether the iteration of a quantity (rate or force) has converged. The criterion is that the change of `seen -
-/// effects` between two iterations is of the order of rounding errors. `seen` is the largest absolute component of the
-/// quantity before the effects are removed. If no field depends on the quantity (`counts` is false), any change is
-/// permitted.
+/// Whether the iteration of a quantity (rate or force) has converged. The criterion is that `seen - effects` changes
+/// between two iterations only by about a rounding error. `seen` is the largest absolute component of the quantity
+/// before the effects are removed. If no effect depends on the quantity (`counts` is false), any change is permitted.
 fn is_rounding<F: RealField + Copy>(counts: bool, change: &Vector3<F>, seen: F, effects: &Vector3<F>) -> bool {
     let rounding: F = convert::<f64, F>(16.0) * F::default_epsilon();
     let limit = rounding * (seen + largest(effects));

@@ -4,8 +4,8 @@ use nalgebra::{RealField, Vector3, Vector6, convert};
 
 /// Count, mean and variance of consecutive samples, per channel: rate x, y, z, then force x, y, z.
 ///
-/// The sums are relative to the first sample. The variance is therefore accurate even with a large offset, for example
-/// gravity, or unsigned counts around 32768 in f32. The sums of two intervals can be merged:
+/// The sums contain the differences from the first sample. The variance is therefore accurate even with a large offset,
+/// for example gravity, or unsigned counts around 32768 in f32. The sums of two intervals can be merged:
 ///
 /// ```
 /// use imucal_core::rest::BlockSums;

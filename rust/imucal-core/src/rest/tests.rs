@@ -76,8 +76,8 @@ fn rests_are_found_within_one_block_at_every_rate() {
         let rests = rests_in(&samples, detector(block));
         assert_eq!(rests.len(), truth.len(), "at {rate_hz} Hz: {rests:?}");
         for (rest, (first, end)) in rests.iter().zip(truth) {
-            // Without its trimmed blocks, a detected rest is inside the true rest. With the trimmed blocks, it starts
-            // within one block of the true start and ends within one block of the true end.
+            // A detected rest excludes its two trimmed blocks and is inside the true rest. With the trimmed blocks, it
+            // starts within one block of the true start and ends within one block of the true end.
             assert!(rest.first_sample >= first && rest.first_sample - block < first + block, "{rate_hz} Hz: {rest:?}");
             assert!(rest.end_sample <= end && rest.end_sample + block + block > end, "{rate_hz} Hz: {rest:?}");
         }
@@ -125,8 +125,8 @@ fn unsigned_counts_in_f32_give_the_same_rests() {
 
 #[test]
 fn the_guard_blocks_stay_out_of_the_means() {
-    // All samples are zero, except one in the first and one in the last block of the rest. The statistic of the windows
-    // with these samples is below the threshold.
+    // All samples are zero, except one in the first and one in the last block of the rest. The rest statistic of the
+    // windows that contain these two samples is below the threshold.
     let block = 10;
     let mut samples = [(Vector3::zeros(), Vector3::zeros()); 300];
     samples[9].0.x = 0.02;

@@ -30,7 +30,7 @@ use crate::two_stage::ellipsoid::Start;
 use crate::two_stage::uncertainty::accelerometer_covariance;
 use crate::verdict::{GroupMisfit, Reason, RecordingSet, ResidualGroup, Verdict};
 
-/// A calibration of an accelerometer without a gyroscope, with its covariance, residuals and figures.
+/// A calibration of an accelerometer without a gyroscope, with its covariance, residuals and figures of merit.
 #[derive(Clone, Debug)]
 pub struct AccelerometerOutcome {
     /// The accelerometer, in the body frame `frame`.
@@ -178,7 +178,8 @@ impl AccelerometerOutcome {
         })
     }
 
-    /// The held parameters and the errors due to the uncertainty of their priors; `None` if the verdict is poor.
+    /// The held parameters and the errors due to the uncertainty of their priors, for the offer of this model to the
+    /// user; `None` if the verdict is poor.
     pub(super) fn as_reduced(&self) -> Option<Reduced> {
         let is_usable = !matches!(self.verdict(), Verdict::Poor(_));
         is_usable.then(|| Reduced { held: self.held.clone(), cost: self.prior_cost, condition: None })

@@ -208,9 +208,10 @@ impl<'a> Checked<'a> {
         }
     }
 
-    /// For a search for effects: computes the residuals of the joint fit without effects, and calls `work` with these
-    /// residuals and both triads. The residuals allow drifts of both sensors within a rest. The temperatures of the
-    /// recordings are replaced by `temperatures_degc`.
+    /// For a search for effects: prepares the input of a joint fit and calls `work` with this input and both triads.
+    /// The triads, rests and moves are those of the joint fit without effects. If this fit excluded too many outliers,
+    /// all rests and moves are used. Both sensors may drift within a rest. The temperatures of the recordings are
+    /// replaced by `temperatures_degc`.
     pub(crate) fn prepare<T>(
         &self,
         temperatures_degc: &[Option<Vec<f64>>],

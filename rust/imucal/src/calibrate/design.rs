@@ -52,8 +52,8 @@ impl Design {
 
     /// Returns the design matrix, and the parameters at which it is computed. Determined parameters have their
     /// least-squares values, and all others their nominal values. Nominal values for all parameters would not be
-    /// suitable, because sensor errors of a few per cent would rotate the unobservable directions by a few hundredths
-    /// of a radian.
+    /// suitable: sensor errors of a few per cent would rotate the unobservable directions of the parameter space by a
+    /// few hundredths of a radian.
     pub(super) fn near(
         prepared: &Prepared<'_>,
         terms: &Terms<'_>,

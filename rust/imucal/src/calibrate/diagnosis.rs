@@ -7,8 +7,8 @@
 //!              for lags of the temperature)
 //! ```
 //!
-//! C is the covariance of the estimated parameters. Such a result is not an error. The diagnosis describes in words
-//! what the covariance contains as numbers.
+//! C is the covariance of the estimated parameters. A poorly determined parameter is not an error. The diagnosis
+//! describes in words what the covariance contains as numbers.
 
 use imucal_core::effects::{Effect, Need};
 
@@ -164,7 +164,7 @@ fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
     const AXES: [&str; 3] = ["x", "y", "z"];
     let mut motions: Vec<String> = Vec::new();
     // If the group contains an effect, no motion is recommended for the base parameters. The motion that separates the
-    // effect from them also determines them.
+    // effect from the base parameters also determines the base parameters.
     let with_effect = parameters.iter().any(|&p| p >= 21);
     for &p in parameters.iter().filter(|&&p| p >= 21 || !with_effect) {
         let motion = match p {
@@ -191,8 +191,8 @@ fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
     motions.join("; ")
 }
 
-/// The motion that separates an effect from the other members of a group. If none is known, the motion that makes the
-/// effect observable.
+/// The motion that separates an effect from the other parameters of a group of correlated parameters. If no such motion
+/// is known, the motion that makes the effect observable.
 fn separation(outcome: &Outcome, effect: &Effect<f64>, group: &[usize]) -> String {
     let is_in_group =
         |name: &str| group.iter().any(|&p| effect_of(outcome, p).is_some_and(|(term, _)| term.name == name));

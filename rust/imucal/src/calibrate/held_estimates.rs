@@ -22,8 +22,8 @@ use crate::parameters::{ACCEL, GYRO_SENSITIVITY};
 /// A held parameter is reported as not determined by the recordings if (variance due to the priors) / (its variance) is
 /// above this value. The recordings then contain less information than the priors.
 const MAX_PRIOR_SHARE: f64 = 0.5;
-/// A contradiction is reported if |value from the recordings - prior| is above this number of standard deviations of
-/// this difference. Noise exceeds this limit with a probability of 6e-7.
+/// A contradiction between the recordings and a prior is reported if |value from the recordings - prior| is above this
+/// number of standard deviations of this difference. Noise exceeds this limit with a probability of 6e-7.
 const MAX_CONTRADICTION: f64 = 5.0;
 
 /// One held parameter with its prior and its estimate.
@@ -90,9 +90,9 @@ pub(super) fn held_estimates(
     ((0..held.len()).map(estimate).collect(), &by_prior * by_prior.transpose())
 }
 
-/// Difference between prior and recordings in standard deviations. `None` if the recordings alone determine the
-/// parameter less accurately than its typical spread over MEMS sensors. So little information comes only from the
-/// nonlinearity of the model, and is no evidence against the prior.
+/// Difference between prior and recordings in standard deviations of this difference. `None` if the recordings alone
+/// determine the parameter less accurately than its typical spread over MEMS sensors. Such weak information comes only
+/// from the nonlinearity of the model, and is no evidence against the prior.
 fn contradiction(held: &HeldParameter, (residual, free): (f64, f64)) -> Option<f64> {
     let of_recordings = held.sigma * ((1.0 - free) / free).sqrt();
     held.usual.is_none_or(|usual| of_recordings < usual).then_some(residual)

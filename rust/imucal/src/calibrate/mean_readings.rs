@@ -21,9 +21,9 @@ use crate::rests::unit_rest::rests_of_means;
 use crate::two_stage::accelerometer::{self, AccelerometerFit};
 use crate::two_stage::ellipsoid::Start;
 
-/// Standard deviation of the means in a first fit, unless the table contains their noise. It is a fraction of half the
-/// largest range of the readings on an axis. The value is so large that no row is excluded as an outlier. With a larger
-/// value, noise could explain the whole ellipsoid of the readings, and the fit would be refused.
+/// Standard deviation of the means that a first fit assumes if the table does not contain their noise. It is given as a
+/// fraction of half the largest range of the readings on an axis. The value is so large that no row is excluded as an
+/// outlier. With a larger value, noise could explain the whole ellipsoid of the readings, and the fit would be refused.
 const FIRST_GUESS: f64 = 0.015;
 /// If there are too few rows, the error message may propose a model that can be fitted if the user gives the noise of
 /// the means. This standard deviation, m/s^2, is assumed to find out whether there is such a model.
@@ -85,7 +85,8 @@ pub fn calibrate_means(
 }
 
 /// The text of a refusal, with the offer of a model with fewer parameters. If the user did not give the noise of the
-/// means, the offer may require it. Nothing is offered if only this noise is missing, because `words` ask for it.
+/// means, the offer may require it. Nothing is offered if only this noise is missing, because the refusal `words`
+/// already asks for it.
 fn with_way_out(table: &MeanReadings<'_>, options: &Options<'_>, words: String) -> String {
     let of_noise_given = |options: &Options<'_>| {
         let noise = MeanNoise::Common(ASSUMED_NOISE_MPS2);

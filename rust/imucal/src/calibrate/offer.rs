@@ -33,8 +33,9 @@ impl<'a> Checked<'a> {
     }
 }
 
-/// The checked recordings, which must determine all parameters that have no prior. The model `orthogonal` has no priors
-/// of biases and scales. If the unit was not rotated about an axis, the gyroscope scale of this axis gets a prior here.
+/// The checked recordings, which must determine all parameters that have no prior. In the model `orthogonal`, biases
+/// and scales have no priors. If the unit was not rotated about an axis, this function gives the gyroscope scale of
+/// this axis a prior.
 fn determined<'a>(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Checked<'a>, Error> {
     let checked = Checked::of_determined(recordings, options);
     if options.priors.model != ParameterModel::Orthogonal || !matches!(checked, Err(Error::NotEnoughMotion(_))) {

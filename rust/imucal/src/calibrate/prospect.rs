@@ -45,8 +45,8 @@ pub struct Prospect {
     /// Predicted standard deviation of each parameter, raw units, provided that the model describes the unit; `None` if
     /// the parameter is not determined.
     pub predicted_sigma: [Option<f64>; 21],
-    /// Names of the accelerometer parameters that the rests do not determine without the moves. For example, the only
-    /// directions may be the six faces of a box. The rotations between the rests replace the missing directions.
+    /// Names of the accelerometer parameters that the rests do not determine without the moves. For example, gravity
+    /// may point only towards the six faces of a box. The rotations between the rests replace the missing directions.
     pub through_moves: Vec<String>,
     /// Message about the undetermined parameters, with the poses and rotations to add; `None` if all parameters are
     /// determined.
@@ -88,14 +88,14 @@ struct Scene {
 }
 
 impl UnitData<'_> {
-    /// The prediction for rests and moves together. The second result is a model: determined parameters have their
-    /// least-squares values, and all others their nominal values. All refusals for missing motion are based on this
-    /// prediction.
+    /// Predicts which parameters the rests and moves together determine, and how accurately. The second result is a
+    /// sensor model: determined parameters have their least-squares values, and all others their nominal values. All
+    /// refusals for missing motion are based on this prediction.
     pub(super) fn joint_information(&self, options: &Options<'_>) -> Result<(Prospect, Model), Error> {
         self.prospect(self.scene(options)?, options)
     }
 
-    /// The prediction for these recordings, from the rests, moves and nominal sensors of `scene`.
+    /// Predicts which parameters these recordings determine, from the rests, moves and nominal sensors of `scene`.
     fn prospect(&self, scene: Scene, options: &Options<'_>) -> Result<(Prospect, Model), Error> {
         let accelerometer = scene.accelerometer.unwrap_or_else(Triad::identity);
         let gyroscope = scene.gyroscope.unwrap_or_else(Triad::identity);

@@ -84,8 +84,8 @@ impl UnitData<'_> {
     /// rests do not determine keeps its start value.
     ///
     /// # Errors
-    /// [`Error::NotEnoughMotion`] if the rests and moves together do not determine all parameters. `of_rests` is the
-    /// message about the rests.
+    /// [`Error::NotEnoughMotion`] if the rests and moves together do not determine all parameters, or if no joint fit
+    /// was requested. `of_rests` is the message about the parameters that the rests do not determine.
     fn fit_accelerometer_with_moves(
         &self,
         rests: &[&Rest],
@@ -105,7 +105,8 @@ impl UnitData<'_> {
     }
 
     /// If one of the two stages lacks motion, its message names only the motion that this stage needs. This function
-    /// replaces that message by the message of the joint design, which names all motion that the calibration needs.
+    /// replaces that message by the message for rests and moves together, which names all motion that the calibration
+    /// needs.
     fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
         let Error::NotEnoughMotion(_) = &error else { return error };
         match self.joint_information(options) {

@@ -42,7 +42,7 @@ pub(super) struct UnitData<'a> {
     pub(super) bias: GyroscopeBias,
     /// White-noise densities of each recording, raw units per sqrt(Hz).
     noise: Vec<NoiseDensity>,
-    /// Hand model of each recording; `None` if the unit is not hand-held.
+    /// Model of the tremor of the hand in each recording; `None` if the unit is not hand-held.
     hands: Vec<Option<Hand>>,
     /// Index ranges of saturated samples of each recording.
     pub(super) saturated: Vec<Vec<Range<usize>>>,
@@ -253,9 +253,9 @@ impl UnitData<'_> {
 }
 
 /// Whether the mean rate of a long rest differs from the mean rates of the other rests because of a different bias. The
-/// other possible cause is a rotation about the vertical, because a rotation about a horizontal axis would have changed
-/// the gravity direction. A rate difference in any other direction is therefore a bias. For readings in counts, the
-/// vertical may be unknown because of offsets.
+/// other possible cause is a slow rotation. It can only be about the vertical, because a rotation about a horizontal
+/// axis would have changed the gravity direction. A rate difference in any other direction is therefore a bias. For
+/// readings in counts, the vertical may be unknown because of offsets.
 fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -> bool {
     /// A rate difference counts as a bias if its angle to the vertical is above 18 deg. The cosine of the angle is then
     /// below this limit. The margin is needed because the axes of the two sensors may differ by some degrees.

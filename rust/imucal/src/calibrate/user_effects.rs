@@ -84,7 +84,7 @@ impl SampledField {
     }
 }
 
-/// The fields in the form that [`ModelOptions`] requires.
+/// The sampled fields as user-defined effects for [`ModelOptions`].
 pub(crate) fn views(fields: &[SampledField]) -> Vec<UserField<'_>> {
     fields.iter().map(SampledField::view).collect()
 }

@@ -18,8 +18,8 @@ const SHARE_OF_TIME: f64 = 0.5;
 /// At least this share of the packets must have nearly the typical number of samples. If samples are lost at random,
 /// the groups between long time steps have varying sizes, so this limit excludes random loss.
 const ALIKE: f64 = 0.9;
-/// A packet counts as typical if |its number of samples / the typical number - 1| is at most this value. A difference
-/// of one sample is always permitted.
+/// A packet is typical if its number of samples differs from the typical number by at most this share of the typical
+/// number. A difference of one sample is always permitted.
 const WITHIN: f64 = 0.25;
 
 /// Finding `clock_irregular` for time stamps that come in bursts. The time stamps must not decrease.

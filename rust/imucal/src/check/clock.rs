@@ -37,9 +37,9 @@ pub(super) struct Steps {
     longest_s: f64,
     backward: Tally,
     worst_backward_s: f64,
-    /// Samples with the time stamp of the previous sample but different values.
+    /// Samples that have the same time stamp as the previous sample, but different values.
     equal: Tally,
-    /// Samples with the time stamp and all values of the previous sample.
+    /// Samples that equal the previous sample in the time stamp and in all values.
     copied: Tally,
 }
 
@@ -48,8 +48,8 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     findings.extend(too_short(recording));
     findings.extend(steps.not_increasing(recording));
     if let Some(bursts) = steps.backward.first.is_none().then(|| steps.bursts(recording)).flatten() {
-        // Packet time stamps contain no information about repeated stamps, lost samples and the sampling rate, so these
-        // checks are skipped.
+        // If all samples of a packet have nearly the same stamp, the stamps do not reveal repeated stamps, lost samples
+        // or the sampling rate. The checks of these faults are skipped.
         findings.push(bursts);
         return findings;
     }
@@ -221,7 +221,7 @@ fn duplicated(tally: &Tally, recording: &Recording) -> Option<Finding> {
     })
 }
 
-/// Shortest and longest time step, s, calculated for several steps at once; NaN if any time step is NaN.
+/// Shortest and longest time step, s; NaN if any time step is NaN. Several steps are compared at once.
 #[inline(always)]
 fn shortest_and_longest_s(time_s: &[f64]) -> [f64; 2] {
     const LANES: usize = 8;

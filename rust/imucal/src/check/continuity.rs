@@ -19,7 +19,7 @@ use crate::numerics::stats::quantile_of;
 use crate::recording::{Recording, Samples};
 
 /// Time stamps count as computed from the sample number if |time stamp x rate - sample number| is at most this value.
-/// The limit allows stamps that are rounded to a ninth of the time step.
+/// The limit permits stamps that are rounded to multiples of a ninth of the time step.
 const EVEN: f64 = 0.12;
 /// The ratio `k` is used only if |m| / (standard deviation of the noise of `d_i - m`) is above this value. In slower
 /// motion, `k` is too noisy. At this limit, the noise of `k` has a standard deviation of 1/8.
@@ -28,8 +28,8 @@ const CLEAR: f64 = 8.0;
 const SMOOTH: f64 = 0.5;
 /// The ratio `k` is used only if (component of `d_i` perpendicular to `m`) / |m| is below this value.
 const ACROSS: f64 = 0.35;
-/// Range of the ratio `k` that counts as one lost sample: 2 +- two standard deviations of the noise of `k`, at the
-/// limit [`CLEAR`].
+/// Range of the ratio `k` (rate change / mean of the adjacent changes) that counts as one lost sample: 2 +- two
+/// standard deviations of the noise of `k`, at the limit [`CLEAR`].
 const LOST: [f64; 2] = [1.75, 2.25];
 /// Range of `k` between the peaks at 1 and 2. Rough motion gives about as many values of `k` in this range as near 2,
 /// so it serves as the reference for the peak at 2.
@@ -38,7 +38,7 @@ const BETWEEN: [f64; 2] = [1.35, 1.65];
 const BLOCK: usize = 4096;
 /// A finding is reported only for at least this number of lost samples.
 const FEWEST: usize = 5;
-/// A fault is reported only if (number of values of `k` in [`LOST`]) / (number in [`BETWEEN`]) is at least this value.
+/// A fault is reported only if [`LOST`] contains at least this many times as many values of `k` as [`BETWEEN`].
 const PEAK: usize = 3;
 /// Repeated rows are additional rows if the mean of `k` over them is below this limit. `k` is (rate change across the
 /// repeated row) / (mean of the adjacent changes). It is 1 if a row was written in addition to the samples, and 2 if
@@ -189,8 +189,8 @@ mod tests {
         assert!(found(&columns).is_none());
     }
 
-    /// The rows with these indices. If `made_anew` is set, their time stamps are computed from the sample number.
-    /// Otherwise, the time stamps are kept.
+    /// The rows of the example recording with the indices `kept`. If `made_anew` is set, their time stamps are computed
+    /// from the sample number. Otherwise, the time stamps are kept.
     fn rows(kept: impl Iterator<Item = usize>, made_anew: bool) -> Columns {
         let all = Columns::tumbling();
         let mut columns = Columns { time_s: Vec::new(), force: Vec::new(), rate: Vec::new() };

@@ -15,8 +15,8 @@ use crate::recording::{RawUnit, Recording};
 /// Limits of a plausible gain of an axis in SI units (ideal: 1); datasheets specify 0.9 to 1.1 or better.
 const GAIN: [f64; 2] = [0.75, 1.25];
 
-/// For axes in counts, largest / smallest gain of a chip is at most this value, which is the ratio of the limits of
-/// [`GAIN`].
+/// For axes in counts: maximum ratio of the largest gain to the smallest gain of the axes of a chip. It is the ratio of
+/// the limits of [`GAIN`].
 const MOST_APART: f64 = GAIN[1] / GAIN[0];
 
 /// A gain that all axes of a gyroscope have in common is reported if |gain - 1| is above this value. The error of a
@@ -114,7 +114,7 @@ fn different_gains(recording: &Recording, gains: [f64; 3], columns: [&str; 3]) -
     if most <= MOST_APART * least {
         return None;
     }
-    // The gain that differs most from the other two.
+    // `odd` is the gain that differs most from the other two gains.
     let odd = if most * least > middle * middle { most } else { least };
     let axis = gains.iter().position(|gain| *gain == odd)?;
     Some(Finding {

@@ -8,19 +8,19 @@ use super::{Tally, names, stamps};
 use crate::finding::{Finding, Place, counted};
 use crate::recording::Recording;
 
-/// A late time stamp is followed by short time steps. A time step counts as short if it is below this multiple of the
-/// usual time step.
+/// The time steps after a late time stamp are short, until the stamps are on time again. A time step counts as short if
+/// it is below this multiple of the usual time step.
 const CATCHES_UP: f64 = 0.95;
 
 /// Long time steps of a recording.
 #[derive(Default)]
 pub(super) struct Gaps {
-    /// Samples after a gap with lost samples.
+    /// The first sample after each gap in which samples were lost.
     after_lost: Tally,
     /// Number of lost samples.
     lost: f64,
     longest_s: f64,
-    /// Samples that were stamped late.
+    /// Samples whose time stamps are late.
     late: Tally,
     /// Largest delay of a late stamp, s.
     latest_s: f64,

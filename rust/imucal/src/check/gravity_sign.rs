@@ -151,8 +151,8 @@ mod tests {
     use super::*;
     use crate::finding::Severity;
 
-    /// Findings for the example recording if the accelerometer has another convention of its axes. `stand` contains
-    /// motor angles, which follow the true up direction.
+    /// Findings for the example recording with the accelerometer axes multiplied by `accel`. `stand` contains motor
+    /// angles that agree with the true up direction.
     fn found(accel: [f64; 3], stand: Option<&[[f64; 3]]>) -> Option<Finding> {
         let mut columns = Columns::tumbling();
         columns.force.iter_mut().for_each(|row| *row = [0, 1, 2].map(|k| accel[k] * row[k]));

@@ -20,8 +20,9 @@ const COPY_SIGMAS: f32 = 14.0;
 /// Two recordings count as copies only if (largest correlation) / (largest correlation at distant lags) is at least
 /// this value. Periodic vibration in both recordings correlates at many lags, and this limit excludes it.
 const UNIQUE: f32 = 2.0;
-/// Number of templates of a recording, one in each third. If another recording contains at least half of this
-/// recording, it contains at least one of the templates.
+/// Number of templates of a recording, one in each third. A template is an excerpt that is searched for in the other
+/// recordings. If another recording contains at least half of this recording, it contains at least one of the
+/// templates.
 const TEMPLATES: usize = 3;
 
 /// Finding `recordings_overlap` for every recording that has its noise in common with another recording of the list.
@@ -61,8 +62,9 @@ pub fn check_control(calibration: &[AtRest<'_>], control: &[AtRest<'_>]) -> Vec<
 struct Copy {
     recording: usize,
     of: usize,
-    /// Index of the first sample of the common part in `recording`. `first_of` is the index in `of`, and `samples`
-    /// contains the number of samples of the common part in each of the two recordings.
+    /// Index of the first sample of the common part in the recording `recording`. `first_of` is the index of this
+    /// sample in the recording `of`. `samples` contains the number of samples of the common part in each of the two
+    /// recordings.
     first: usize,
     first_of: usize,
     samples: [usize; 2],
@@ -94,9 +96,9 @@ impl Copy {
     }
 }
 
-/// Copies among the recordings, at most one for each pair for which `is_compared` is true. The correlation of a copy is
-/// at least `copy_sigmas` standard deviations. Each recording is searched for in all recordings with at least as many
-/// samples.
+/// Finds copies among the recordings: at most one for each pair for which `is_compared` is true. Two recordings are
+/// copies if their correlation is at least `copy_sigmas` standard deviations. Each recording is searched for in all
+/// recordings with at least as many samples.
 fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool, copy_sigmas: f32) -> Vec<Copy> {
     let mut order: Vec<usize> = (0..recordings.len()).collect();
     order.sort_by_key(|&index| std::cmp::Reverse(recordings[index].recording.len()));
@@ -138,9 +140,9 @@ fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool,
     found
 }
 
-/// The recording `index` is searched for only in the part of the tape (concatenated recordings) before this sample. The
-/// part ends with the last recording that precedes `index` in `order` and is compared with it. The result is 0 if there
-/// is none.
+/// End of the part of the tape (concatenated recordings) in which the recording `index` is searched for, as a sample
+/// index. It is the end of the last recording that precedes `index` in `order` and is compared with it. The result is 0
+/// if there is no such recording.
 fn searched_until(tape: &Tape, order: &[usize], index: usize, is_compared: impl Fn(usize, usize) -> bool) -> usize {
     let before: Vec<usize> = order.iter().copied().take_while(|&other| other != index).collect();
     let is_searched = |part: &&(usize, Range<usize>)| before.contains(&part.0) && is_compared(part.0, index);

@@ -20,8 +20,9 @@ use crate::recording::{RawUnit, Recording};
 /// Limits of the scale |det P|^(1/3) of the matrix P in true rate = P (raw - bias), for a gyroscope in the correct unit
 /// (ideal: 1). The scale errors of sensors are far smaller.
 const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
-/// The rates are too large by the factor 1 / (scale of P). A unit is recommended if this factor differs by less than
-/// this fraction from the unit's conversion factor, for example 57.3 for deg/s read as rad/s.
+/// The measured rates are too large by the factor 1 / (scale of P). A unit is recommended if the relative difference
+/// between this factor and the unit's conversion factor is below this value. An example of a conversion factor is 57.3
+/// for deg/s read as rad/s.
 const KNOWN: f64 = 0.25;
 /// The motion determines P only if smallest / largest singular value of P is at least this value. Otherwise, no finding
 /// is reported.

@@ -1,11 +1,12 @@
 //! Searches other recordings for a part of the noise of one recording, at all lags. The searched recordings are
 //! concatenated to tapes (see `noise_tape`).
 //!
-//! The signals of the part and of the searched recording are whitened: their spectra are divided by the magnitudes, so
-//! that all frequencies have equal weight (phase transform: Knapp and Carter, The generalized correlation method for
-//! estimation of time delay, 1976). A strong periodic vibration in two independent recordings contains only a few
-//! frequencies, so it contributes little to the correlation. The correlation at a lag is a sum over m frequencies
-//! (positive and negative) and n signals. For independent noise, its variance is m n at every lag.
+//! The signals of the part and of the searched recording (second differences of the axes, see `noise_tape`) are
+//! whitened: their spectra are divided by the magnitudes, so that all frequencies have equal weight (phase transform:
+//! Knapp and Carter, The generalized correlation method for estimation of time delay, 1976). A strong periodic
+//! vibration in two independent recordings contains only a few frequencies, so it contributes little to the
+//! correlation. The correlation at a lag is a sum over m frequencies (positive and negative) and n signals. For
+//! independent noise, its variance is m n at every lag.
 
 use std::sync::Arc;
 
@@ -27,9 +28,9 @@ const LAGS: usize = BLOCK - TEMPLATE;
 /// Share of a block or template that is tapered at each end. Without the taper, the edges would spread periodic
 /// vibration over all frequencies.
 const TAPER: f64 = 0.05;
-/// Other large correlations within this distance from the largest one are ignored, in samples. A copy with lost samples
-/// has large correlations at several lags within this distance. Large correlations at a greater distance indicate a
-/// periodic signal instead of a copy.
+/// Distance from the largest correlation, in samples. Other large correlations within this distance are ignored,
+/// because a copy with lost samples has large correlations at several neighbouring lags. Large correlations at a
+/// greater distance indicate a periodic signal instead of a copy.
 const NEAR: usize = 64;
 
 /// Index ranges of the two groups of signals that are correlated separately. Three signals depend on the order of the

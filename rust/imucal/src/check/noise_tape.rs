@@ -16,17 +16,18 @@ pub(super) const SIGNALS: usize = 4;
 
 /// Second differences that were divided by the scale of their axis are clipped to this absolute value.
 const CLIP: f32 = 3.0;
-/// Quantile of the absolute second differences that defines the scale of an axis. After rounding to coarse counts,
-/// fewer than a fifth of the second differences may be nonzero. The scale is then zero, and the axis counts as free of
-/// noise.
+/// Quantile of the absolute second differences that defines the scale of an axis (its noise). After rounding to coarse
+/// counts, fewer than a fifth of the second differences may be nonzero. The scale is then zero, and the axis counts as
+/// free of noise.
 const SCALE_QUANTILE: f64 = 0.8;
 /// The [`SCALE_QUANTILE`] of |x| for a standard normal x. Quantile / this value is a standard deviation.
 const SCALE_OF_NORMAL: f64 = 1.28;
 /// An axis is used only if scale / |largest reading| is above this value. Smaller differences are rounding errors of
 /// the arithmetic.
 const MIN_SCALE: f64 = 1e-9;
-/// Minimum number of samples at rest from which the scale of an axis is estimated. All samples are used if there are
-/// fewer, and less than twice this number otherwise. The error of the scale is then below 3 %.
+/// Number of samples at rest from which the scale of an axis is estimated. If there are more samples, a subset of at
+/// least this number and less than twice this number is used. The error of the scale is then below 3 %. If there are
+/// fewer samples, all of them are used.
 const SCALE_SAMPLES: usize = 4096;
 /// Two sampling rates count as equal if their relative difference is at most this value. Clocks of one unit agree to
 /// about 1e-4, and different nominal sampling rates differ by more.

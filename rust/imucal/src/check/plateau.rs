@@ -14,15 +14,15 @@ const EDGE_STEPS: f64 = 3.0;
 const SIBLING_STEPS: f64 = 2.0;
 /// Minimum change of the channel, in steps of the converter, from the plateau to the samples one plateau length before
 /// its start and after its end. This limit detects a clipped channel that changes slowly next to the plateau, which
-/// [`EDGE_STEPS`] misses at high sampling rates and with coarse steps. A rounded peak stays below the limit. If n
+/// [`EDGE_STEPS`] misses at high sampling rates and with coarse steps. A rounded peak stays below the limit: if the n
 /// samples at the top of a parabola are within one step, the samples n farther out are only nine steps below the top.
 const FAR_STEPS: f64 = 12.0;
 /// For a plateau that [`FAR_STEPS`] detects, another axis must change during the plateau by at least this share of its
 /// range.
 const SIBLING_SHARE: f64 = 0.05;
 
-/// Plateaus at an extreme value are reported only if noise causes them with at most this probability. With this limit,
-/// one recording without saturation in 1e5 is refused.
+/// Plateaus at an extreme value are reported only if noise would cause them with at most this probability. With this
+/// limit, one in 1e5 recordings without saturation is refused.
 const BY_CHANCE: f64 = 1e-5;
 /// Upper limit of the assumed probability that noise makes two consecutive samples equal. Without this limit, noise
 /// below one step would explain any plateau, because it makes most consecutive samples near an extreme value equal.
@@ -154,8 +154,8 @@ mod tests {
             lengths.iter().for_each(|len| kind.add(*len));
             kind
         };
-        // With noise of four steps, one pair in fourteen is equal. With values that are not quantised, no pair is
-        // equal.
+        // With noise of four steps, one in fourteen pairs of consecutive samples is equal. With values that are not
+        // quantised, no pair is equal.
         for (lengths, equal, is_chance) in [
             (&[3][..], 0.07, true),
             (&[3, 3], 0.07, true),

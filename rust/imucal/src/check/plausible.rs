@@ -43,7 +43,7 @@ const USUAL: [f64; 2] = [1e-3, 0.1];
 const USUAL_ACCEL_DENSITY: f64 = 3e-3 * STANDARD_GRAVITY_MPS2;
 /// Range of the median specific force, in g, that counts as gravity. It allows for motion.
 const GRAVITY_RATIO: [f64; 2] = [0.7, 1.4];
-/// Way out for a unit that moves in the intervals that count as rests.
+/// Recommended action if the unit moves in the intervals that count as rests.
 const NEVER_RESTS: &str = "the unit never rests: hold it still on something rigid, away from motors and hands";
 /// Sizes of a count of usual gyroscopes, deg/s: a full scale of 125, 250, ... 2000 deg/s over 32768 counts, and the
 /// rounded sensitivities of the datasheets of TDK InvenSense (131, 65.5, 32.8, 16.4 and 14.375 counts per deg/s),
@@ -152,11 +152,12 @@ fn densities(
 /// Whether the accelerometer moves in the intervals that count as rests.
 #[derive(PartialEq)]
 enum Motion {
-    /// Its noise is that of a usual sensor at rest, or there is no accelerometer in SI units.
+    /// The noise is that of a usual sensor at rest, or the unit of the accelerometer is not confirmed. The unit is
+    /// confirmed if it is SI and the median specific force equals gravity.
     None,
-    /// Its noise is higher than that of usual sensors.
+    /// The unit is confirmed, and the noise is higher than that of usual sensors.
     Possible,
-    /// Its noise is higher than that of any sensor, and the size of gravity confirms its unit.
+    /// The unit is confirmed, and the noise is higher than that of any sensor.
     Certain,
 }
 
@@ -190,7 +191,7 @@ fn is_gravity(force_mps2: f64) -> bool {
 fn gyro_way_out(recording: &Recording, density: f64, accel: &[RestNoise; 3]) -> String {
     let usual = |density: f64| (USUAL[0]..=USUAL[1]).contains(&density);
     let (given, size_radps, _) = given_gyro_unit(recording);
-    // The density of the numbers in the file, which another unit would leave unchanged.
+    // Density of the numbers in the file. It does not depend on the unit in which they are read.
     let in_file = density / size_radps;
     let is_radps = *given == "radps";
     let count = (0..3).find_map(|axis| known_count(converter_step(recording.angular_rate, axis))).filter(|_| is_radps);
@@ -231,7 +232,8 @@ fn gyro_way_out(recording: &Recording, density: f64, accel: &[RestNoise; 3]) -> 
 }
 
 /// Recommends the unit in which this density of an accelerometer, m/s^2/sqrt(Hz), would be the density of a usual
-/// sensor, unless motion of the unit explains the density. The size of gravity decides between both.
+/// sensor, unless motion of the unit explains the density. Motion is the explanation if the median specific force
+/// equals gravity in the given unit.
 fn accel_way_out(recording: &Recording, density: f64) -> String {
     let usual = |density_mg: f64| (0.03..=3.0).contains(&density_mg);
     let force = median_force(recording);

@@ -162,7 +162,8 @@ fn triad_rails(
                 high > 32768.0 && (v == 0.0 || v == 65535.0)
             }
     };
-    // Fast path for most recordings: if no axis keeps an extreme value, no further passes are needed.
+    // Fast path for most recordings: if no axis repeats an extreme value in consecutive samples, no further passes are
+    // needed.
     let stays_at_end = ends.iter().zip(held).any(|(ends, held)| ends[0] == held[0] || ends[1] == held[1]);
     if !ends.iter().flatten().any(|&end| is_16_bit_end(end)) && !stays_at_end {
         return [[None; 2]; 3];

@@ -10,8 +10,8 @@ use crate::recording::Recording;
 /// independent recordings never coincides over so many rows.
 const SHARED_ROWS: usize = 100;
 
-/// Maps the bits of a row to (index of the recording, position of the row without consecutive duplicates, index of the
-/// row in the recording).
+/// Maps the bits of a row to the index of its recording, the position of the row if consecutive duplicates are not
+/// counted, and the index of the row in the recording.
 type Seen = HashMap<[u64; 6], (usize, usize, usize)>;
 
 /// Finding `recordings_overlap` for every recording that contains an interval of an earlier recording in the list. Time

@@ -155,7 +155,8 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
     let [given, _] = recording.column_units;
     let given = ACCEL_UNITS.iter().find(|unit| unit.0 == given.unwrap_or("mps2")).unwrap_or(&ACCEL_UNITS[0]);
     let in_file = norm / given.1;
-    // The magnitude of the numbers is compared first, because it identifies the unit if the columns contain gravity.
+    // The unit in which the numbers have the magnitude of gravity is searched for first. It is the correct unit if the
+    // columns contain gravity.
     let fitting: Vec<&str> = ACCEL_UNITS
         .iter()
         .filter(|unit| unit.0 != given.0 && within(in_file * unit.1 / gravity_mps2, AT_REST))
@@ -408,7 +409,8 @@ mod tests {
 
     #[test]
     fn a_unit_in_g_with_fast_rates_is_not_swapped() {
-        // The rates have the median norm of gravity, but the force has the size of g.
+        // The rates have the median norm of gravity in m/s^2, but the specific force has the norm 1, which is gravity
+        // in g.
         let mut columns = scaled(1.0 / 9.80665, 1.0);
         columns.rate.iter_mut().for_each(|row| *row = [9.8 + row[0], row[1], row[2]]);
         let findings = both(&columns.recording());

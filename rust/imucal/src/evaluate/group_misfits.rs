@@ -25,7 +25,7 @@ pub(super) struct Judged<'a> {
 
 impl Judged<'_> {
     /// Goodness of fit of both kinds of residuals (norms and directions). `changed` returns the triads after a change
-    /// by one standard deviation along each direction of the uncertainty of the calibration. It is called only if one
+    /// by one standard deviation along each eigenvector of the parameters' correlation matrix. It is called only if one
     /// of the two p-values is below [`UNLIKELY`], so that noise alone does not explain the residuals.
     pub(super) fn groups(&self, changed: impl FnOnce() -> Vec<[Triad<f64>; 2]>) -> Vec<GroupMisfit> {
         let norms: Vec<f64> = self.rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2).collect();
@@ -73,8 +73,8 @@ impl Judged<'_> {
         }
     }
 
-    /// For each rest: change of the norm of the specific force / standard deviation of the norm from noise. The change
-    /// is computed with `triad` in place of the accelerometer of the calibration.
+    /// For each rest: the change of the norm of the specific force if the accelerometer is `triad` instead of the
+    /// accelerometer of the calibration. The change is divided by the standard deviation of the norm from noise.
     fn norm_changes(&self, triad: &Triad<f64>) -> Vec<f64> {
         let change = |rest: &&RestReport| {
             let mean = rest.mean_specific_force;

@@ -24,7 +24,7 @@ pub struct Uncertainty {
     changes: Vec<Change>,
 }
 
-/// Change of both triads by one standard deviation along one direction of the covariance.
+/// Change of both triads by one standard deviation along one eigenvector of the correlation matrix of the parameters.
 #[derive(Clone, Debug)]
 struct Change {
     accelerometer: (Matrix3<f64>, Vector3<f64>),
@@ -72,8 +72,8 @@ impl Uncertainty {
         Self::try_new(&all, frame)
     }
 
-    /// Both triads after a change by one standard deviation along each direction of the covariance. `corrected` states
-    /// whether `calibration` has already corrected the samples.
+    /// Both triads after a change by one standard deviation along each eigenvector of the correlation matrix.
+    /// `corrected` states whether `calibration` has already corrected the samples.
     pub(super) fn changed(&self, calibration: &Calibration<f64>, corrected: bool) -> Vec<[Triad<f64>; 2]> {
         let triad = |triad: &Triad<f64>, (sensitivity, bias): (Matrix3<f64>, Vector3<f64>)| {
             if corrected {
@@ -109,8 +109,8 @@ impl Change {
 }
 
 /// chi2 of residuals relative to noise and the uncertainty of the calibration. `z` are the residuals. Each entry of
-/// `changes` is the change of the residuals along one direction of the uncertainty. Residuals and changes are divided
-/// by the standard deviations of noise.
+/// `changes` is the change of the residuals due to one [`Change`] of the triads. Residuals and changes are divided by
+/// the standard deviations of noise.
 pub(super) fn chi2_with(z: &[f64], changes: &[Vec<f64>]) -> f64 {
     let z = DVector::from_column_slice(z);
     let d = DMatrix::from_fn(z.len(), changes.len(), |row, k| changes[k][row]);

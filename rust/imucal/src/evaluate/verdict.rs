@@ -20,9 +20,9 @@ const MAX_FAST_SHARE: f64 = 1e-3;
 /// An accelerometer without a gyroscope is judged only from at least this number of usable rests. If there are both
 /// sensors, a single move is sufficient, because it has two rests.
 const MIN_RESTS: usize = 2;
-/// The calibration makes the unit worse if calibrated rms residual > this value x uncalibrated rms residual. At smaller
-/// ratios, the calibrated and the uncalibrated unit have errors of about equal size. An example is a unit that the
-/// manufacturer has already calibrated.
+/// The calibration makes the unit worse if the rms residual with the calibration exceeds this multiple of the rms
+/// residual without it. At smaller ratios, the calibrated and the uncalibrated unit have errors of about equal size. An
+/// example is a unit that the manufacturer has already calibrated.
 const WORSE: f64 = 1.1;
 
 impl Figures {

@@ -102,7 +102,7 @@ pub enum Refusal {
     NotOnlyDelayed {
         /// Name of the effect.
         name: String,
-        /// Mean of the filter's impulse response, s.
+        /// Mean delay of the filter: the mean time of its impulse response, s.
         tau_s: f64,
         /// Half of the variance of the impulse response, s^2.
         k_s2: f64,
@@ -149,8 +149,9 @@ impl Fits<'_> {
         let path = path.as_slice();
         let must_improve = |name: &String| {
             let effect = Effect::<f64>::find(name);
-            // Effects of the stand, and effects that act only inside moves, hardly change the residuals of rests and of
-            // whole moves. They are therefore not required to improve the prediction of these residuals.
+            // Effects of the stand, and effects that act only inside moves, hardly change the residuals at rests and
+            // the residuals of gravity directions after moves. Such effects are therefore not required to improve the
+            // prediction of these residuals.
             let is_of_rests =
                 effect.is_none_or(|own| own.sensor != Sensor::Encoder) && !is_unobservable_hand_held(name);
             is_of_rests
@@ -212,7 +213,8 @@ impl Fits<'_> {
     }
 
     /// Removes, one after the other, accepted effects whose parameters do not differ significantly from zero. The
-    /// temperature effect of a bias stays beside the lag of this bias.
+    /// temperature effect of a bias is not removed if the temperature lag of the same bias is accepted, because the
+    /// time constant of the lag would otherwise be biased.
     fn significant(&mut self, mut accepted: Accepted) -> Result<Accepted, Error> {
         loop {
             let tested = accepted.path.iter().filter(|name| !is_temperature_of_lag(name, accepted.path.iter()));
@@ -258,7 +260,8 @@ impl Fit {
         terms.iter().map(|(_, chi2)| chi2).sum::<f64>() / count.max(1) as f64
     }
 
-    /// The figure of merit on unseen data with the largest ratio: value for this fit / value for the fit `after`.
+    /// The figure of merit on unseen data that improves most from this fit to the fit `after`: the figure with the
+    /// largest ratio of the two values.
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
             // Without accepted effects, the figure uses the biases of the calibration. It therefore contains any change
@@ -314,9 +317,9 @@ impl Fit {
         let change: Vec<f64> = items.flat_map(|(own, other)| changes(&own, &other)).collect();
         let (sum, count) = (change.iter().sum::<f64>(), change.len() as f64);
         let variance = change.iter().map(|value| (value - sum / count).powi(2)).sum::<f64>() / count;
-        // Under the null hypothesis the change of chi2 has two parts. First, parameter errors shift the residuals of
-        // all rests and moves together. This part is a chi2 variable with as many degrees of freedom as there are
-        // parameters. Second, the chi2 of each rest and of each move changes independently.
+        // Under the null hypothesis (both fits predict equally well) the change of chi2 has two parts. First, parameter
+        // errors shift the residuals of all rests and moves together. This part is a chi2 variable with as many degrees
+        // of freedom as there are parameters. Second, the chi2 of each rest and of each move changes independently.
         let shared = 2.0 * self.outcome.names.len() as f64;
         let together = SIGNIFICANT * shared.sqrt();
         let all = SIGNIFICANT * (shared + if change.is_empty() { 0.0 } else { count * variance }).sqrt();
@@ -356,7 +359,8 @@ impl Fit {
 
     /// p-value of the residuals of unseen data under the hypothesis that sensor noise and the uncertainty of the
     /// calibration are the only errors. It is the smallest p-value of all kinds of residuals, corrected for the number
-    /// of kinds (Bonferroni).
+    /// of kinds (Bonferroni). If `is_as_recorded` is true, a change of the biases between calibration and control
+    /// recordings counts as an error.
     pub(super) fn unseen_chance(&self, is_as_recorded: bool) -> f64 {
         if let Some(control) = &self.control {
             let evaluation = if is_as_recorded { &control.evaluation } else { control.judged() };
@@ -376,7 +380,8 @@ impl Fit {
 
     /// The kinds of residuals that exceed noise significantly and by more than a factor of 2: sqrt(chi2 / dof) > 2.
     /// Only the norms at rest and the directions after moves are tested. The residuals are those of the control
-    /// recordings, or of the calibration recordings if there are no control recordings.
+    /// recordings, or of the calibration recordings if there are no control recordings. `is_as_recorded` is as in
+    /// [`unseen_chance`](Self::unseen_chance).
     pub(super) fn unexplained(&self, is_as_recorded: bool) -> Vec<&GroupMisfit> {
         const JUDGED: [ResidualGroup; 2] = [ResidualGroup::RestNorms, ResidualGroup::MoveDirections];
         let groups = match &self.control {

@@ -112,8 +112,8 @@ impl Differences {
     /// Reports time stamps that differ from the true sampling instants. Such a fault is detected if evenly spaced
     /// sampling instants explain the angular rates better than the time stamps.
     fn stamp_fault(&self, recording: &Recording<'_>) -> Option<Finding> {
-        // Change of each fourth difference, in standard deviations of the noise, if the time stamps are uneven and
-        // correct.
+        // Change of each fourth difference that the uneven time stamps would cause if they were correct, in standard
+        // deviations of the noise.
         let late: Vec<f64> = self.slopes.iter().zip(&self.stamps_s).map(|(slope, stamp)| slope * stamp).collect();
         if late.is_empty() || mean_square(&late) < HARMLESS {
             return None;

@@ -6,11 +6,13 @@
 //! ```
 //!
 //! w is the angular rate, w' and w'' are its derivatives. The output of a filter is the mean of the earlier rates w(t -
-//! s), weighted by the impulse response of the filter. tau is the mean of s under these weights, and k half of its
-//! variance. k is zero for a delay, and tau^2 / 2 for a low-pass filter of first order with the time constant tau. It
-//! is also zero for a Butterworth filter of second or higher order, which to this order only delays its input.
+//! s), weighted by the impulse response of the filter. tau is the mean of s under these weights, and k is half of the
+//! variance of s. k is zero for a delay, and tau^2 / 2 for a low-pass filter of first order with the time constant tau.
+//! k is also zero for a Butterworth filter of second or higher order: up to the term with w'', this filter only delays
+//! its input.
 //!
-//! The test adds the error `k w''` to a model with the effect `gyro_time_offset`, which is exact for a delay.
+//! The test adds the gyroscope error `k w''` to a model with the effect `gyro_time_offset`. Without this error, the
+//! model describes a pure delay exactly.
 
 use imucal_core::effects::{Effect, Sensor};
 use nalgebra::Vector3;
@@ -25,15 +27,16 @@ use crate::recording::Recording;
 /// Name of the effect of smoothing in the fit: the gyroscope error `k w''`, where `w''` is the second derivative of the
 /// angular rate.
 const SMOOTHING: &str = "gyro_smoothing";
-/// The gyroscope is not only delayed if |k| exceeds this number of standard deviations, and [`LEAST_SHARE`].
+/// Threshold of |k| in standard deviations of k. The output counts as smoothed if |k| exceeds this threshold and the
+/// threshold [`LEAST_SHARE`].
 const SIGNIFICANT: f64 = 5.0;
-/// Smallest |k| that matters, in multiples of its value for a low-pass filter of first order, tau^2 / 2.
+/// Threshold of |k| in multiples of tau^2 / 2, the value of k for a low-pass filter of first order.
 const LEAST_SHARE: f64 = 0.3;
 
 impl Fits<'_> {
     /// Rejects the effect `gyro_time_offset` if the output of the gyroscope is not only delayed. If the effect was
-    /// already rejected because it predicts unseen data worse, this reason replaces that one. The test is omitted if
-    /// user-defined effects were accepted.
+    /// already rejected because unseen data are predicted worse with it, the smoothing becomes the reported reason. The
+    /// test is omitted if user-defined effects were accepted.
     pub(super) fn without_smoothing(&mut self, mut accepted: Accepted) -> Result<Accepted, Error> {
         let name = Effect::<f64>::GYRO_TIME_OFFSET.name;
         let is_worse = |refusal: &Refusal| matches!(refusal, Refusal::PredictsWorse { name: own, .. } if own == name);
@@ -55,8 +58,8 @@ impl Fits<'_> {
         Ok(accepted)
     }
 
-    /// The reason why the gyroscope is not only delayed; `None` if it may be only delayed. `fit` contains the effect
-    /// `gyro_time_offset`.
+    /// The reason to reject `gyro_time_offset` if the output of the gyroscope is smoothed; `None` if the output may be
+    /// only delayed. `fit` contains the effect `gyro_time_offset`.
     fn smoothing(&self, fit: &Fit) -> Result<Option<Refusal>, Error> {
         let gyroscope = &fit.outcome.calibration.gyroscope;
         let second_derivative = |recording: &Recording<'_>| -> Vec<f64> {

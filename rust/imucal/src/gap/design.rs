@@ -179,8 +179,8 @@ pub(super) fn axes_of(linear: &Linear) -> Vec<usize> {
 }
 
 impl Design {
-    /// The candidates without smaller forms. A form is omitted if its columns are part of the columns of a larger form
-    /// of the effect.
+    /// The candidates, with only the largest form of each effect. A form is omitted if its columns are part of the
+    /// columns of a larger form of the same effect.
     pub(crate) fn full_forms(&self) -> impl Iterator<Item = &Candidate> {
         let is_part = |own: &Range<usize>, other: &Range<usize>| own.start == other.start && own.end < other.end;
         let is_full =

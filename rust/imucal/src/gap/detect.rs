@@ -4,9 +4,9 @@
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 use statrs::function::gamma::ln_gamma;
 
-/// Nominal probability that the chi2 test of all candidates gives a false alarm. The actual probability is about three
-/// times larger, because the noise is estimated from the same rests. It is about 1 %: one false alarm in a hundred
-/// recordings without effects.
+/// Nominal probability that the chi2 tests of all candidates together give a false alarm. The actual probability is
+/// about three times larger, because the noise is estimated from the same rests. About 1 % of the recordings without
+/// effects therefore give a false alarm.
 pub(crate) const FALSE_ALARM: f64 = 0.003;
 /// Probability of detection that defines the detection limit.
 const POWER: f64 = 0.9;
@@ -54,7 +54,7 @@ struct Tails {
     dof: usize,
     limit: f64,
     known: Vec<f64>,
-    /// Difference between the next probability and the last one computed.
+    /// Next probability minus the last probability in `known`.
     step: f64,
 }
 

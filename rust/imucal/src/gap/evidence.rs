@@ -30,7 +30,7 @@ pub(crate) struct Gram {
     pub(crate) rows: Vec<f64>,
     /// Index of the group to which each Gram matrix belongs. A group without residuals has no Gram matrix.
     pub(crate) groups: Vec<usize>,
-    /// Row and column of the residual r in the Gram matrices.
+    /// Index of the row and column of the residual r in the Gram matrices.
     pub(crate) residual: usize,
 }
 
@@ -64,9 +64,9 @@ pub(crate) struct Evidence {
 pub(super) const RIDGE: f64 = 1e-13;
 
 impl Gram {
-    /// Lower bound of the noise scale s_g^2 of a group for all models with these columns. It is chi2 of a fit to the
-    /// residuals of this group only, divided by the number of its rows. `None` if the group has no rows or the normal
-    /// matrix is singular.
+    /// Lower bound of the noise scale s_g^2 of a group of residuals in a model with these columns. The bound is chi2 of
+    /// a fit to this group only, divided by the number of residuals in the group. `None` if the group has no rows or
+    /// the normal matrix is singular.
     pub(crate) fn least_scale(&self, group: usize, columns: &[Column]) -> Option<f64> {
         let place = self.groups.iter().position(|own| *own == group)?;
         let (sum, n) = (&self.sums[place], columns.len());
@@ -80,7 +80,8 @@ impl Gram {
         Some((sum[(self.residual, self.residual)] - explained).max(0.0) / self.rows[place])
     }
 
-    /// Covariance of the parameters with indices `own` among the columns; `None` if the normal matrix is singular.
+    /// Covariance of the parameters of `columns[k]` for all indices k in `own`; `None` if the normal matrix is
+    /// singular.
     pub(crate) fn covariance(&self, columns: &[Column], scales: &[f64], own: &[usize]) -> Option<Mat<f64>> {
         let n = columns.len();
         let size = self.sizes(columns);

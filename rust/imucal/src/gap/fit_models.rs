@@ -39,8 +39,8 @@ impl<'a> ForwardSearch<'a> {
         (members.iter().filter_map(find).collect(), fields)
     }
 
-    /// Fits a model with the effects `members`. The sensor models (sensitivity and bias) `near` are the start values.
-    /// Then linearises the model together with the columns selected by `beside`.
+    /// Fits a model with the effects `members`, and linearises it together with the columns selected by `beside`. The
+    /// sensor models (sensitivity and bias) `near` are the start values of the fit.
     pub(super) fn stage(
         &self,
         prepared: &Prepared<'_>,
@@ -176,8 +176,9 @@ impl<'a> ForwardSearch<'a> {
     }
 }
 
-/// Whether the term is a temperature lag whose time constant exceeds the duration of the recordings. The lag is then
-/// nearly the negative temperature, and its time constant is not observable.
+/// Whether the term is a temperature lag whose time constant exceeds the duration of the recordings. The low-passed
+/// temperature then hardly changes. The lag (low-passed temperature minus temperature) is nearly the negative
+/// temperature, and its time constant is not observable.
 fn is_longer_than_recordings(term: &Term<'_>, model: &Model, longest_s: f64) -> bool {
     let is_lag = term.has_shape() && term.effect().is_some_and(|effect| effect.has_need(Need::TemperatureHistory));
     is_lag && model.values[term.first + term.linear] > longest_s

@@ -51,8 +51,9 @@ pub struct Control {
 }
 
 impl Control {
-    /// The evaluation on which the acceptance of effects is based. If the biases changed between the recordings, this
-    /// is the evaluation with the changed biases. A change of the biases is evidence neither for nor against an effect.
+    /// The evaluation on which the acceptance of effects is based. If the biases changed from the calibration
+    /// recordings to the control recordings, this is the evaluation with the changed biases. A change of the biases is
+    /// evidence neither for nor against an effect.
     pub fn judged(&self) -> &Evaluation {
         self.with_own_biases.as_ref().unwrap_or(&self.evaluation)
     }

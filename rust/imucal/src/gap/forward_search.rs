@@ -27,9 +27,8 @@ use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
 /// Maximum number of effects in a model.
 pub(super) const MOST_EFFECTS: usize = 6;
-/// Maximum number of rounds. A generic hypothesis is an unknown variation of a bias or scale. In each round, effects
-/// are selected with the generic hypotheses in the model. Then generic hypotheses are selected with these effects in
-/// the model.
+/// Maximum number of rounds. In each round, effects are selected while the generic hypotheses (unknown variations of a
+/// bias or scale) are in the model. Then generic hypotheses are selected while these effects are in the model.
 const MOST_ROUNDS: usize = 2;
 /// Smallest standard deviation of the prior of an effect's parameter, in multiples of the parameter's typical size.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
@@ -162,7 +161,7 @@ pub(super) struct ForwardSearch<'a> {
     pub(super) left_out: Vec<(String, String)>,
     pub(super) user_fields: &'a [UserField<'a>],
     pub(super) samples: Vec<usize>,
-    /// All fits of this search, by effects and kinds of residuals.
+    /// The fitted models of this search. Each key contains the effects and the kinds of residuals of the fit.
     pub(super) fits: RefCell<Vec<(FitKey, Model)>>,
     /// The most recent fits, the latest first, each with the linearisation at its solution.
     pub(super) recent: RefCell<Vec<(FitKey, Arc<Linear>)>>,

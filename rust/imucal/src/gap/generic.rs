@@ -38,8 +38,8 @@ impl Block {
     }
 
     /// Typical deviation of the parameter, SI units. The prior widths of hypotheses are multiples of this deviation.
-    /// The values are 0.02 deg/s for gyroscope bias, 0.5 mg for accelerometer bias, 0.2 % for gyroscope scale, and 0.1
-    /// % for accelerometer scale.
+    /// The values are 0.02 deg/s for gyroscope bias, 0.5 mg for accelerometer bias, 0.2 % for gyroscope scale, and
+    /// 0.1 % for accelerometer scale.
     pub(super) fn typical(self) -> f64 {
         match self {
             Self::GyroscopeBias => 3.5e-4,
@@ -140,9 +140,9 @@ pub(crate) fn hypotheses(
 ) -> Vec<Hypothesis> {
     let all: &[(Block, Kernel)] = if inside { &INSIDE } else { &ALL };
     let pairs: Vec<(Block, Kernel)> = all.iter().copied().filter(|(block, kernel)| asked(*block, *kernel)).collect();
-    // The kernels whose eigenfunctions are needed. Eigenfunctions are computed from values of the kernel in the middle
-    // of the moves if the flag is `true`, and from values at the rests otherwise. Hypotheses with a rate or force
-    // kernel do not use these eigenfunctions.
+    // The kernels whose eigenfunctions are needed, each with a flag. If the flag is true, the eigenfunctions are
+    // computed from values of the kernel in the middle of the moves, otherwise from values at the rests. Hypotheses
+    // with a rate or force kernel use no eigenfunctions of this kind.
     let varies = |(block, kernel): (Block, Kernel)| {
         (!matches!(kernel, Kernel::Rate | Kernel::Force)).then_some((kernel, block == Block::GyroscopeScale))
     };
@@ -192,8 +192,8 @@ impl Hypothesis {
         }
     }
 
-    /// For each evaluation time and each column: the error of the sensor's input, SI units, if the coefficient of
-    /// this column is 1 and all other coefficients are 0.
+    /// For each evaluation time and each column: the error of the angular rate or specific force, SI units, if the
+    /// coefficient of this column is 1 and all other coefficients are 0.
     pub(crate) fn columns(&self, moments: &Moments, place: Place) -> Vec<f64> {
         let force = |at: &Moment| at.up * self.gravity_mps2;
         let moments = moments.at(place);

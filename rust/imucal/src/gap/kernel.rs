@@ -14,8 +14,8 @@ pub enum Kernel {
     Temperature,
     /// Deviations depend on the sign of the last rotation about each axis.
     LastMotion,
-    /// Deviations are linear in the body-frame components of two fixed horizontal world directions, which depend on
-    /// heading.
+    /// Deviations are linear in the body-frame components of two fixed horizontal directions of the world frame. These
+    /// components depend on heading.
     Heading,
     /// Deviations are a function of the angular rate and the angular acceleration.
     Rate,

@@ -17,8 +17,8 @@ use crate::joint::{Field, Joint, Linear, Model, MoveSegments, Prepared, Terms, m
 use crate::numerics::stats::dot;
 use crate::rests::moves::Move;
 
-/// Inside moves, hypotheses are evaluated at every fifth block of samples if accelerometer samples inside moves are not
-/// used. This is sufficient, because biases vary slowly.
+/// Interval, in blocks of samples, between the times inside moves at which hypotheses are evaluated. It applies if
+/// accelerometer samples inside moves are not used. The interval is short enough, because biases vary slowly.
 const EVERY: usize = 5;
 /// Minimum angular rate about an axis, rad/s, that determines the sense of rotation about the axis. At lower rates, the
 /// sense of the last rotation is kept. The value exceeds the noise of a consumer gyroscope.
@@ -34,7 +34,8 @@ const MOST_EPOCHS: usize = 240;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Epoch {
     pub(crate) recording: usize,
-    /// Mean time of the middles of the rests and moves since the first sample of the recording, s.
+    /// Time since the first sample of the recording, s: the middle of the rest or move, or the mean of the middles if
+    /// the epoch consists of several.
     pub(crate) time_s: f64,
 }
 

@@ -92,9 +92,9 @@ impl MoveBlocks {
         self.blocks.iter().all(|block| block.temperature_k.is_some())
     }
 
-    /// Attitude error at the end of the move caused by a rate error that equals one component of a regressor. Each
-    /// regressor has one row for each body axis at the end of the move, and one column for each component of the
-    /// regressor.
+    /// For each regressor (a quantity on which residuals may depend): the attitude error at the end of the move if the
+    /// rate error inside the move equals one component of the regressor. Each regressor has one row for each body axis
+    /// at the end of the move, and one column for each component of the regressor.
     pub(super) fn attitude_changes(&self) -> Vec<(Regressor, [Vec<f64>; 3])> {
         let to_end = self.rotation.inverse().to_rotation_matrix();
         let blocks = || self.blocks.iter().map(|block| (block, to_end.matrix() * block.rotation * block.length_s));

@@ -184,12 +184,14 @@ fn sensor_slopes(outcome: &Outcome, recording: &Recording<'_>, windows: &Windows
         .collect()
 }
 
+/// Derivative with respect to the bias on axis i. With the sensitivity matrix T, the bias b and the unit vector e_i,
 /// `corrected = T^-1 (raw - b)`, so `d corrected / d b_i = -T^-1 e_i`.
 fn by_bias(inverse: &Matrix3<f64>, i: usize, windows: usize, sensor: Sensor) -> Vec<Signals> {
     vec![signals(-inverse.column(i), sensor); windows]
 }
 
-/// `d corrected / d T_ij = -T^-1 e_i corrected_j`.
+/// Derivative with respect to element ij of the sensitivity matrix T: `d corrected / d T_ij = -T^-1 e_i corrected_j`,
+/// with the unit vector e_i.
 fn by_sensitivity(
     inverse: &Matrix3<f64>,
     (i, j): (usize, usize),

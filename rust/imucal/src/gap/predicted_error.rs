@@ -6,7 +6,7 @@
 //!
 //! All quantities refer to signals averaged over one second, so white noise of density N contributes N / sqrt(1 s). `e`
 //! is the vector of parameter errors of the calibration with effects. `D` is the Jacobian of the corrected signals. `d`
-//! is the difference between the signals corrected by the two calibrations.
+//! is the difference between the signals corrected without and with the effects.
 
 use faer::Mat;
 use imucal_core::calibration::Calibration;
@@ -32,9 +32,9 @@ const DRAWS: usize = 1000;
 const SEED: u64 = 1;
 /// Probabilities of the quantiles at the ends of the 95 % interval.
 const INTERVAL: [f64; 2] = [0.025, 0.975];
-/// Variance of the estimated squared noise density N^2: var(N^2) / N^4 = NOISE_VARIANCE_S / T, with the total duration
-/// T of the rests, s. N^2 is estimated from the differences between consecutive means over 0.25 s, on three axes
-/// (docs/model.md (10)).
+/// Relative variance of the estimated squared noise density N^2, times the total duration T of the rests, s: var(N^2) /
+/// N^4 = NOISE_VARIANCE_S / T. N^2 is estimated from the differences between consecutive means over 0.25 s, on three
+/// axes (docs/model.md (10)).
 const NOISE_VARIANCE_S: f64 = 0.25;
 /// In a random draw, the mean squared error and the mean squared noise are at least this share of the expected mean
 /// squared noise. Without this bound, random products of noise and errors could make the mean squared error of a draw
@@ -159,8 +159,8 @@ fn brief_samples(time_s: &[f64]) -> usize {
     if step_s > 0.0 { ((BRIEF_MEAN_S / step_s).round_ties_even() as usize).max(1) } else { 1 }
 }
 
-/// Predicted errors of signals that are corrected by the calibrations `before` and `after`. `recordings` are raw.
-/// `user` is required if a calibration has user-defined effects.
+/// Predicted errors of signals that are corrected by the calibrations `before` and `after`. `recordings` contain raw
+/// samples. `user` is required if a calibration has user-defined effects.
 ///
 /// # Errors
 /// [`Error::Input`] if the contents of `user` do not match the recordings and the effects of `after`.
@@ -280,7 +280,7 @@ struct Signal<'a> {
     covariance: &'a Mat<f64>,
     /// Number of one-second averages, over all windows and axes.
     count: usize,
-    /// var(`noise`) / `noise`^2, where var is the variance of the estimate.
+    /// Variance of the estimate `noise`, divided by `noise`^2.
     relative_variance: f64,
 }
 

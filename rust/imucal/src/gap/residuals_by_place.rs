@@ -101,8 +101,8 @@ pub struct ItemResidual {
 /// Residuals of the calibration `before` on its recordings. If `after` is given, they are compared with the residuals
 /// of `after`, a second calibration from the same recordings.
 ///
-/// `inside_moves` is true if the unit is rotated without translation. The specific force inside moves then contains
-/// only gravity.
+/// `inside_moves` is true if the unit is rotated without translation. The specific force inside moves is then compared
+/// with gravity.
 pub fn residuals_by_place(
     before: &CorrectedFit<'_>,
     after: Option<&CorrectedFit<'_>>,

@@ -28,7 +28,8 @@ const FAR: f64 = 0.7;
 /// If the largest log Bayes factor is above this number of nats, candidates are fitted and compared by these fits. The
 /// scores of such large effects have linearisation errors that exceed the differences between candidates.
 const VERY_MUCH: f64 = 2000.0;
-/// A candidate is fitted for this comparison if its log Bayes factor is above CLOSE x the largest log Bayes factor.
+/// A candidate is fitted and compared (see [`VERY_MUCH`]) if its log Bayes factor is above CLOSE x the largest log
+/// Bayes factor.
 const CLOSE: f64 = 0.9;
 
 impl Judged {
@@ -58,10 +59,11 @@ struct Replacement {
 }
 
 impl ForwardSearch<'_> {
-    /// The candidate with the largest evidence among the candidates that satisfy `good`, and the names of its rivals.
+    /// The candidate with the largest posterior odds (Bayes factor x prior odds) among the candidates that satisfy
+    /// `good`, and the names of its rivals.
     ///
     /// If the largest log Bayes factor exceeds [`VERY_MUCH`], all candidates above [`CLOSE`] x this factor are fitted.
-    /// The candidate whose fit has the largest evidence is then returned.
+    /// The candidate whose fit has the largest posterior odds is then returned.
     pub(super) fn best<'j>(
         &self,
         prepared: &Prepared<'_>,
@@ -99,13 +101,14 @@ impl ForwardSearch<'_> {
         Some((pick, rivals))
     }
 
-    /// Replaces an effect by an alias if the log evidence of the alias is larger by more than [`RIVAL_NATS`]. Aliases
-    /// with a time constant are compared because candidates are scored only at a few trial time constants. The effects
-    /// of the temperature history (lag, rate and hysteresis) are compared because adding the temperature effect changes
-    /// their evidence. Aliases whose log evidence is at most [`RIVAL_NATS`] smaller than the largest one become rivals.
-    /// A temperature lag is also fitted from a second start value of its time constant, because effects may have been
-    /// added after its selection. A lag that is not distinguishable from a rate is replaced by the alias with the
-    /// largest evidence. Returns whether an effect was replaced.
+    /// Replaces an effect by an alias if the log posterior odds (log evidence + log prior odds) of the alias are larger
+    /// by more than [`RIVAL_NATS`]. Aliases with a time constant are compared because candidates are scored only at a
+    /// few trial time constants. The effects of the temperature history (lag, rate and hysteresis) are compared because
+    /// adding the temperature effect changes their evidence. Aliases whose log posterior odds are smaller than the
+    /// largest ones by less than [`RIVAL_NATS`] become rivals. A temperature lag is also fitted from a second start
+    /// value of its time constant, because effects may have been added after its selection. A lag that is not
+    /// distinguishable from a rate effect is replaced by the alias with the largest posterior odds. Returns whether an
+    /// effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,
@@ -222,9 +225,9 @@ impl ForwardSearch<'_> {
     }
 
     /// Selects the form of each effect in the model that has several forms, such as the degree of a temperature effect.
-    /// A form with more parameters is selected if its log evidence is larger by more than [`RIVAL_NATS`]. The form that
-    /// was selected with the score of the effect may change when further effects have been added to the model. Returns
-    /// whether a form was changed.
+    /// A form with more parameters is selected if its log evidence is larger by more than [`RIVAL_NATS`]. Another form
+    /// may have the largest evidence after further effects have been added to the model. Returns whether a form was
+    /// changed.
     pub(super) fn choose_forms(
         &self,
         prepared: &Prepared<'_>,
@@ -263,8 +266,8 @@ impl ForwardSearch<'_> {
 
     /// Removes an effect if the removal does not reduce the posterior odds, or does not reduce the likelihood
     /// significantly. For example, an effect that resembles the sum of two other effects may be selected first. It is
-    /// superfluous when both other effects have been selected. The temperature effect beside a lag is kept. Returns
-    /// whether an effect was removed.
+    /// superfluous when both other effects have been selected. The temperature effect of a bias is kept if the model
+    /// contains the temperature lag of the same bias. Returns whether an effect was removed.
     pub(super) fn eliminate(
         &self,
         prepared: &Prepared<'_>,

@@ -35,8 +35,8 @@ const SCATTER_CHANCE: f64 = 1e-6;
 /// The scatter of the residuals at rests is reported only if their standard deviation is larger than WIDE x white
 /// noise. Coloured noise and bias instability may cause smaller ratios.
 const WIDE: f64 = 2.5;
-/// Linearisation errors of a large effect may leave this share of the residual variance under the model without
-/// effects. Scatter up to this share is not reported.
+/// Share of the residual variance of the model without effects. Scatter up to this share is not reported, because
+/// linearisation errors of a large effect may cause it.
 const REMAINDER: f64 = 0.05;
 
 /// A candidate's score at the prior width and the trial time constant with the largest evidence.
@@ -60,8 +60,8 @@ pub(super) struct Judgement {
 pub(super) fn judge(stage: &Stage) -> Judgement {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
-    // Observability is computed with noise scales s_g^2 of one. A missing effect increases the estimated scales, and a
-    // large effect would seem less observable with them.
+    // Observability is computed with noise scales s_g^2 of one. A missing effect increases the estimated scales. With
+    // these scales, a large missing effect would seem less observable.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
     let all = Common::new(gram, model, candidates.iter().flat_map(Candidate::asides).collect());
     let widened = all.sweep(&stage.evidence.scales);

@@ -49,8 +49,8 @@ pub struct SessionStep {
     pub temperature_change_k: Option<f64>,
 }
 
-/// Change of the biases of one sensor, the covariance of this change, and the scatter of the residuals from rest to
-/// rest.
+/// Change of the biases of one sensor, the covariance of this change, and the scatter (standard deviation) of the
+/// residuals from rest to rest.
 struct Change {
     value: Vector3<f64>,
     covariance: Matrix3<f64>,
@@ -58,8 +58,8 @@ struct Change {
 }
 
 impl Change {
-    /// The change and its p-value. `None` if the change is not significant, or if its ratio to the scatter is below
-    /// [`LEAST_SIZE`].
+    /// The change and its p-value. `None` if the change is not significant, or if it is at most [`LEAST_SIZE`] x
+    /// scatter on all axes.
     fn significant(self) -> Option<(Vector3<f64>, f64)> {
         let solved = self.covariance.cholesky()?.solve(&self.value);
         let chance = p_value(self.value.dot(&solved), 3);

@@ -8,7 +8,7 @@ use super::kernel::Kernel;
 use super::smooth::Smooth;
 use crate::numerics::gaussian::gaussian_kernels;
 
-/// The values, at one time, of the quantities on which kernels depend.
+/// Values at one time of the quantities on which kernels depend, such as temperature.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Moment {
     pub(crate) recording: usize,
@@ -16,7 +16,8 @@ pub(crate) struct Moment {
     pub(crate) time_s: f64,
     /// Direction up in the body frame.
     pub(crate) up: Vector3<f64>,
-    /// Body-frame components of a fixed horizontal world direction, which is propagated with the gyroscope.
+    /// Body-frame components of a fixed horizontal direction of the world frame. They are propagated by integrating the
+    /// angular rate.
     pub(crate) ahead: Vector3<f64>,
     pub(crate) temperature_degc: Option<f64>,
     /// Sign of the current or, at rest, the last rotation about each axis; 0 before the first rotation.

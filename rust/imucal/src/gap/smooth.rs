@@ -8,10 +8,11 @@ use crate::numerics::leading_eigen::LeadingEigen;
 /// Eigenvalues below this share of the largest eigenvalue are omitted.
 const SMALLEST: f64 = 1e-3;
 
-/// The functions `f_c(x) = sqrt(n / trace K) sum_i k(x, x_i) U_ic / sqrt(s_c)`, where k is the centred kernel. K is the
-/// matrix k(x_i, x_j) at the n given points, with the eigendecomposition `K = U diag(s) U^T`. If all functions are
-/// kept, the mean over the points of `sum_c f_c^2` is one. Between the points, each function is the conditional mean
-/// under the kernel (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, (2.25)).
+/// Eigenfunctions `f_c(x) = sqrt(n / trace K) sum_i k(x, x_i) U_ic / sqrt(s_c)`, where k is the centred kernel. K is
+/// the matrix k(x_i, x_j) at the n given points, with the eigendecomposition `K = U diag(s) U^T`. If all functions are
+/// kept, the mean over the points of `sum_c f_c^2` is one. Between the points, each function is the conditional mean of
+/// a Gaussian process with this kernel, given the values of the function at the points (Rasmussen and Williams,
+/// Gaussian Processes for Machine Learning, 2006, (2.25)).
 pub(crate) struct Smooth<T> {
     points: Vec<T>,
     weights: Mat<f64>,

@@ -70,8 +70,8 @@ impl ForwardSearch<'_> {
         Ok((stage, open))
     }
 
-    /// Whether the specific force inside the moves of any recording contains hand motion. It does if no combination of
-    /// effects explains its scatter.
+    /// Whether the specific force inside the moves of any recording contains hand motion. This is the case if no
+    /// combination of effects explains the scatter of the force.
     fn seems_hand_moved(
         &mut self,
         prepared: &Prepared<'_>,
@@ -131,8 +131,8 @@ impl ForwardSearch<'_> {
         if !is_unexplained(self, (&none, &[]), &model)? {
             return Ok(false);
         }
-        // The columns above are of the first order. A long delay of the gyroscope also has errors of higher order, so
-        // it is fitted.
+        // The columns above describe errors to first order in the parameters. A long delay of the gyroscope also causes
+        // errors of higher order, so the delay is fitted.
         let Some(delay) =
             explaining.iter().find(|choice| choice.effect.number == Effect::<f64>::GYRO_TIME_OFFSET.number)
         else {

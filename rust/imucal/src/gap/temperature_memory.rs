@@ -1,8 +1,9 @@
 //! Effects of the temperature history in the forward search.
 //!
-//! A bias with a memory (lag, rate or hysteresis) usually depends on the present temperature as well. The effect of the
-//! temperature and the effect of the temperature history on this bias are therefore treated as partners. A fit with
-//! only one of the partners may have a wrong time constant, favour a wrong effect, or fail the cross-validation.
+//! A bias with a memory of the temperature (lag, rate or hysteresis) usually depends on the present temperature as
+//! well. The effect of the temperature and the effect of the temperature history on this bias are therefore treated as
+//! partners. A fit with only one of the partners may have a wrong time constant, favour a wrong effect, or fail the
+//! cross-validation.
 
 use imucal_core::effects::{Effect, Need};
 use imucal_core::temperature_memory::SMOOTHING_S;
@@ -23,10 +24,11 @@ const PRIOR_NATS: f64 = 3.0;
 /// It is larger than for other effects, because the time constant of a lag would be biased without the temperature
 /// effect.
 const PARTNER_CHANCE: f64 = 0.01;
-/// Delay of the rate of the catalogue, s: one time constant for each of its two low-passes.
+/// Delay, s, of the rate of change of temperature in effects of the catalogue. Two low-passes smooth this rate, and
+/// each delays it by one time constant.
 const RATE_DELAY_S: f64 = 2.0 * SMOOTHING_S;
 /// Number of standard deviations by which the time constant of a lag must exceed [`RATE_DELAY_S`] for the lag to be
-/// distinguishable from a rate.
+/// distinguishable from an effect of the rate of change of temperature.
 const RESOLVED: f64 = 2.0;
 
 pub(super) fn is_of_history(effect: &Effect<f64>) -> bool {
@@ -57,7 +59,7 @@ pub(super) fn log_prior_odds_of_member(members: &[Member], k: usize) -> f64 {
     if is_temperature_of_history(members, k) { PRIOR_NATS } else { log_prior_odds(&members[k].name) }
 }
 
-/// Maximum p-value of member `k` of a model. `usual` is the maximum p-value of effects without a partner.
+/// Maximum p-value at which member `k` stays in a model. `usual` is the maximum p-value of effects without a partner.
 pub(super) fn largest_chance(members: &[Member], k: usize, usual: f64) -> f64 {
     if is_temperature_of_history(members, k) { PARTNER_CHANCE } else { usual }
 }
@@ -83,9 +85,10 @@ fn has_partner<'n>(name: &str, names: impl Iterator<Item = &'n String>, counts: 
 }
 
 impl Stage {
-    /// Whether effect `k` of the model is a temperature lag with a short time constant tau: it does not significantly
-    /// exceed [`RATE_DELAY_S`]. To first order in tau, the lag `k (T_tau - T)` then equals `-k tau dT/dt`, an effect of
-    /// the temperature's rate. Only the product of its coefficient k and tau is then determined.
+    /// Whether the effect at this index is a temperature lag whose time constant tau does not significantly exceed
+    /// [`RATE_DELAY_S`]. A lag with the coefficient k is the error `k (T_tau - T)`, where T_tau is the temperature T
+    /// after a low-pass with the time constant tau. For a short tau, this error nearly equals `-k tau dT/dt`, an effect
+    /// of the rate of change of temperature. The recordings then determine only the product k tau.
     pub(super) fn is_unresolved_lag(&self, k: usize) -> bool {
         let Member { name, values, .. } = &self.members[k];
         let place = self.place(name).filter(|_| Effect::find(name).is_some_and(is_lag));
@@ -97,9 +100,9 @@ impl Stage {
 
 impl ForwardSearch<'_> {
     /// The temperature effect of a bias, with its score, if the temperature-history effect of the same bias is in the
-    /// model. `None` if the temperature effect is already in the model. If the temperature-history effect is a rate or
-    /// a hysteresis, also `None` if the temperature effect is not significant, or if another candidate has a much
-    /// larger evidence.
+    /// model. `None` if the temperature effect is already in the model. If the temperature-history effect is a lag, the
+    /// temperature effect is always returned. Otherwise (rate or hysteresis), it is returned only if it is significant
+    /// and no other candidate has a much larger evidence.
     pub(super) fn temperature_of_history(&self, stage: &Stage) -> Option<(Judged, Score)> {
         let find = |name: &str| Effect::<f64>::find(name);
         let histories: Vec<_> =

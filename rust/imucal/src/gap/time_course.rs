@@ -45,8 +45,8 @@ const LEAST_OF_WALK: f64 = 3.0;
 /// Minimum number of epochs to distinguish the time courses.
 const LEAST_EPOCHS: usize = 8;
 /// Trial sizes of the deviation, in multiples of a first estimate for each axis. The estimate contains the noise of an
-/// epoch, so it may be several times too large. For a random walk, it is computed from differences between consecutive
-/// epochs, and the steps of a walk are often smaller than this noise.
+/// epoch, so it may be several times too large. For a random walk, the estimate is computed from differences between
+/// consecutive epochs. The steps of the walk are often smaller than the noise of these differences.
 const SIZES: [f64; 8] = [0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 2.0, 4.0];
 /// Trial values of the white scatter from epoch to epoch: its standard deviation in multiples of the typical deviation
 /// of the parameter.
@@ -127,8 +127,9 @@ struct Observed {
 }
 
 impl Observed {
-    /// Kernel of the time course with the largest evidence. A smooth or a switching course must exceed the log evidence
-    /// of the other courses by more than [`LEAST`] nats. `None` for a random walk.
+    /// Kernel of the time course with the largest evidence; `None` for a random walk. The log evidence of a smooth or a
+    /// switching course must exceed the log evidence of the random walk and of independent deviations by more than
+    /// [`LEAST`] nats.
     fn kernel(&self) -> Option<Kernel> {
         let end_s = self.epochs.iter().map(|epoch| epoch.time_s).fold(0.0, f64::max);
         let walk = self.best_of(self.steps()?, |a, b| a.time_s.min(b.time_s) / end_s)?;

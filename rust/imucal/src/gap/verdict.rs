@@ -236,8 +236,8 @@ impl Basis<'_> {
     fn contradiction(&self) -> Option<Contradiction> {
         let Self { search, path, before, after, .. } = self;
         let removed = after.removed(before);
-        // Effects of the stand, and effects that act only inside moves, hardly change the residuals of rests and of
-        // whole moves. These residuals therefore cannot contradict such effects.
+        // Effects of the stand, and effects that act only inside moves, hardly change the residuals at rests and the
+        // residuals of gravity directions after moves. These residuals therefore cannot contradict such effects.
         let is_of_stand = |name: &String| Effect::<f64>::find(name).is_some_and(|own| own.sensor == Sensor::Encoder);
         let is_of_rests = !path.iter().any(|name| is_unobservable_hand_held(name) || is_of_stand(name));
         let is_confirmed = if after.is_poor() {

@@ -27,7 +27,7 @@ pub struct KnownAccelerometer {
 /// Lower limit of the eigenvalues of the correlation matrix. Smaller eigenvalues are rounding errors and are set to
 /// this limit.
 const LEAST_EIGENVALUE: f64 = 1e-9;
-/// Name of a combination in messages.
+/// Name of the combinations of accelerometer parameters in messages.
 const CALIBRATED: &str = "the accelerometer of the given calibration";
 
 impl KnownAccelerometer {

@@ -1,4 +1,4 @@
-//! What a fit estimates in addition to the base parameters, and the residuals that it uses.
+//! Effects that a fit estimates in addition to the base parameters, and the kinds of residuals that it uses.
 
 use imucal_core::effects::{Effect, Need, Sensor};
 

@@ -1,5 +1,6 @@
-//! Whitened derivatives of the residuals with respect to generic error fields, which are not effects of the catalogue
-//! (model.md (24)). Each column of a field has one value at each rest and in each segment of a move.
+//! Whitened derivatives of the residuals with respect to generic error fields (model.md (24)). A generic error field is
+//! a variation of a bias or scale that no effect of the catalogue describes. Each column of a field has one value at
+//! each rest and in each segment of a move.
 //!
 //! ```text
 //! gyroscope       rest rates    -T Phi_k
@@ -32,9 +33,9 @@ use super::problem::Joint;
 use crate::cancellation::checkpoint;
 use crate::rests::moves::{Move, rows_across};
 
-/// Columns of a generic error field of one sensor. Each column acts on one body axis. The columns of the x axis come
-/// first, then equally many columns of the y axis, then those of the z axis. Values are in rad/s (gyroscope) or m/s^2
-/// (accelerometer).
+/// Columns (basis functions) of a generic error field of one sensor. Each column acts on one body axis. The columns of
+/// the x axis come first, then equally many columns of the y axis, then those of the z axis. Values are in rad/s
+/// (gyroscope) or m/s^2 (accelerometer).
 pub(crate) struct Field {
     pub(crate) sensor: Sensor,
     /// Number of columns.

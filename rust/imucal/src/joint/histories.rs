@@ -95,7 +95,8 @@ impl TemperatureHistories {
     /// Mean history over samples of a recording. `None` if the temperature of the recording is unknown.
     pub(super) fn at(&self, Sample { recording, index, count }: Sample) -> Option<TemperatureHistory<f64>> {
         let nodes = self.0.get(recording)?.as_ref()?;
-        // The mean is taken over the middles of equal sections of the samples. A section is at most one stride long.
+        // The samples are divided into equal sections of at most one stride. The mean is over the values at their
+        // centres.
         let points = count.div_ceil(nodes.stride).max(1);
         let place = |point: usize| index as f64 + (point as f64 + 0.5) * count as f64 / points as f64 - 0.5;
         let mut mean = nodes.at(place(0));

@@ -30,10 +30,10 @@ use crate::numerics::instructions::Instructions;
 use crate::rests::moves::across;
 use blocks::{Derivatives, IntoColumns, IntoLanes};
 
-/// Terms of the derivatives of a move's residuals with respect to one parameter, m/s^2, for the three directions d.
-/// `start` is due to the measured gravity direction at the start of the move, and is added for every residual. `end` is
-/// due to the gravity direction at the end, rotated to the start. It is added for the last residuals of the move, which
-/// are along the two directions perpendicular to gravity.
+/// Contributions to the derivatives of a move's residuals with respect to one parameter, m/s^2, for the three
+/// directions d. `start` is due to the measured gravity direction at the start of the move, and is added for every
+/// residual. `end` is due to the gravity direction at the end of the move, rotated to its start. It is added for the
+/// last residuals of the move, which are along the two directions perpendicular to gravity.
 pub(super) struct Edges {
     pub(super) start: [f64; 3],
     pub(super) end: [f64; 2],

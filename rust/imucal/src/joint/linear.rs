@@ -29,7 +29,8 @@ use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 pub(crate) struct Line {
     pub(crate) residual: f64,
     pub(crate) jacobian: Vec<f64>,
-    /// Index of each rest on which the residual depends, and the derivative with respect to its mean force, raw units.
+    /// Each rest whose mean force changes the residual: its index, and the derivative of the residual with respect to
+    /// its mean force in raw units.
     pub(crate) by_means: Vec<(usize, Vector3<f64>)>,
     pub(crate) source: Source,
     /// Whether the residual belongs to the second or a later epoch of a long rest, or to the move that leads to such an
@@ -139,8 +140,9 @@ impl Linear {
         found
     }
 
-    /// Kind of each row of the whitened residuals, as an index: 0 norms, 1 moves, 2 to 4 rates x, y and z, [`INSIDE`],
-    /// [`STAND_RESTS`], [`STAND_MOVES`], [`EPOCH_NORMS`], [`EPOCH_STEPS`], [`EPOCH_RATES`].
+    /// Kind of each row of the whitened residuals, as an index: 0 for force norms, 1 for directions after moves, 2 to 4
+    /// for mean rates about x, y and z. The other kinds are [`INSIDE`], [`STAND_RESTS`], [`STAND_MOVES`],
+    /// [`EPOCH_NORMS`], [`EPOCH_STEPS`] and [`EPOCH_RATES`].
     pub(crate) fn groups_of_rows(&self) -> Vec<usize> {
         let groups = self.groups();
         let lines = self.lines.iter().map(|line| match (line.source, line.is_of_later_epoch) {
@@ -165,16 +167,16 @@ pub(crate) const STAND_RESTS: usize = 6;
 /// Index of a kind of residuals: attitudes inside the moves relative to the attitudes computed from the stand's encoder
 /// angles.
 pub(crate) const STAND_MOVES: usize = 7;
-/// Index of a kind of residuals: norms at the second and later epochs (parts) of long rests. They are separate from the
-/// norms of different rests, because they scatter only due to the drift of the biases within a rest.
+/// Index of a kind of residuals: force norms at the second and later epochs (parts) of long rests. They are separate
+/// from the norms at different rests: within one rest, norms scatter only due to the drift of the biases.
 pub(crate) const EPOCH_NORMS: usize = 8;
 /// Index of a kind of residuals: changes of the gravity direction between the epochs (parts) of a long rest.
 pub(crate) const EPOCH_STEPS: usize = 9;
 /// Index of a kind of residuals: mean rates at the second and later epochs (parts) of long rests, all axes.
 pub(crate) const EPOCH_RATES: usize = 10;
 
-/// Computing time per sample with effects or with blocks inside the move, divided by the time of preintegration without
-/// either. The number of threads is computed from this ratio.
+/// Ratio of the computing times per sample of two integrations over a move: with effects or with force blocks inside
+/// the move, and without either (preintegration). The number of threads is computed from this ratio.
 const COST: usize = 30;
 
 impl Prepared<'_> {
@@ -335,7 +337,8 @@ impl Prepared<'_> {
     }
 }
 
-/// The residuals of a linearised model inside the moves. The rows of a move are whitened only when they are requested.
+/// Residuals of the force inside the moves at a linearisation. The rows of a move are whitened only when a caller
+/// requests them.
 pub(crate) struct Insides {
     linear: Arc<Linear>,
     noise: Vec<InsideNoise>,
@@ -360,7 +363,7 @@ impl Insides {
         self.linear.moves.iter().map(|at_move| count(&at_move.pass, false)).sum()
     }
 
-    /// Layout of the rows: the position of each column and of the residual.
+    /// Matrix without rows. It defines the position of each derivative and of the residual within a row.
     pub(crate) fn no_rows(&self) -> &Lanes {
         &self.no_rows
     }

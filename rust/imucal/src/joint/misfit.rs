@@ -34,7 +34,7 @@ use groups::group_misfits;
 pub struct Misfit {
     /// Sum of squares of the residuals, after each residual is divided by its standard deviation.
     pub chi2: f64,
-    /// Degrees of freedom. They are the expected value of chi2 if noise explains the residuals.
+    /// Degrees of freedom of chi2. They equal the expected value of chi2 if noise explains the residuals.
     pub degrees_of_freedom: usize,
     /// Probability of a larger chi2 if noise explains the residuals.
     pub p_value: f64,
@@ -48,9 +48,9 @@ impl Misfit {
     }
 }
 
-/// Goodness of fit of all residuals, of each rest and of each move. `None` for rests and moves that the fit does not
-/// use. Also `None` for a rest or move that alone determines a parameter, because the fit reproduces any value of its
-/// measurements (leverage near one).
+/// Goodness of fit of all residuals, of each rest and of each move. It is `None` for rests and moves that the fit does
+/// not use. It is also `None` for a rest or move without which a parameter is not determined, because the fit
+/// reproduces any value of its measurements (leverage near one).
 pub(crate) struct Misfits {
     pub(crate) all: Option<Misfit>,
     pub(crate) rests: Vec<Option<Misfit>>,
@@ -105,12 +105,13 @@ impl Misfits {
 /// fraction of its length. The value is far above rounding errors.
 const LEAST: f64 = 1e-6;
 
-/// Prediction errors of held-out rests and moves (model.md (34)). `None` if the other residuals do not determine all
-/// parameters.
+/// Prediction errors of held-out rests and moves (model.md (34)). An error is `None` if the other residuals do not
+/// determine all parameters.
 pub(crate) struct HeldOut {
     /// Angle between propagated and measured gravity direction of each move, rad.
     pub(crate) direction_rad: Vec<Option<f64>>,
-    /// Index of each rest that the fit uses, and its predicted residual |f| - g, m/s^2.
+    /// Index of each rest that the fit uses, and |f| - g at this rest for the parameters estimated without this rest,
+    /// m/s^2.
     pub(crate) norm_mps2: Vec<(usize, Option<f64>)>,
 }
 
@@ -150,8 +151,8 @@ impl Joint<'_> {
     }
 }
 
-/// Whitened residuals in two parts: residuals with correlated errors, and residuals with independent errors. With
-/// this division, the fit can be repeated quickly without the residuals of a fold.
+/// Whitened residuals in two parts: residuals with correlated errors, and residuals with independent errors. With this
+/// division, the fit can be repeated quickly without the residuals of a fold (the rests or moves held out together).
 struct Parts {
     /// Length of each column of the whitened Jacobian before scaling.
     size: Vec<f64>,
@@ -246,8 +247,8 @@ impl Parts {
     }
 }
 
-/// Sparse column with consecutive nonzero rows. Few columns overlap, because only neighbouring residuals are
-/// correlated.
+/// Sparse column with consecutive nonzero rows. The nonzero rows of few columns overlap, because only neighbouring
+/// residuals are correlated.
 struct Stretch {
     first: usize,
     values: Vec<f64>,

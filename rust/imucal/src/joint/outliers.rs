@@ -7,13 +7,13 @@
 //! r are the residuals, C is their covariance, and J is their Jacobian with respect to the parameters.
 //!
 //! d is the decrease of chi2 if the residuals may change freely along the columns of A and all parameters are fitted
-//! again. There are two kinds of columns of A. The first kind selects the residuals of a move, the norm of a rest, or
-//! the mean rates of a rest. The second kind describes an error of the mean force of a rest, which changes the norm of
-//! this rest and the adjacent moves. Under the null hypothesis, d has a chi2 distribution for any correlation of the
-//! residuals. Its degrees of freedom equal the number of columns of A. C contains only sensor noise. If all residuals
-//! of a kind have excess scatter, their d are divided by a common scale, which is computed from the median of d. An
-//! item is a rest or a move. The item with the smallest p-value is excluded, and the others are tested again, until no
-//! p-value is below `SIGNIFICANCE`.
+//! again. There are two kinds of columns of A. A column of the first kind selects one residual: a component of a move,
+//! the norm of a rest, or a mean rate of a rest. A column of the second kind describes an error of the mean force of a
+//! rest, which changes the norm of this rest and the residuals of the adjacent moves. Under the null hypothesis, d has
+//! a chi2 distribution for any correlation of the residuals. Its degrees of freedom equal the number of columns of A. C
+//! contains only sensor noise. If all residuals of a kind have excess scatter, their d are divided by a common scale,
+//! which is computed from the median of d. An item is a rest or a move. The item with the smallest p-value is excluded,
+//! and the others are tested again, until no p-value is below `SIGNIFICANCE`.
 
 #[cfg(test)]
 mod tests;
@@ -41,8 +41,8 @@ use crate::two_stage::observability::{FARTHEST, LARGEST_SHIFT, REST_ERROR_MPS2};
 /// Significance level. An item with a smaller p-value is excluded. With 400 tests (three for each of 100 rests, one for
 /// each of 100 moves), the probability is 0.4 % that any item of a run without outliers is excluded.
 const SIGNIFICANCE: f64 = 1e-5;
-/// A direction is tested only if 1 - h is above this limit, for the leverage h of the direction (model.md (25)). 1 - h
-/// is the share of the variance along the direction that remains in the residuals after the fit.
+/// A linear combination of columns of A is tested only if 1 - h is above this limit, for its leverage h (model.md
+/// (25)). 1 - h is the share of the variance along the combination that remains in the residuals after the fit.
 const MIN_RESIDUAL_SHARE: f64 = 0.05;
 /// Column k of the scaled Jacobian is linearly dependent on the other columns if |R_kk| is at most this limit, for R of
 /// the QR decomposition. The limit is far above rounding errors.
@@ -168,9 +168,9 @@ pub(crate) fn outliers(
 }
 
 /// Rests whose norm the other rests do not predict, for example the only rest of a box-shaped unit on one of its faces.
-/// Because only the moves predict this norm, its d is divided by the larger of the scales of norms and moves. The
-/// leverages are those of the design matrix of model.md (12). Its rows are the derivatives of the norms, divided by the
-/// model error of a rest, and the rows of the prior.
+/// Because only the moves predict this norm, its decrease d of chi2 is divided by the larger of the scales of norms and
+/// moves. The leverages are those of the design matrix of model.md (12). Its rows are the derivatives of the norms,
+/// divided by the model error of a rest, and the rows of the prior.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear
@@ -264,8 +264,8 @@ fn scale((kind, later): (Kind, bool), judged: &[(&Group, f64, usize)]) -> f64 {
     if ratios.is_empty() { 1.0 } else { median(&mut ratios).max(1.0) }
 }
 
-/// Linearised and whitened fit from which residuals can be excluded. An additional free parameter excludes a residual;
-/// its derivatives are a column of A (model.md (25)).
+/// Linearised and whitened fit from which residuals can be excluded. To exclude a residual, the fit gets an additional
+/// free parameter. The derivatives with respect to this parameter are a column of A (model.md (25)).
 pub(super) struct LeaveOut {
     /// Columns of `L^-1 A` (model.md (25)), where L is the Cholesky factor of the residual covariance C. Each is stored
     /// as the index of its first nonzero row and the values from that row on.

@@ -24,10 +24,10 @@
 //! add up to zero over a move only if the axis of the rotation is fixed.
 //!
 //! d neglects that the effects depend on the rate. For most effects, this changes d by less than 1 % (exceptions:
-//! model.md (17)). The residuals are exact. The derivative of the force with respect to the accelerometer parameters is
-//! evaluated at the propagated gravity instead of the sampled force. A column evaluated at the sampled force would
-//! contain the noise of the residual. A linear combination of this column and a noise-free column could then fit this
-//! noise (docs/decisions/0022).
+//! model.md (17)). The residuals do not contain this approximation. The derivative of the force with respect to the
+//! accelerometer parameters is evaluated at the propagated gravity instead of the sampled force. Evaluated at the
+//! sampled force, this column of the Jacobian would contain the noise of the residual. A linear combination of this
+//! column and a noise-free column could then fit this noise (docs/decisions/0022).
 
 mod attitude_jacobian;
 mod corrected;
@@ -63,7 +63,7 @@ pub(crate) struct Pass {
     /// Derivative of the attitude at the end with respect to every parameter, rad per unit of the parameter, as a
     /// rotation vector in the body frame at the start. It is zero for the parameters of the accelerometer.
     pub(crate) turn: Vec<Vector3<f64>>,
-    /// Blocks inside the move; empty unless requested.
+    /// Blocks (short intervals with a mean force) inside the move; empty unless requested.
     pub(crate) blocks: Vec<Block>,
     /// Derivatives of attitude and force in each block.
     pub(super) changes: Changes,
@@ -120,8 +120,8 @@ pub(crate) struct Route<'a> {
     pub(crate) block_s: f64,
     /// Whether blocks inside the move are requested, or only the rotation over the whole move.
     pub(crate) has_blocks: bool,
-    /// Rotation and Jacobian integrals without effects, if they are already computed. They are not used if blocks are
-    /// requested.
+    /// Rotation over the move and integrals of its Jacobian, computed without effects by preintegration; `None` if they
+    /// are not yet known. They are not used if blocks are requested.
     pub(crate) preintegrated: Option<(Matrix3<f64>, Sums)>,
 }
 
@@ -179,14 +179,15 @@ impl Route<'_> {
         attitudes(UnitQuaternion::identity(), &turns)
     }
 
-    /// Mean force over the samples at which these steps end, rotated to the body frame at the start of the move.
+    /// Mean force over the samples at the ends of these integration steps, rotated to the body frame at the start of
+    /// the move.
     fn mean_force(&self, steps: Range<usize>, all: &Corrected, rotations: &[UnitQuaternion<f64>]) -> Vector3<f64> {
         let (first, reach, count) = (self.span.first, self.reach().start, steps.len() as f64);
         let turned = |i: usize| rotations[i - first].to_rotation_matrix() * all.force[i - reach];
         (steps.start + 1..=steps.end).map(turned).sum::<Vector3<f64>>() / count
     }
 
-    /// Block that consists of these steps and has the mean force `force`.
+    /// Block that consists of these integration steps and has the mean force `force`.
     fn block(&self, steps: Range<usize>, force: Vector3<f64>) -> Block {
         let (time, first) = (self.recording.time_s, self.span.first);
         Block {

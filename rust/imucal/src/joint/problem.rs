@@ -208,8 +208,9 @@ impl<'a> Joint<'a> {
         self.rows
     }
 
-    /// Whitens the columns for errors that are correlated between rests: varying biases, rounding errors, and errors
-    /// that depend on the attitude (pose errors). If there are no such errors, the columns do not change.
+    /// Applies the second whitening ([`Wandering`]) to `columns`. It accounts for errors that are correlated between
+    /// rests: varying biases, rounding errors, and errors that depend on the attitude (pose errors). If there are no
+    /// such errors, the columns do not change.
     pub(super) fn let_wander(&self, columns: &mut Mat<f64>) {
         if let Some(wandering) = &self.wandering {
             wandering.apply(columns);
@@ -268,7 +269,7 @@ impl<'a> Joint<'a> {
         let (head, groups) = (linear.lines.len(), linear.groups());
         let count = if self.terms.kinds.encoders { groups.stand_moves.end } else { groups.inside.start };
         let mut rows = Lanes::zeros(n, count);
-        // With several hundred megabytes, already the zeros take some tenths of a second.
+        // Writing the zeros of a matrix of several hundred megabytes takes some tenths of a second.
         checkpoint();
         for (row, line) in linear.lines.iter().enumerate() {
             let to = rows.row_mut(row);

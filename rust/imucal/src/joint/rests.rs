@@ -42,8 +42,8 @@ pub(super) struct Rests<'a> {
     model: &'a Model,
     on_force: Terms<'a>,
     on_rate: Terms<'a>,
-    /// For each rest: the inputs of the effects, and columns of the effects on the force. Only effects that do not
-    /// depend on the force itself have columns here.
+    /// For each rest: the inputs of the effects, and the columns (derivatives with respect to the parameters) of the
+    /// effects on the force. Only effects that do not depend on the force itself have columns here.
     stills: Vec<(Still, Vec<Vector3<f64>>)>,
     /// Mean force at each rest.
     pub(super) forces: Vec<Force>,
@@ -52,9 +52,9 @@ pub(super) struct Rests<'a> {
     mean_rates: Vec<Rate>,
 }
 
-/// Bias of the model minus the bias with which the samples of a hand-held rest were propagated, rad/s. `columns`
-/// contains the derivatives of this difference with respect to the parameters of the effects. The derivative with
-/// respect to the bias parameter is `T^-1` and is not stored.
+/// Gyroscope bias of the model minus the bias with which the samples of a hand-held rest were rotated to its ends,
+/// rad/s. `columns` contains the derivatives of this difference with respect to the parameters of the effects. The
+/// derivative with respect to the bias parameter is `T^-1` and is not stored.
 pub(super) struct BiasError {
     pub(super) value: Vector3<f64>,
     pub(super) columns: Vec<Vector3<f64>>,
@@ -100,9 +100,10 @@ impl<'a> Rests<'a> {
         mean
     }
 
-    /// Bias of the model at a hand-held rest minus the bias with which its samples were propagated; `None` for a rest
-    /// without tremor. The propagation used the bias `m + (1 - shrunk) (m_k - m)`. m_k is the mean rate of rest k, and
-    /// m is the mean rate of all rests (model.md (27)).
+    /// Gyroscope bias of the model at a hand-held rest minus the bias with which the samples were rotated to the ends
+    /// of the rest (propagated); `None` for a rest without tremor. m_k is the mean rate of rest k, m is the mean rate
+    /// of all rests, and `shrunk` is the shrinkage of the bias, from 0 to 1 (model.md (27)). The propagation used the
+    /// bias `m + (1 - shrunk) (m_k - m)`.
     ///
     /// The bias of the model contains the rate that the effects add. If effects cause the difference m_k - m, the bias
     /// of the propagation lacks two parts of this difference. The first part is `shrunk (m_k - m)`. The second part was

@@ -7,7 +7,8 @@
 //!
 //! The parameters of a term are consecutive in the parameter vector. The last parameter may be a nonlinear shape
 //! parameter, for example a time constant. The column of a shape parameter is `d(Phi theta)/d(shape)`. Every column is
-//! thus the derivative of the sensor reading, before multiplication by T, with respect to its parameter.
+//! thus the derivative of the sensor reading, before multiplication by the sensitivity T, with respect to its
+//! parameter.
 
 use std::borrow::Cow;
 
@@ -137,7 +138,8 @@ impl Term<'_> {
         self.effect().is_some_and(|effect| effect.reads.contains(&sensor))
     }
 
-    /// Number of linear parameters of each form of the effect, from the plain form to the form of this term.
+    /// Number of linear parameters of each form of the effect, from the plain form (with the fewest parameters) to the
+    /// form of this term.
     pub(crate) fn forms(&self) -> impl Iterator<Item = usize> {
         let plain = self.effect().map_or(self.linear, |effect| effect.plain);
         (plain..=self.linear).step_by(plain.max(1))
@@ -250,7 +252,7 @@ impl<'a> Terms<'a> {
         Ok(())
     }
 
-    /// Buffer for the columns of all terms. Each term writes the columns of its full form. The columns beyond the
+    /// Buffer for the columns of all terms. Each term writes the columns of its full form. Its columns beyond the
     /// estimated parameters are overwritten by the next term.
     pub(super) fn room(&self) -> Vec<Vector3<f64>> {
         vec![Vector3::zeros(); self.count + MAX_PARAMETERS]

@@ -73,7 +73,8 @@ impl Run {
     }
 }
 
-/// Samples of random moves and rests on the stand (the gyroscope program of the paper) with one effect, at 1 kHz.
+/// Samples of random moves and rests on the stand with one effect, at 1 kHz. The motion is the gyroscope program of the
+/// paper cited in docs/model.md.
 fn run(values: &EffectValues<f64>) -> Run {
     let mut effects = EffectSet::none();
     effects.push(*values).unwrap();

@@ -43,7 +43,7 @@ pub(crate) struct Weights {
     pub(crate) rates: Vec<Matrix3<f64>>,
     /// Noise variances of the residuals inside each move.
     pub(crate) inside: Vec<InsideNoise>,
-    /// Standard deviation of the residual of a rest relative to the stand, rad.
+    /// Standard deviation of the gravity direction at a rest relative to the direction computed from the encoders, rad.
     pub(crate) stand_sigma_rad: f64,
     /// Noise variance of one encoder reading, rad^2.
     pub(crate) reading: f64,
@@ -162,8 +162,8 @@ fn move_sigma_rad(prepared: &Prepared<'_>, model: &Model, k: usize) -> f64 {
     (own_variance(prepared, model, Source::Move(k), &Scales::NONE) + shared).sqrt()
 }
 
-/// Dependence of a residual on the errors of a rest's mean force. Each entry contains the index of an error, and the
-/// standard deviation of this error times the derivative of the residual.
+/// Dependence of a residual on the errors of a rest's mean force. For each axis, the result contains the index of an
+/// error, and the standard deviation of this error times the derivative of the residual with respect to it.
 fn share(prepared: &Prepared<'_>, rest: usize, by: &Vector3<f64>, scale: f64) -> [(usize, f64); 3] {
     let variance = prepared.rests[rest].rest.specific_force.variance_of_mean;
     [0, 1, 2].map(|axis| (3 * rest + axis, by[axis] * variance[axis].sqrt() * scale))
@@ -216,8 +216,8 @@ fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<
         .collect()
 }
 
-/// Standard deviation of the residual of a rest relative to the stand, rad. It contains the noise of the accelerometer
-/// (median over all ends of moves) and of the encoders.
+/// Standard deviation of the gravity direction at a rest relative to the direction computed from the encoders, rad. It
+/// contains the noise of the accelerometer (median over all ends of moves) and of the encoders.
 fn stand_sigma_rad(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     let mut shared: Vec<f64> =
         prepared.ends.iter().flatten().map(|end| end.shared_variance + end.own_variance).collect();

@@ -25,8 +25,9 @@ const QUANTISATION_GAIN: f64 = 10.83;
 /// omitted (5 or 10 octaves). The first octave of the next stage is also omitted, because its values are means of
 /// filtered noise.
 const FILTERED: [u32; 2] = [6, 11];
-/// The white noise is estimated only if count <= this value x standard deviation of a sample. This deviation is due to
-/// white noise and rounding. With larger counts, rounding errors depend on the signal and are not white.
+/// The white noise is estimated only if the size of a count is at most this multiple of the standard deviation of a
+/// sample. This standard deviation contains white noise and rounding. With larger counts, rounding errors depend on the
+/// signal and are not white.
 const COARSEST_COUNT: f64 = 2.0;
 /// The averaging time of an Allan deviation is at most the duration of the record divided by this number.
 const LONGEST_SHARE: usize = 3;
@@ -149,13 +150,14 @@ impl AxisNoise {
 
 impl Estimate {
     /// The estimate without its value, for an axis whose noise is below a count, so that a value would be meaningless.
-    /// The upper end of the band becomes sqrt(high^2 + least^2).
+    /// The upper end of the band becomes sqrt(high^2 + least^2). For white noise, `least` is the density of the
+    /// rounding error.
     fn bounded(self, least: f64) -> Self {
         Self { value: None, std: None, low: 0.0, high: self.high.hypot(least) }
     }
 }
 
-/// A model of the kinds of noise in an axis.
+/// Noise model of an axis, fitted to its power spectrum.
 struct Model {
     best: Fit,
     kinds: [bool; KINDS],

@@ -169,8 +169,9 @@ fn squared_cosines(window: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Table of the cosines for a window of 32 values, indexed by the position in the first half of the window. For even j,
-/// the transform uses the sum of the first half and the mirrored second half. For odd j, it uses their difference.
+/// Cosines of the transform of a window of 32 values. The first index is the position in the first half of the window.
+/// For even j, the transform uses the sum of the first half and the mirrored second half. For odd j, it uses their
+/// difference.
 struct Tables {
     even: [[f64; HALF]; HALF],
     odd: [[f64; HALF]; HALF],

@@ -10,9 +10,10 @@
 //! noise parameters theta. A component is a step at a time, a ramp between two times, or an exponential approach to a
 //! final value (warm-up). A step has the power spectrum of a random walk. However, the time of a step determines the
 //! signs of its cosines, whereas the signs of the cosines of a random walk are random. Components are added one at a
-//! time: next is the component with the largest gain - penalty. The gain is the increase of 2 ln L, where L is the
-//! likelihood. After each addition, all amplitudes and the noise parameters are estimated again. The search ends if
-//! gain - penalty < 16; noise then explains the rest of the record.
+//! time. The next component is the one with the largest difference gain - penalty. The gain is the increase of 2 ln L,
+//! where L is the likelihood. The penalty accounts for the number of trial shapes. After each addition, all amplitudes
+//! and the noise parameters are estimated again. The search ends if gain - penalty < 16, because noise then explains
+//! the rest of the record.
 
 mod search;
 
@@ -40,7 +41,7 @@ pub(super) const ABRUPT_S: f64 = 10.0;
 /// longer of this duration and `ABRUPT_S` is used.
 const ABRUPT_BLOCKS: usize = 2;
 
-/// Shape of a component.
+/// Shape of a component (a step or a drift of the mean).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
     /// A step. It occurs `fraction` of a block after the start of block `first`.
@@ -63,7 +64,8 @@ pub(super) struct Component {
     pub(super) gain: f64,
 }
 
-/// Blocks of a record of a given length, with their expected powers. All axes use the same blocks.
+/// Division of a record of a given length into blocks, with the expected powers of the cosine transform of the block
+/// means. All axes use the same blocks.
 pub(super) struct Blocks {
     /// Number of samples in a block.
     pub(super) samples: usize,

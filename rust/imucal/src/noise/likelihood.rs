@@ -100,8 +100,8 @@ impl Likelihood<'_> {
         let free = self.maximize(best.theta, None, Domain::Free);
         let bands = [(Domain::Physical, best), (Domain::Free, &free)].map(|(domain, peak)| {
             let excess = |value: f64| {
-                // At a power with an expected value of zero, the gradient does not exist. The start must therefore be
-                // inside the domain.
+                // The gradient does not exist where the expected value of a power is zero. All expected powers must
+                // therefore be positive at the start.
                 let start = std::array::from_fn(|k| if k == kind { value } else { best.theta[k].max(1e-3 * std[k]) });
                 self.maximize(start, Some(kind), domain).deviance - peak.deviance - BAND
             };
@@ -141,8 +141,8 @@ impl Likelihood<'_> {
         dot(theta, &power.expected) + self.rounding * power.expected[super::power_law::WHITE]
     }
 
-    /// Start value of each kind of noise: 0.1 x the smallest ratio P / expected over all powers P > 0. `expected` is
-    /// the expected power for a parameter of one.
+    /// Start value of each kind of noise: 0.1 x the smallest ratio of a measured power P > 0 to its expected value.
+    /// `expected` is the expected power for a parameter of one.
     fn start(&self) -> PerKind {
         let least = |kind: usize| {
             let ratios = self.powers.iter().map(|power| power.value / power.expected[kind]);

@@ -31,7 +31,8 @@ pub(super) const QUANTISATION: usize = 3;
 /// One number for each kind of noise.
 pub(super) type PerKind = [f64; KINDS];
 
-/// The function s(k) of the module documentation for each kind, for a unit parameter.
+/// The function s(k) for each kind of noise with the parameter one. It takes the place of the covariance of two
+/// cumulative sums at a distance of k samples (see the module documentation).
 fn sums_covariance(k: f64) -> PerKind {
     let k = k.abs();
     let j = (k - 1.0).max(0.0);

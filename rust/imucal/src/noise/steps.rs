@@ -1,4 +1,5 @@
-//! Steps and drifts of both sensors. Components of several axes at the same time are combined into one step.
+//! Steps and drifts of both sensors. If several axes have steps at nearly the same time, these steps are combined into
+//! one.
 
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -12,7 +13,8 @@ use crate::recording::Recording;
 
 /// Margin that is cut out before and after a step, s. The unit may still move within this margin.
 const MARGIN_S: f64 = 1.0;
-/// Number of blocks on each side of a step. Their samples determine the exact sample at which the step occurs.
+/// Number of blocks on each side of a step. The samples of these blocks determine the exact sample at which the step
+/// occurs.
 const NEAR_BLOCKS: usize = 8;
 
 /// A step of the mean reading of a unit at rest, for example after a bump against the table.

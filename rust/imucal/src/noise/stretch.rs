@@ -17,8 +17,8 @@ use crate::recording::Recording;
 /// Maximum share of lost or repeated samples in the interval. A larger share would change the power spectrum at high
 /// frequencies.
 const IRREGULAR_SHARE: f64 = 1e-4;
-/// Samples are lost if the envelope increases by more than this number of time steps. One lost sample increases the
-/// envelope by 1.
+/// Samples are lost if the lower envelope E of the time stamps' deviations increases by more than this number of time
+/// steps. One lost sample increases E by 1.
 const LOST: f64 = 0.6;
 /// Length of the window of the envelope, s. A time stamp that is late by at most this time does not count as lost
 /// samples.
@@ -38,7 +38,8 @@ pub(super) struct Stretch {
     pub(super) places: usize,
 }
 
-/// The longest interval. `has_repeats` states whether equal consecutive rows are repeated samples or a coincidence.
+/// The longest interval in which almost no samples are lost or repeated. `has_repeats` states whether equal consecutive
+/// rows are repeated samples or a coincidence.
 pub(super) fn longest(recording: &Recording<'_>, has_repeats: bool) -> Stretch {
     let faults = faults(recording, has_repeats);
     let (lost, repeated) = faults.iter().fold((0, 0), |(lost, repeated), fault| match fault.is_lost {

@@ -9,8 +9,8 @@ use crate::numerics::blocked::product;
 
 /// Maximum number of rows for which all eigenvalues are computed. This takes some tens of milliseconds.
 const WHOLE: usize = 300;
-/// Number of vectors in the iterated subspace per requested eigenvector. More vectors make an iteration slower, and
-/// fewer iterations are needed.
+/// Number of vectors in the iterated subspace per requested eigenvector. With more vectors, fewer iterations are
+/// needed, but each iteration is slower.
 const BESIDE: usize = 3;
 /// The iteration ends if |A u - s u| is below this share of the largest eigenvalue, for all requested pairs of an
 /// eigenvalue s and an eigenvector u.
@@ -107,7 +107,8 @@ mod tests {
 
     #[test]
     fn leading_pairs_are_those_of_the_complete_decomposition() {
-        // A random walk, a smooth function, a matrix of rank two and five equal recordings.
+        // The covariance matrices of a random walk and of a smooth function, a matrix of rank two, and a matrix of five
+        // blocks of equal rows.
         check(&kernel(400, f64::min), 20);
         check(&kernel(400, |a, b| (-0.5 * ((a - b) / 0.1).powi(2)).exp()), 12);
         check(&kernel(400, |a, b| (7.0 * a).sin() * (7.0 * b).sin() + (7.0 * a).cos() * (7.0 * b).cos()), 12);

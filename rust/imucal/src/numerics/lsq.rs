@@ -21,7 +21,7 @@ pub(crate) trait Residuals {
     fn count(&self) -> usize;
 }
 
-/// Why a fit ended.
+/// Reason why a fit ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Termination {
     /// The gradient test is passed ([`FitReport`](crate::numerics::fit_report::FitReport)).
@@ -34,7 +34,8 @@ pub enum Termination {
     NotFinite,
     /// The weights of the residuals had not converged in the last repetition of the fit.
     WeightsNotSettled,
-    /// The field of a user-defined effect still changed in the last repetition. The field depends on the calibration.
+    /// The field of a user-defined effect (the derivatives of the error with respect to its parameters) depends on the
+    /// calibration. It still changed in the last repetition of the fit.
     FieldsNotSettled,
 }
 
@@ -236,7 +237,7 @@ impl LevenbergMarquardt {
     /// The damped step, and the decrease of chi2 that the linear model predicts for it.
     fn step(&self) -> (Vec<f64>, f64) {
         let n = self.scale.len();
-        // The residuals are an additional column, so R contains Q^T r, and Q is not needed.
+        // The residuals r are appended to J as a column. The factor R then contains Q^T r, and Q itself is not needed.
         let both = faer::concat![[self.jacobian, self.residuals]];
         let qr = both.qr();
         let r = qr.thin_R();
@@ -301,8 +302,8 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
         let negligible = self.length(&step) <= self.tolerance * self.length(&current);
         let trial: Vec<f64> = current.iter().zip(&step).map(|(p, h)| p + h).collect();
         if negligible {
-            // The residuals are not computed again. With the tolerance `EXACT`, this step changes them only by
-            // rounding errors. With `ROUGH`, the fit only gives a start value.
+            // The residuals are not computed again after this last step. With the tolerance `EXACT`, the step changes
+            // them only by rounding errors. With `ROUGH`, the fit only gives a start value.
             self.termination = Some(Termination::Converged);
             return Ok((state.param(trial).cost(self.chi2), None));
         }

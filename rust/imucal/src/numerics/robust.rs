@@ -5,13 +5,13 @@ use faer::Mat;
 use crate::numerics::lsq;
 use crate::numerics::stats::{MEDIAN_SIZE, median};
 
-/// An item is an outlier if its score, in robust standard deviations, exceeds this limit. With normally distributed
-/// errors, the score of a valid item exceeds the limit with a probability of 2e-7 (one residual) or 1.3e-6 (two
-/// residuals).
+/// A rest or move is an outlier if its score, in robust standard deviations, exceeds this limit. With normally
+/// distributed errors, the score of a valid rest or move exceeds the limit with a probability of 2e-7 (one residual) or
+/// 1.3e-6 (two residuals).
 const LIMIT: f64 = 5.2;
 
-/// Score of each rest or move. It is the norm of the item's residuals in a fit without the item, in standard deviations
-/// of these residuals. Each rest or move has `size` consecutive rows.
+/// Score of each rest or move. It is the norm of the residuals of this rest or move in a fit without it, in standard
+/// deviations of these residuals. Each rest or move has `size` consecutive rows.
 pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usize) -> Vec<f64> {
     let hat_rows = lsq::leverages(jacobian);
     (0..residuals.nrows() / size)
@@ -29,8 +29,9 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
         .collect()
 }
 
-/// The item with the largest score; `None` if it is not an outlier. Before the comparison with the limit, each score is
-/// divided by a common scale: the median score / the median expected for normally distributed errors, and at least one.
+/// The rest or move with the largest score; `None` if it is not an outlier. Before the comparison with the limit, each
+/// score is divided by a common scale. The scale is the median score / the median expected for normally distributed
+/// errors, and at least one.
 pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
     // Median of the score for normal errors. The score is |z| for one residual, and the square root of chi2 for two.
     let median_of_clean = if size == 1 { MEDIAN_SIZE } else { 1.177_410_02 };

@@ -1,4 +1,4 @@
-//! Small symmetric matrices with storage of the upper triangle.
+//! Small symmetric matrices, of which only the upper triangle is used.
 
 use std::ops::Range;
 
@@ -129,9 +129,9 @@ impl SymmetricMatrix {
         Some(log_determinant.logarithm())
     }
 
-    /// Extends a [`sweep`](Self::sweep) of the first `known` rows to the other rows of this matrix. `whole` contains
-    /// the first `known` rows before the sweep, and `swept` contains them after the sweep. `places` are the columns of
-    /// `whole` that correspond to the columns of this matrix after the first `known` columns.
+    /// Copies the swept first `known` rows from `swept`, and applies the same [`sweep`](Self::sweep) to the other rows
+    /// of this matrix. `whole` contains the first `known` rows before the sweep. `places` are the columns of `whole`
+    /// that correspond to the columns of this matrix after the first `known` columns.
     #[inline(always)]
     pub(crate) fn sweep_as<S: Simd>(
         &mut self,

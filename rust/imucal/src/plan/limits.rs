@@ -47,7 +47,7 @@ pub struct Limits {
     pub min_move_s: f64,
     /// Forbidden zones.
     pub forbidden: Vec<Zone>,
-    /// Resolution of the poses, rad.
+    /// The motor angles of a pose are multiples of this angle, rad.
     pub pose_step_rad: f64,
     /// Maximum number of turns. It limits the effort of a person who moves the unit by hand.
     pub most_moves: usize,

@@ -13,8 +13,8 @@ const BLOCK_S: f64 = 0.04;
 /// Length of the intervals into which a hand-held rest is divided, s. Within an interval, the gravity direction is
 /// treated as constant.
 const HELD_S: f64 = 0.2;
-/// Number of integration steps in a move. With this number, the midpoint rule causes a relative error of 1e-3 of the
-/// information.
+/// Number of integration steps in a move. With this number, the relative error of the information due to the midpoint
+/// rule is 1e-3.
 const STEPS: usize = 32;
 
 /// Information from a rest: derivatives of the mean force and of the mean rate over one second. They are divided by the
@@ -82,8 +82,9 @@ impl RestInformation {
 }
 
 impl MoveInformation {
-    /// Information of a move that starts at `start_s` and takes `duration_s`. `at` returns the motion as a function of
-    /// time. The unit is at rest before and after the move. The first `settle_s` of the next rest are not used.
+    /// Propagation of the gravity direction over a move that starts at `start_s` and takes `duration_s`. `at` returns
+    /// the motion as a function of time. The unit is at rest before and after the move. The first `settle_s` of the
+    /// next rest are not used.
     pub(super) fn new(
         sensors: &Sensors,
         start_s: f64,

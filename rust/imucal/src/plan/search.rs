@@ -49,7 +49,7 @@ pub struct Search {
 /// Result of a search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Found {
-    /// The best program found. It starts with all motors at zero.
+    /// The best program found. It starts with all motors at the angle zero.
     pub program: Program,
     /// Whether the program reaches the standard deviations of the goal.
     pub reached: bool,

@@ -214,9 +214,9 @@ impl Sensors {
         rows
     }
 
-    /// Adds the propagation of the gravity direction over an interval of `duration_s` around `time_s`. The derivatives
-    /// of its two angles with respect to the parameters are added to `by`. Returns the gains from the rate noise of the
-    /// three gyroscope axes to both angles.
+    /// Extends a propagation of the gravity direction by an interval of `duration_s` around `time_s`. The derivatives
+    /// of the two angles of the direction with respect to the parameters are added to `by`. Returns the gains from the
+    /// rate noise of the three gyroscope axes to both angles.
     pub(super) fn add_propagation(
         &self,
         moment: &Moment,

@@ -140,8 +140,7 @@ impl Trial {
         self.holds_s.iter().chain(&self.moves_s).sum()
     }
 
-    /// Distributes the available time among the holds; `None` if it is too short. The available time does not include
-    /// the moves.
+    /// Distributes the time that remains after the moves among the holds; `None` if this time is too short.
     fn fill(&mut self, duration_s: f64, shortest_s: f64) -> Option<()> {
         let count = self.holds_s.len() as f64;
         let spare_s = duration_s - self.moves_s.iter().sum::<f64>() - shortest_s * count;

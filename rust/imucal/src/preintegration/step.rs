@@ -63,13 +63,14 @@ const fn by_powers<const N: usize>(mut factor: f64, ratio: f64, mut coefficients
 ///
 /// They are computed for all steps of a tile (8 steps) before the quaternions are multiplied. Only the product of
 /// quaternions depends on the previous step. If the products were computed between these quantities, the processor
-/// would have to wait for their results.
+/// would have to wait for the result of each product.
 #[derive(Clone, Copy)]
 #[repr(align(64))] // A vector that crosses a cache line takes twice as long to load and to store.
 pub(super) struct StepTerm<S: Simd> {
     /// Vector part of the step's quaternion divided by its scalar part.
     vector: Three<S>,
-    /// Square of the cosine of half the rotation angle, which equals 1 / |(1, vector)|^2.
+    /// Square of the cosine of half the rotation angle. It equals 1 / |(1, vector)|^2, because the quaternion (1,
+    /// vector) is not normalised.
     cosine_squared: Lanes<S>,
 }
 

@@ -22,11 +22,11 @@ const LONGEST_STEP: f64 = 2.5;
 /// Duration of the part of an unsteady rest from which the gravity direction is computed, s (model.md (13)). This part
 /// is adjacent to the move.
 const SPAN_S: f64 = 1.0;
-/// Number of sub-means over the last or first second of an unsteady rest. The variance of the gravity direction is
-/// computed from their scatter (model.md (13)).
+/// Number of sub-means into which the mean over the last or first second of an unsteady rest is divided. The variance
+/// of the gravity direction is computed from the scatter of the sub-means (model.md (13)).
 const TENTHS: usize = 10;
-/// A rest counts as hand-held if, within 0.1 s, scatter of the rates > this factor x noise of the gyroscope. The factor
-/// is above 1 because the estimated noise is uncertain.
+/// A rest counts as hand-held if the scatter of its rates within 0.1 s exceeds this factor times the noise of the
+/// gyroscope. The factor is above 1 because the estimated noise is uncertain.
 const TREMBLING: f64 = 1.5;
 /// A rest does not count as hand-held if the scatter of its rates within 0.1 s is below this limit, rad/s. Hand tremor
 /// causes larger rates. The limit prevents false detections in recordings without noise.
@@ -168,7 +168,7 @@ pub(crate) struct Directions<'a> {
     pub(crate) rests: &'a [UnitRest],
     /// White-noise densities of each recording, raw units per sqrt(Hz).
     pub(crate) noise: &'a [NoiseDensity],
-    /// Hand model of each recording; `None` if the unit is not hand-held.
+    /// Model of the tremor of the hand for each recording; `None` if the unit is not hand-held.
     pub(crate) hands: &'a [Option<Hand>],
     pub(crate) accelerometer: &'a Triad<f64>,
     /// Current estimate of the gyroscope.
@@ -192,8 +192,8 @@ pub(crate) struct End {
 
 impl Directions<'_> {
     /// For each move: the gravity directions at both ends, with the standard deviation of the move's residual. The
-    /// second result is the same standard deviation without the noise of the rests' means, rad. The error that remains
-    /// is independent between moves.
+    /// second result is this standard deviation without the noise of the rests' means, rad. The errors that it
+    /// describes are independent between moves.
     pub(crate) fn ends_of(&self, moves: &[Move]) -> (Vec<Ends>, Vec<f64>) {
         moves
             .iter()

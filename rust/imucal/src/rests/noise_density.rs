@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 /// White-noise densities, raw units per sqrt(Hz) (model.md (10)). They are estimated from the steady rests. If all
-/// rests are hand-held, they are estimated from the noise variance.
+/// rests are hand-held, they are computed from the noise variance that the rest detection has estimated.
 #[derive(Clone, Copy, Debug)]
 pub struct NoiseDensity {
     /// Densities of the accelerometer axes x, y, z.

@@ -23,7 +23,7 @@ pub struct RestMean {
 }
 
 impl RestMean {
-    /// Variance of the mean of each axis with the rounding error, squared raw units.
+    /// Variance of the mean of each axis, including the rounding error, squared raw units.
     pub fn whole_variance(&self) -> Vector3<f64> {
         self.variance_of_mean + self.rounding_std().map(|std| std * std)
     }
@@ -94,8 +94,8 @@ pub(crate) fn sigma_norm(rest: &Rest, triad: &Triad<f64>) -> f64 {
     at_least(FINEST_MPS2, v.component_mul(&v).dot(&rest.specific_force.whole_variance()).sqrt())
 }
 
-/// A standard deviation with a lower bound. It is NaN if the standard deviation is, because [`f64::max`] would turn an
-/// unknown error into the smallest one.
+/// A standard deviation with a lower bound. A standard deviation of NaN (an unknown error) remains NaN. [`f64::max`] is
+/// not used, because it would replace NaN by the lower bound.
 pub(crate) fn at_least(finest: f64, sigma: f64) -> f64 {
     if sigma < finest { finest } else { sigma }
 }

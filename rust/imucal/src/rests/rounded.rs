@@ -17,24 +17,25 @@ use crate::rounding::{Levels, Rounding};
 /// steps. The readings of a gyroscope are nearly equal at all rests. A separate unknown true mean for each rest would
 /// make large noise seem too likely, so the estimate of the noise would be too large.
 const SAME_READING: f64 = 0.15;
-/// A level that is more than 1.5 steps from the mean is omitted if it has at most this share of the samples. Its
-/// samples are due to a jolt or a transmission error, and a single such sample would dominate the estimated noise.
+/// A level (a multiple of the quantisation step) that is more than 1.5 steps from the mean is omitted if it has at most
+/// this share of the samples. Its samples are due to a jolt or a transmission error, and a single such sample would
+/// dominate the estimated noise.
 const FOREIGN: f64 = 1e-3;
 
-/// When the samples at each level are counted, this share of a rest is omitted at each end. A filter delays the rate,
-/// so a rest that begins when a move ends still contains the last part of the move. With a filter bandwidth of 5 Hz,
+/// Share of a rest that is omitted at each end when the samples at each level are counted. A filter delays the rate, so
+/// the start of a rest still contains the last part of the rate in the move before it. With a filter bandwidth of 5 Hz,
 /// this part lasts 0.2 s.
 const EDGE: f64 = 0.15;
 
-/// Ratio (c - 1 before rounding) / (c - 1 after rounding). c is the factor by which correlated noise increases the
+/// Ratio of c - 1 before rounding to c - 1 after rounding. c is the factor by which correlated noise increases the
 /// variance of a mean (model.md (10)). The value holds for a mean midway between two levels. Rounding then keeps only
 /// the sign of the noise, and the sign is less correlated than the noise. For any other mean, the ratio is larger.
 const SIGN: f64 = 1.28;
 
 /// Factor c of each channel before rounding (model.md (10)): the factor by which the correlation of the noise increases
-/// the variance of a mean. If the noise is below the step, c is estimated from the rounded samples. The farther the
-/// mean is from the middle between two levels, the smaller the correlation of rounded samples. All axes of a triad have
-/// equal filters, so the largest estimate among the axes is the best one.
+/// the variance of a mean. If the noise is below the quantisation step, c is estimated from the rounded samples. The
+/// farther the mean is from the middle between two levels, the less correlated the rounded samples are. All axes of a
+/// triad have equal filters, so the largest estimate among the axes is the best one.
 pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6<f64> {
     let coarse = |channel: &usize| steps[*channel] > 0.0;
     Vector6::from_fn(|channel, _| {

@@ -43,8 +43,8 @@ pub struct Threshold {
     /// The threshold. A window is at rest if its statistic (variance / noise variance, averaged over the channels) is
     /// below this value.
     pub factor: f64,
-    /// Lower end of the chosen range. All thresholds in this range give the same number n of rests. Among all such
-    /// ranges, the chosen range has the largest ln(upper end / lower end) x ln n, approximately.
+    /// Lower end of the chosen range. All thresholds in this range give the same number n of rests. Of all such ranges,
+    /// the chosen range has approximately the largest product ln(upper end / lower end) x ln n.
     pub stable_from: f64,
     /// Upper end of the chosen range.
     pub stable_to: f64,
@@ -134,7 +134,8 @@ impl Segments {
         };
         let epochs: Vec<Vec<Stretch>> = stretches.iter().map(epochs_of).collect();
         let settled = Steadiness::of(described(&stretches, &epochs));
-        // Tremor limits the accuracy of the ends of hand-held rests, so these ends are not refined.
+        // Tremor limits the accuracy of the ends of hand-held rests. Therefore only the ends of steady rests are
+        // refined.
         for ((rest, epochs), (_, within)) in stretches.iter_mut().zip(&epochs).zip(&long) {
             if settled.unsteadiness_of(rest, epochs) < UNSTEADY {
                 let range = onset(rest.blocks.clone(), within, blocks, &coarse);

@@ -28,7 +28,7 @@ use crate::rests::rest::Rest;
 use crate::rests::segment::epochs::LONG_REST_S;
 use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 
-/// Coefficients of the fourth difference.
+/// Coefficients of the fourth difference of five consecutive samples.
 const DIFFERENCE: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
 /// Sum of the squares of the coefficients of the fourth difference.
 const SQUARES: f64 = 70.0;
@@ -102,9 +102,9 @@ impl Hand {
         let tilt = variance_per_axis(sensors.accelerometer.inverse(), &noise.specific_force) / (force * force);
         let walk = variance_per_axis(sensors.gyroscope.inverse(), &noise.angular_rate);
         let tremor_rad2 = median(&mut tremors);
-        // Low-pass filtered noise has small fourth differences. Its density and the threshold are then too small, and a
-        // random correlation of force and rotation may exceed the threshold. A random correlation is negative as often
-        // as positive. Therefore the estimated variance must also be positive in nearly all rests.
+        // Low-pass filtered noise has small fourth differences. The estimated density and the threshold are then too
+        // small, and a random correlation of force and rotation may exceed the threshold. A random correlation is
+        // negative as often as positive. Therefore the estimated variance must also be positive in nearly all rests.
         let everywhere = quantile(&mut tremors, FEW) > 0.0;
         let trembles = tilt * walk > 0.0 && tremor_rad2 > (tilt * walk).sqrt() && everywhere;
         trembles.then_some(Self { noise, turn_rad2: 2.0 * tremor_rad2, tilt_rad2_s: tilt, walk_rad2_per_s: walk })
@@ -115,9 +115,10 @@ impl Hand {
         (self.turn_rad2 / 2.0).sqrt()
     }
 
-    /// Time constant of the gravity direction at an end of a rest, s. This direction is an average along the gyroscope
-    /// attitude with exponential weights. A Kalman filter for the noise of both sensors has the steady-state time
-    /// constant `sqrt(r / q)`. In short rests, the time constant is limited.
+    /// Averaging time constant of the gravity direction at an end of a rest, s. This direction is a mean along the
+    /// gyroscope attitude with exponential weights. The time constant is `sqrt(r / q)` with r = `tilt_rad2_s` and q =
+    /// `walk_rad2_per_s`, as for the steady state of a Kalman filter for the noise of both sensors. In short rests, it
+    /// is limited.
     fn averaging_s(&self, rest: &Rest) -> f64 {
         (self.tilt_rad2_s / self.walk_rad2_per_s).sqrt().min((rest.end_s - rest.start_s) / ROOM)
     }
@@ -222,9 +223,9 @@ pub(crate) fn hands(
         let mut hand = Hand::of(recording, &contributing, sensors)?;
         noise[index] = hand.noise;
         own.iter_mut().for_each(|own| own.rest.bias = *sensors.gyroscope.bias());
-        // `turn` is the rotation about the two axes perpendicular to gravity. The variance per axis is its mean square
-        // minus the error variance of both directions. The rotation about gravity is unknown and is assumed to have the
-        // same variance.
+        // `turn` is the rotation about the two axes perpendicular to gravity. The variance of the hand's rotation about
+        // each of these axes is the mean square of `turn` minus the error variance of both directions. The rotation
+        // about gravity is unknown and is assumed to have the same variance.
         let turned = |own: &mut OwnRest<'_>| {
             let errors = 2.0 * hand.variance_rad2(&own.rest.rest);
             let turn = hand.remove_tremor(recording, own.rest, sensors);

@@ -41,7 +41,7 @@ pub(crate) struct PropagatedMean {
     pub(crate) shrunk: Vector3<f64>,
 }
 
-/// The rests of a table of means.
+/// The rests that a table of means describes. All of them belong to one recording, and none is divided into epochs.
 pub(crate) fn rests_of_means(rests: &[Rest]) -> Vec<UnitRest> {
     rests.iter().enumerate().map(|(whole, rest)| UnitRest::new(0, *rest, whole, 0)).collect()
 }

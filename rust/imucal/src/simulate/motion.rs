@@ -83,8 +83,9 @@ impl Motion {
         }
     }
 
-    /// Mean of the angular acceleration over the delay of a gyroscope that ends at `time_s`, rad/s^2. It is `None` if
-    /// there is no delay. The delay starts at the start of the motion at the earliest.
+    /// Mean of the angular acceleration over the delay of the gyroscope, rad/s^2. The delay is the interval of length
+    /// `delay_s` that ends at `time_s`. The result is `None` if there is no delay. The interval starts at the start of
+    /// the motion at the earliest.
     pub(crate) fn mean_angular_acceleration(&self, time_s: f64, delay_s: f64) -> Option<Vector3<f64>> {
         let start_s = delay_start_s(time_s, delay_s);
         let change = || self.at(time_s).angular_rate - self.at(start_s).angular_rate;
@@ -120,7 +121,7 @@ impl Motion {
     }
 }
 
-/// Start of the delay of a gyroscope that ends at `time_s`, s. A motion starts at 0.
+/// Start, s, of the interval of length `delay_s` that ends at `time_s`. It is at least 0, the start of the motion.
 pub(super) fn delay_start_s(time_s: f64, delay_s: f64) -> f64 {
     (time_s - delay_s).max(0.0)
 }

@@ -109,7 +109,7 @@ impl Walk {
     }
 }
 
-/// One of the first-order filters whose sum is the flicker filter.
+/// One of the first-order filters, described by its pole p. The sum of these filters is the flicker filter.
 struct Pole {
     /// The decay d in p = exp(-d).
     decay: f64,

@@ -5,10 +5,10 @@
 //! measured = convert(sample(low_pass(seen + noise)))         model.md (22)
 //! ```
 //!
-//! White noise of density N is simulated at a given rate by random numbers with the standard deviation N sqrt(rate). A
-//! mean over the time T then has the standard deviation N / sqrt(T) at any rate. Densities are two-sided, as for the
-//! Allan deviation and the angle random walk. With one-sided densities, the standard deviation would be
-//! N sqrt(rate / 2).
+//! `seen` is the input of the triad, before noise is added. White noise of density N is simulated at a given rate by
+//! random numbers with the standard deviation N sqrt(rate). A mean over the time T then has the standard deviation N /
+//! sqrt(T) at any rate. Densities are two-sided, as for the Allan deviation and the angle random walk. With one-sided
+//! densities, the standard deviation would be N sqrt(rate / 2).
 
 use nalgebra::Vector3;
 

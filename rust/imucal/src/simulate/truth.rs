@@ -6,8 +6,8 @@
 //! ```
 //!
 //! R_wb is the attitude (world from body), x the position in the world frame, g local gravity, and e_z the unit vector
-//! up. Phi_c is the field of effect c and theta_c its parameters. `added` are the errors of `Setup::added`. The state
-//! is evaluated at the true instant of a sample, even if the time stamps are wrong.
+//! up. `seen` is the input of a triad. Phi_c is the field of effect c and theta_c its parameters. `added` are the
+//! errors of `Setup::added`. The state is evaluated at the true instant of a sample, even if the time stamps are wrong.
 
 use imucal_core::effects::{EffectSet, Need, State, Surroundings};
 use imucal_core::temperature_memory::TemperatureHistory;
@@ -24,7 +24,7 @@ pub(super) struct Truth<'a> {
     unit: &'a Unit,
     gravity_mps2: f64,
     temperature: &'a Temperature,
-    /// The temperature if it is constant over the run, degC.
+    /// Temperature of the run, degC, if it is constant; `None` if it varies.
     constant_degc: Option<f64>,
     rests: Vec<(f64, f64)>,
     /// Delay of the gyroscope (`gyro_time_offset`), s.

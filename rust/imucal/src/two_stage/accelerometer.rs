@@ -152,8 +152,7 @@ fn check_design(means: &[Vector3<f64>], start: &Start, gravity_mps2: f64, held: 
     let parameters = parameters_of(start);
     let triad = triad_of(&parameters)?;
     let gradients: Vec<_> = means.iter().map(|mean| norm_and_gradient(&triad, mean).1).collect();
-    // The columns of the sensitivity are in units of the mean scale. The columns of the bias are in units of the
-    // reading at 1 g.
+    // Entries of the sensitivity are in units of the mean scale, and biases in units of the reading at 1 g.
     let scale = start.sensitivity.trace() / 3.0;
     let unit = |j: usize| if j < 3 { gravity_mps2 * scale } else { scale };
     let (mut residuals, mut priors) = (Mat::zeros(held.count(), 1), Mat::zeros(held.count(), 9));

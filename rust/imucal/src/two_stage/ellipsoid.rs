@@ -26,8 +26,9 @@ pub(crate) struct Start {
     pub(crate) bias: Vector3<f64>,
 }
 
-/// A sphere is determined only if all singular values are at least this multiple of the largest one. If all means are
-/// in one plane, the smallest singular value is zero without noise. With noise, its ratio is below this limit.
+/// A sphere is determined only if all singular values of the design matrix are at least this multiple of the largest
+/// one. If all means are in one plane, the smallest singular value is zero without noise. With noise, its ratio to the
+/// largest one is below this limit.
 const LEAST_SINGULAR: f64 = 1e-3;
 
 /// The ellipsoid through `means` (one for each rest, in any raw unit), or a sphere if the means determine no ellipsoid.
@@ -37,8 +38,8 @@ const LEAST_SINGULAR: f64 = 1e-3;
 /// # Errors
 /// [`Error::Fit`] if the singular value decomposition fails.
 pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
-    // The points are centred and scaled. All columns of the design are then of order one in any raw unit, also for
-    // counts with an offset.
+    // The points are centred and scaled. All columns of the design matrix are then of order one in any raw unit, also
+    // for counts with an offset.
     let Some((centre, size)) = extent(means).filter(|_| means.len() >= 4) else { return Ok(None) };
     let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();
     let unit = match ellipsoid(&points)? {

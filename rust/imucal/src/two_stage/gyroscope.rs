@@ -68,8 +68,8 @@ struct Linearised {
 
 /// A first fit is close to the global minimum if the rms of its direction errors is below this limit, rad.
 const CLOSE_RAD: f64 = 0.05;
-/// A preintegration is reused for a slightly different gyroscope if second-order error <= this value x standard
-/// deviation of the direction residual of a move. Otherwise, the samples are integrated again.
+/// A preintegration is corrected to first order for a slightly different sensitivity if, for each move, second-order
+/// error <= this value x standard deviation of the direction residual. Otherwise, the samples are integrated again.
 const MAX_SECOND_ORDER: f64 = 1e-9;
 
 impl<'a> PreintegratedMoves<'a> {
@@ -165,13 +165,14 @@ impl<'a> PreintegratedMoves<'a> {
 }
 
 impl Linearised {
-    /// The first-order correction for a slightly different gyroscope; `None` if its second-order error is too large.
+    /// These moves, corrected to first order for a slightly different gyroscope sensitivity; `None` if the second-order
+    /// error is too large.
     fn moved(self: Rc<Self>, triad: &Triad<f64>, ends: &[Ends]) -> Option<Rc<Self>> {
         if self.triad == *triad {
             return Some(self);
         }
-        // T_new^-1 = (I + `change`) T_old^-1, and the bias is the same. The change of the rate is therefore `change` x
-        // old rate.
+        // T_old is the sensitivity of these moves, and T_new that of `triad`. T_new^-1 = (I + `change`) T_old^-1, and
+        // the bias is the same. The change of the rate is therefore `change` x old rate.
         let change = triad.inverse() * self.triad.sensitivity() - Matrix3::identity();
         let mut preintegrated = self.preintegrated.clone();
         for (preintegrated, ends) in preintegrated.iter_mut().zip(ends) {

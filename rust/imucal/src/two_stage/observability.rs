@@ -43,19 +43,19 @@ pub(crate) const OR_ROLL: &str = ", or roll the unit over its faces: four turns 
                                   axis is level, with a rest after each";
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// The parameters that a design does not determine.
+/// The parameters that a design matrix does not determine.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Open {
-    /// Columns of the design whose parameters are not determined.
+    /// Columns of the design matrix whose parameters are not determined.
     pub(crate) columns: Vec<usize>,
-    /// Groups of columns that are not determined individually. The number with each group is the number of linear
-    /// combinations of its columns that are determined.
+    /// Groups of columns whose parameters are not determined individually. The number with each group is the number of
+    /// linear combinations of these parameters that are determined.
     pub(crate) traded: Vec<(Vec<usize>, usize)>,
 }
 
 impl Open {
-    /// The undetermined parameters of `design`. The rows of `design` are divided by the model errors of a real unit.
-    /// Each column is multiplied by 1 % of the size of its parameter.
+    /// The undetermined parameters of the design matrix `design`. Its rows are divided by the model errors of a real
+    /// unit. Each column is multiplied by 1 % of the size of its parameter.
     pub(crate) fn of(design: &Mat<f64>) -> Result<Self, Error> {
         let (values, vectors) = lsq::singular(design)?;
         let loosest = LARGEST_SHIFT / FARTHEST;
@@ -131,8 +131,8 @@ impl Open {
     }
 }
 
-/// Groups of undetermined columns that are correlated within the unobservable directions. The number with each group is
-/// the number of linear combinations of its columns that are determined.
+/// Groups of undetermined parameters (columns) that are correlated within the unobservable directions. The number with
+/// each group is the number of linear combinations of its parameters that are determined.
 fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(Vec<usize>, usize)> {
     let mut left: Vec<usize> = columns.iter().copied().filter(|&j| projection(j, j) < OWN_SHARE).collect();
     let mut groups = Vec::new();
@@ -175,7 +175,8 @@ pub(crate) fn check_accelerometer(design: &Mat<f64>, up: &[Vector3<f64>], held: 
     }
 }
 
-/// Returns an error if the moves do not determine all entries of the gyroscope sensitivity. The accelerometer is known.
+/// Returns an error if the moves do not determine all entries of the gyroscope sensitivity. The accelerometer is
+/// assumed to be known.
 ///
 /// `design` is the Jacobian of the move residuals in rad, with respect to entries in units of the mean scale. `held`
 /// contains the columns of entries with a prior.

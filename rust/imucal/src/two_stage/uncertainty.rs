@@ -102,8 +102,8 @@ fn accelerometer_rows(map: &mut Mat<f64>, rests: &[&Rest], fit: &AccelerometerFi
     }
 }
 
-/// Writes the derivatives of the nine gyroscope entries with respect to all errors. They are minus the gain of the fit
-/// times the derivative of the residuals.
+/// Writes the derivatives of the nine entries of the gyroscope sensitivity with respect to all errors. They are minus
+/// the gain of the fit times the derivatives of the residuals.
 ///
 /// The influence of the accelerometer parameters and of the bias is first summed over the moves. The computing time is
 /// then proportional to the number of moves instead of its square.

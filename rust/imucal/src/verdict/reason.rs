@@ -10,8 +10,8 @@ use crate::finding::{Finding, general};
 use crate::held::PriorCost;
 use crate::numerics::fit_report::FitReport;
 
-/// A finding on time stamps that concerns fewer samples than this multiple of the number of residuals does not explain
-/// residuals that exceed their noise. A move has two residuals, so the limit is one sample for ten moves.
+/// A finding on time stamps explains large residuals only if it concerns enough samples: at least this multiple of the
+/// number of residuals. A move has two residuals, so the limit is one sample for ten moves.
 const FEW_OF_RESIDUALS: f64 = 0.05;
 
 /// Reason for a verdict that is not good. Messages contain it as a sentence with numbers.
@@ -124,7 +124,7 @@ pub enum Reason {
     ParametersHeld {
         /// Names of the parameters or of their groups.
         parameters: String,
-        /// Errors due to the uncertainty of the priors.
+        /// Errors of the gravity direction and of a rotation due to the uncertainty of the priors.
         cost: PriorCost,
     },
     /// Some kinds of residuals exceed their noise, so the model is incomplete. The verdict is incomplete.
@@ -210,7 +210,8 @@ impl Reason {
                 ResidualGroup::MoveDirections | ResidualGroup::MoveForces | ResidualGroup::StandAttitudes
             )
         };
-        // A few late or missing samples disturb at most as many moves, which cannot increase the rms over all moves.
+        // If a finding concerns few samples, it concerns few moves. So few moves do not explain a large rms over all
+        // moves.
         let residuals = groups.iter().map(|misfit| misfit.degrees_of_freedom).fold(0.0, f64::max);
         let is_of_few = |finding: &&Finding| (finding.count as f64) < FEW_OF_RESIDUALS * residuals;
         let clock = findings

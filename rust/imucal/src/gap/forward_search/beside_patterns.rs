@@ -37,7 +37,8 @@ const SHARE: f64 = 0.02;
 /// 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
 /// Effects that are not selected if the gyroscope bias varies with heading. The cause of such a variation may be an
-/// external field, for example a magnetic field. The vertical component of the field then resembles these effects.
+/// external field, for example a magnetic field. The errors due to the vertical component of the field then resemble
+/// the errors of these effects.
 const OF_FIELDS: [&str; 3] = ["gyro_g_sensitivity", "gyro_g2_sensitivity", "earth_rate"];
 /// Effects that are functions of time. A random walk of the bias may be mistaken for them.
 const OF_TIME: [&str; 4] = ["gyro_bias_drift", "gyro_bias_warmup", "accel_bias_drift", "accel_bias_warmup"];
@@ -351,7 +352,8 @@ fn score_of(stage: &Stage, member: &Member, score: &Score) -> Option<Score> {
     for (k, column) in without[place].iter_mut().enumerate() {
         let seen: f64 = design.gram.sums.iter().map(|sum| sum[(column.place, column.place)]).sum();
         column.precision = REMOVED * seen.max(column.precision);
-        // The time constant of a removed effect has no influence on the residuals, so its value is kept.
+        // The time constant of a removed effect has no influence on the residuals. The value 0 centres its prior at the
+        // present time constant, which therefore does not change.
         column.value = if k < linear { column.value } else { 0.0 };
     }
     let alone = design.gram.evidence_near(&without, &stage.evidence.scales)?;

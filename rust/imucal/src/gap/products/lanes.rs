@@ -15,15 +15,16 @@ use crate::numerics::workers::{in_order, processors};
 /// Number of moves per partial sum. It is fixed, so that rounding does not depend on the number of threads.
 const MOVES: usize = 8;
 /// Number of columns of the model in one job. In each row, a job multiplies the values of these columns by the values
-/// in one SIMD register. Seven is a third of the 21 base columns, so the base columns fill three jobs.
+/// in one SIMD register. Seven is a third of the 21 columns of the base parameters (sensitivities and biases), so these
+/// columns fill three jobs.
 const OF_MODEL: usize = 7;
 /// Number of candidate columns in one job. The residual counts as one of these columns.
 const OF_OTHERS: usize = 4;
 /// Number of rows that are processed together. Their values fit into the first-level cache.
 const NEAR: usize = 32;
 
-/// Gram matrices with the needed products, one for each group of rows. `order` contains the position of each column
-/// within a row.
+/// Gram matrices with the products that `asked` selects, one for each group of rows. `order` contains the position of
+/// each column within a row.
 pub(super) fn of_groups(lanes: &Lanes, groups: &[Rows], order: &[usize], asked: &Asked<'_>) -> Vec<Mat<f64>> {
     let plan = Plan::new(lanes, order, asked);
     let of_group = |group: &Rows| {
@@ -41,7 +42,8 @@ pub(super) fn of_groups(lanes: &Lanes, groups: &[Rows], order: &[usize], asked: 
     groups.iter().map(of_group).collect()
 }
 
-/// Gram matrix with the needed products, summed over all rows inside moves, and the residuals of these rows.
+/// Gram matrix with the products that `asked` selects, summed over all rows inside moves, and the residuals of these
+/// rows.
 pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) -> (Mat<f64>, Vec<f64>) {
     let (mut sum, mut residual) = (asked.nothing_yet(), Vec::with_capacity(insides.rows()));
     let none = insides.no_rows();
@@ -72,7 +74,7 @@ struct Job {
     /// Position of each column within a row. If there are fewer than [`OF_MODEL`] columns, the last position is
     /// repeated.
     places: [usize; OF_MODEL],
-    /// `first` is the position within a row of the register's first value. `with` is the range of the columns whose
+    /// The register contains the values of a row from position `first` on. `with` is the range of the columns whose
     /// products are used.
     first: usize,
     with: Range<usize>,

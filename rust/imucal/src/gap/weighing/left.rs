@@ -54,7 +54,8 @@ impl Left {
     /// elimination.
     pub(crate) fn directions(&self, least: f64) -> usize {
         let least = least.max(ROUNDING * self.whole.iter().sum::<f64>());
-        // Fast path: all eigenvalues usually exceed the threshold, and a factorisation can test this.
+        // Fast path: usually all eigenvalues exceed the threshold. A factorisation tests this faster than the
+        // eigenvalues are computed.
         if Instructions::Best.run(AreAllAbove(self, least)) {
             return self.columns();
         }
@@ -95,7 +96,7 @@ impl WithSimd for BestWidth<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         let (mut best, mut sums): (Option<(f64, f64)>, _) = (None, self.0.sums.clone());
-        // A closure would not be compiled for the widest registers.
+        // This is a loop, because a closure would not be compiled for the widest SIMD registers.
         for &width in self.1 {
             if let Some(gain) =
                 self.0.gain(simd, width, &mut sums).filter(|gain| best.is_none_or(|(_, most)| *gain > most))

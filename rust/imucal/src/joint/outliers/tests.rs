@@ -20,7 +20,7 @@ fn run(moves: &RandomMoves, seed: u64) -> Simulation {
     simulate(&Program::random(moves, seed).unwrap(), &Unit::paper(), RATE_HZ, 9.80665, seed).unwrap()
 }
 
-/// The gyroscope program of the paper: 46 rests and 45 moves.
+/// The gyroscope program of the paper cited in docs/model.md: 46 rests and 45 moves.
 fn paper(seed: u64) -> Simulation {
     run(&RandomMoves::default(), seed)
 }
@@ -30,7 +30,7 @@ impl Simulation {
         calibrate(&[self.recording("run")], &Options::default()).unwrap()
     }
 
-    /// Rotates the force at a rest by 0.5 deg without a rotation in the gyroscope.
+    /// Rotates the measured force at a rest by 0.5 deg. The gyroscope samples contain no such rotation.
     fn with_bad_direction(mut self, rest: usize) -> Self {
         let (start_s, end_s) = self.rests[rest];
         let inside = (start_s * RATE_HZ).ceil() as usize..(end_s * RATE_HZ).floor() as usize;
@@ -189,8 +189,9 @@ fn chi2(covariance: &DMatrix<f64>, jacobian: &DMatrix<f64>, residuals: &DVector<
     residuals.norm_squared() - (q.transpose() * &residuals).norm_squared()
 }
 
-/// The statistic equals the decrease of chi-square in a repeated fit. This fit omits the rows, or has the mean of a
-/// rest as three additional parameters. Every group of every item is tested, also after the removal of other groups.
+/// The statistic equals the decrease of chi-square in a repeated fit. This fit omits the residuals of the group, or has
+/// the error of a rest's mean force as three additional parameters. Every group of every item is tested, also after the
+/// removal of other groups.
 #[test]
 fn the_statistic_is_that_of_a_fit_without_the_item() {
     let small = run(&RandomMoves { moves: 13, ..RandomMoves::default() }, 4).with_bad_move(6);

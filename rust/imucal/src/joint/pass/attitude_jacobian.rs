@@ -28,9 +28,8 @@ use crate::numerics::aligned::{Aligned, WIDEST};
 use crate::numerics::instructions::Instructions;
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 
-/// Accumulates the Jacobians of attitude and force inside a move, block by block. The stored values are the derivatives
-/// with opposite sign. They describe an increase of the measured rate or force, and the correction subtracts this
-/// increase.
+/// Accumulates the Jacobians of attitude and force inside a move, block by block. The stored values are derivatives
+/// with opposite sign: they describe an increase of the measured rate or force, which the correction subtracts.
 pub(super) struct Turns<'a> {
     route: &'a Route<'a>,
     model: &'a Model,
@@ -119,8 +118,8 @@ impl<'a> Turns<'a> {
         turns
     }
 
-    /// Computes the columns of the segments before `end` that have not been computed yet. The force columns of the
-    /// base parameters are evaluated at the propagated gravity, which contains no noise.
+    /// Computes the Jacobian columns (one per parameter) of the segments before `end` that have not been computed yet.
+    /// The force columns of the base parameters are evaluated at the propagated gravity, which contains no noise.
     fn look_to(&mut self, end: usize) {
         let Self { route, model, freed, stretches, weights, on_rate, on_force, rates, forces, .. } = self;
         let inverse = model.gyroscope.inverse();
@@ -233,8 +232,8 @@ impl Turned {
         self.count
     }
 
-    /// Products of one of the latest segments: first the x components of all parameters, then the y components, then
-    /// the z components.
+    /// Products of the matrix and the derivatives (see [`Turned`]) for one of the latest segments: first the x
+    /// components of all parameters, then the y components, then the z components.
     #[inline(always)]
     pub(super) fn of(&self, state: usize) -> &[f64] {
         self.last.of(state % KEPT)

@@ -65,9 +65,9 @@ impl Step {
 /// iteration multiplies the error by gyroscope delay / time scale of the motion, about 1/50. For long delays, more
 /// iterations would amplify noise.
 ///
-/// The mean of the angular acceleration over the delay of the gyroscope is approximated by the mean of the derivatives
-/// of the corrected and of the measured rate, which is the rate before the delay. The remaining error of the corrected
-/// rate is proportional to the third power of the delay.
+/// A gyroscope with a delay measures the rate of an earlier time. The mean of the angular acceleration over the delay
+/// is therefore approximated by the mean of two derivatives: that of the corrected rate and that of the measured rate.
+/// The remaining error of the corrected rate is proportional to the third power of the delay.
 const SLOPE_PASSES: usize = 3;
 
 impl Route<'_> {

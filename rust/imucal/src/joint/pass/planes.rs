@@ -136,9 +136,8 @@ impl Groups {
     }
 }
 
-/// Derivatives of attitude and force inside a move, with one state per block. The stored values are the derivatives
-/// with opposite sign. They describe an increase of the measured rate or force, and the correction subtracts this
-/// increase.
+/// Derivatives of attitude and force inside a move, with one state per block. The stored values are derivatives with
+/// opposite sign: they describe an increase of the measured rate or force, which the correction subtracts.
 pub(crate) struct Changes {
     /// Mean attitude error over each block, rad per unit of the parameter.
     pub(crate) turn: Planes,

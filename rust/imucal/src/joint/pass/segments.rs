@@ -1,5 +1,6 @@
 //! Integration over a move in segments. It gives the attitude Jacobian over the whole move, for base parameters and
-//! effects. It also gives the segments at which generic error fields are evaluated.
+//! effects. It also gives the segments at which generic error fields are evaluated. A generic error field is a
+//! variation of a bias or scale that no effect of the catalogue describes.
 
 use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
@@ -15,7 +16,7 @@ use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::preintegration::{Sums, preintegrate};
 use crate::recording::Samples;
 
-/// Segment of a move. A generic error field has one value in each segment.
+/// Segment of a move. A generic error field (unknown variation of a bias or scale) has one value in each segment.
 pub(crate) struct Stretch {
     /// Time of the midpoint since the first sample of the recording, s.
     pub(crate) time_s: f64,
@@ -24,8 +25,8 @@ pub(crate) struct Stretch {
     /// Rotation from the body frame at the midpoint to the start of the move: `v_start = attitude v_here`.
     pub(crate) attitude: Matrix3<f64>,
     pub(crate) rate: Vector3<f64>,
-    /// Attitude change at the midpoint, s, per unit of a constant rate that is subtracted from the start of the move
-    /// on. Column k is for a rate about body axis k.
+    /// Attitude change at the midpoint, rad per rad/s, due to a constant rate that is subtracted from the measured rate
+    /// of all samples since the start of the move. Column k is for a rate about body axis k.
     pub(crate) turn: Matrix3<f64>,
 }
 

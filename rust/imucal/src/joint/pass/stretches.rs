@@ -1,4 +1,5 @@
-//! Short segments of a move. The columns of the effects are evaluated once per segment, at its midpoint.
+//! Short segments of a move. The columns of the effects (derivatives with respect to their parameters) are evaluated
+//! once per segment, at its midpoint.
 //!
 //! ```text
 //! midpoint value from means m over n samples     m_k - (1 - 1/n^2) (m_(k-1) - 2 m_k + m_(k+1)) / 24
@@ -149,8 +150,8 @@ impl Route<'_> {
         (0..groups.count()).map(own_s).collect()
     }
 
-    /// Columns of the effects at the midpoint of segment `k`. User-defined effects are averaged over the segment, and
-    /// the mean is corrected to the midpoint.
+    /// Columns of the effects (derivatives with respect to their parameters) at the midpoint of segment `k`.
+    /// User-defined effects are averaged over the segment, and the mean is corrected to the midpoint.
     pub(super) fn columns(
         &self,
         terms: &Terms<'_>,

@@ -92,8 +92,8 @@ impl Joint<'_> {
     }
 
     /// First-order update of the last linearisation. `None` if these parameters are not near it, or if there are
-    /// residuals relative to the stand. With residuals inside the moves, the distance is computed from the whitened
-    /// Jacobian `jacobian`; without `jacobian`, there is no update.
+    /// residuals relative to the stand. If the fit uses the force inside the moves, the distance is computed from the
+    /// whitened Jacobian `jacobian`. There is then no update without `jacobian`.
     ///
     /// There is also no update if a time constant is estimated. The derivative with respect to a time constant is zero
     /// while its effect is zero, so the distance would be underestimated.

@@ -27,8 +27,8 @@ pub(crate) struct JointFit {
     pub(crate) model: Model,
     /// Covariance of all parameters in the symmetric frame. It includes `second_order`.
     pub(crate) covariance: Mat<f64>,
-    /// Mean square of the second-order errors due to the priors of the held parameters (parameters with a prior,
-    /// `crate::held`); `None` without held parameters.
+    /// Mean square of the errors that the uncertainty of the held parameters (parameters with a prior, `crate::held`)
+    /// causes to second order; `None` without held parameters.
     pub(crate) second_order: Option<Mat<f64>>,
     pub(crate) report: FitReport,
     pub(crate) scales: ResidualScales,
@@ -47,8 +47,8 @@ pub(crate) struct JointFit {
     pub(crate) shapes: Vec<ShapePrior>,
 }
 
-/// Ratio of scatter to noise for each kind of residuals. The standard deviations of the residuals are multiplied by it.
-/// The ratio is 1 if noise explains the residuals, or if there are no residuals of a kind.
+/// Ratio of scatter to noise for each kind of residuals. The fit multiplies the standard deviations of the residuals by
+/// this ratio. The ratio is 1 if noise explains the residuals, or if there are no residuals of a kind.
 #[derive(Clone, Copy, Debug)]
 pub struct ResidualScales {
     /// Norms of the specific force at the rests.
@@ -57,7 +57,7 @@ pub struct ResidualScales {
     pub moves: f64,
     /// Force inside the moves.
     pub inside: f64,
-    /// Attitudes relative to the encoders of the stand: the larger of the factors for rests and for moves.
+    /// Attitudes relative to the encoders of the stand: the larger of the ratios for rests and for moves.
     pub stand: f64,
 }
 
@@ -151,10 +151,10 @@ impl JointFit {
 }
 
 impl Joint<'_> {
-    /// Mean square of the second-order errors due to the priors of the held parameters (parameters with a prior,
-    /// `crate::held`). `None` without held parameters. Also `None` if the only priors are those of an accelerometer
-    /// that was calibrated earlier, because their standard deviations are too small for second-order errors.
-    /// `covariance` is the covariance without second-order errors.
+    /// Mean square of the errors that the uncertainty of the held parameters (parameters with a prior, `crate::held`)
+    /// causes to second order. `None` without held parameters. Also `None` if the only priors are those of an
+    /// accelerometer that was calibrated earlier, because their standard deviations are too small for second-order
+    /// errors. `covariance` is the covariance of the parameters without second-order errors.
     fn second_order(
         &self,
         linear: &Linear,

@@ -42,8 +42,9 @@ pub(crate) struct Wandering {
 }
 
 impl Wandering {
-    /// `None` if the biases are constant, the means have no rounding errors, and no rest has more than one epoch. If
-    /// there are too many rests to factorise their covariance, rounding errors and pose errors are neglected.
+    /// Computes the second whitening. `None` if the biases are constant, the means have no rounding errors, and no rest
+    /// has more than one epoch. If there are too many rests to factorise their covariance, rounding errors and pose
+    /// errors are neglected.
     ///
     /// # Errors
     /// [`Error::Input`] if the biases vary and there are too many rests to factorise their covariance.
@@ -105,8 +106,8 @@ impl Wandering {
         }
     }
 
-    /// Whitens columns in the order of their first nonzero row. A column is given, and returned, as the index of this
-    /// row and the values from it on.
+    /// Whitens sparse columns, which must be in the order of their first nonzero row. A column is stored as the index
+    /// of its first nonzero row and the values from that row on.
     pub(crate) fn apply_to_columns(&self, columns: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
         /// Number of columns that are whitened together.
         const TOGETHER: usize = 256;
@@ -128,8 +129,8 @@ impl Wandering {
 }
 
 impl Joint<'_> {
-    /// Adds the covariance of the whitened residuals due to biases that vary between rests to the lower triangle of
-    /// `covariance`.
+    /// Adds the covariance due to biases that vary between rests to `covariance`, the covariance of the whitened
+    /// residuals. Only the lower triangle is used.
     fn add_varying_biases(&self, linear: &Linear, unit: &UnitWander, covariance: &mut Mat<f64>) {
         let [by_gyroscope, by_accelerometer] = self.by_biases_of_rests(linear);
         for (index, recording) in self.prepared.recordings.iter().enumerate() {
@@ -148,8 +149,8 @@ impl Joint<'_> {
         }
     }
 
-    /// Adds the pose errors to `covariance` (of the whitened mean rates). A pose error is the common error of the
-    /// second and later epochs (parts) of a long rest.
+    /// Adds the covariance of the pose errors to `covariance`, in the rows of the whitened mean rates. A pose error is
+    /// the common error of the second and later epochs (parts) of a long rest.
     fn share_poses(&self, linear: &Linear, covariance: &mut Mat<f64>) {
         let variance = (POSE_ERROR_RADPS * self.raw_scale(Sensor::Gyroscope, &linear.model.parameters())).powi(2);
         // The common error also contains the drift of the bias between the first epoch and the later epochs.
@@ -179,8 +180,8 @@ impl Joint<'_> {
         rests.into_iter().any(|(k, _)| is_coarse(&k.rest.angular_rate) || is_coarse(&k.rest.specific_force))
     }
 
-    /// Adds the covariance of the whitened residuals due to rounding at the rests to the lower triangle of
-    /// `covariance`.
+    /// Adds the covariance due to rounding at the rests to `covariance`, the covariance of the whitened residuals. Only
+    /// the lower triangle is used.
     fn add_rounding(&self, linear: &Linear, covariance: &mut Mat<f64>) {
         let used: Vec<usize> = linear.rates.iter().map(|(rest, _)| *rest).collect();
         let rests = || used.iter().map(|k| &self.prepared.rests[*k].rest);
@@ -198,8 +199,9 @@ impl Joint<'_> {
     /// Derivatives of the whitened residuals with respect to rounding errors. The first matrix is for rounding errors
     /// of the mean rates, the second for rounding errors of the mean forces. Each rest has three columns.
     ///
-    /// These errors are multiplied by the factors of the noise of norms and moves. Otherwise, if rounding is the
-    /// dominant error, a factor would hardly change the whitened residuals, and the factors would not converge.
+    /// The rounding errors are multiplied by the same factors as the noise of force norms and of directions after moves
+    /// (`Scales`). Otherwise, if rounding is the dominant error, a factor would hardly change the whitened residuals,
+    /// and the factors would not converge.
     fn by_rounding(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let rows = linear.head_rows();
         let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());
@@ -250,9 +252,9 @@ impl Joint<'_> {
         [(m.from, start), (m.to, end)]
     }
 
-    /// Duration of the quiet start of a move for each axis, s, or with `at_end` of its quiet end. During this time, the
-    /// rate is within `QUIET` quantisation steps of its mean at the adjacent rest. The duration is zero for an axis
-    /// without rounding errors.
+    /// Duration of the quiet start of a move for each axis, s. If `at_end` is set, the duration of the quiet end.
+    /// During this time, the rate is within `QUIET` quantisation steps of its mean at the adjacent rest. The duration
+    /// is zero for an axis without rounding errors.
     fn quiet_s(&self, m: &Move, at_end: bool) -> Vector3<f64> {
         let recording = &self.prepared.recordings[m.recording];
         let rest = &self.prepared.rests[if at_end { m.to } else { m.from }].rest.angular_rate;
@@ -284,7 +286,7 @@ fn add_errors_of_rests(
     let shared = product(of_lines.as_ref(), own.as_ref());
     add_product(covariance.submatrix_mut(0, 0, head, head), 1.0, shared.as_ref(), of_lines.as_ref());
     let place_of: BTreeMap<usize, usize> = rests.iter().enumerate().map(|(place, rest)| (*rest, place)).collect();
-    // For each nonzero derivative of a mean rate: its row, the place of its rest, and the derivative.
+    // For each nonzero derivative of a mean rate: its row, the position of its rest in `rests`, and the derivative.
     let rates: Vec<(usize, usize, f64)> = linear
         .rates
         .iter()

@@ -15,7 +15,7 @@ use pulp::{Simd, WithSimd};
 use crate::numerics::instructions::Instructions;
 
 /// Dependence of one residual on errors that also affect other residuals. Each entry contains the index of an error,
-/// and the standard deviation of this error times the derivative of the residual.
+/// and the standard deviation of this error times the derivative of the residual with respect to it.
 pub(crate) type Shares = Vec<(usize, f64)>;
 
 /// Lower Cholesky factor L of a covariance. Each row is stored from its first nonzero entry on.
@@ -25,8 +25,8 @@ pub(crate) struct Whitening {
 }
 
 impl Whitening {
-    /// `own` contains the variance of the independent error of each residual, which must be positive. `shares` contains
-    /// the dependence of each residual on the common errors.
+    /// Computes the factor L. `own` contains the variance of the independent error of each residual, which must be
+    /// positive. `shares` contains the dependence of each residual on the common errors.
     pub(crate) fn new(own: &[f64], shares: &[Shares], error_count: usize) -> Self {
         // `first_row_of` contains, for each error, the first residual that depends on it. Row i of the factor begins
         // at the first residual that has an error in common with residual i.

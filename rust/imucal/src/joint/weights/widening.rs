@@ -12,8 +12,8 @@ use crate::numerics::fit_report::significance_limit;
 use crate::numerics::lsq::{self, Solution};
 use nalgebra::Matrix3;
 
-/// Number of quantities in a `Widening`: six factors, three variances between rests, three bias instabilities, and
-/// three variances between the epochs (parts) of long rests.
+/// Number of quantities in a `Widening`: six factors on standard deviations, and three quantities with one value per
+/// gyroscope axis: variance between rests, bias instability, and variance between the epochs (parts) of long rests.
 pub(in crate::joint) const WIDENINGS: usize = FACTORS + 9;
 /// Number of factors in `Scales`. They are the first quantities of a `Widening`.
 pub(in crate::joint) const FACTORS: usize = 6;
@@ -109,7 +109,7 @@ impl Widening {
         }
     }
 
-    /// Logarithms of all quantities. The logarithm of an excess of zero is minus infinity.
+    /// Logarithms of all quantities of the widening. The logarithm of an excess of zero is minus infinity.
     pub(in crate::joint) fn logarithms(&self) -> [f64; WIDENINGS] {
         let mut all = [0.0; WIDENINGS];
         let values = self.scales.all().into_iter().chain(self.between_rests).chain(self.bias_instability);
@@ -118,7 +118,7 @@ impl Widening {
         all
     }
 
-    /// Computes the quantities from their logarithms. Factors below 1 are set to 1.
+    /// Computes a widening from the logarithms of its quantities. Factors below 1 are set to 1.
     pub(in crate::joint) fn from_logarithms(all: &[f64; WIDENINGS]) -> Self {
         let value = |i: usize| all[i].exp();
         let [norms, moves, inside, stand_rests, stand_moves, epochs] = [0, 1, 2, 3, 4, 5].map(|i| value(i).max(1.0));
@@ -160,7 +160,8 @@ fn excess_of_rates(
             Some([x?, y?, z?])
         })
     {
-        // If bias instability explains the axes with significant scatter better, it is estimated for all axes.
+        // If bias instability explains the significant scatter better than independent variances, it is estimated for
+        // all axes.
         let wandering = [0, 1, 2].map(|axis| modes[axis].scatter(&axes[axis].0).excess(free[axis]));
         let cost = |axis: usize, found: &[Option<Excess>; 3]| found[axis].map_or(f64::INFINITY, |e| e.cost);
         let beyond: Vec<usize> = (0..3).filter(|&axis| one_by_one[axis].is_some()).collect();

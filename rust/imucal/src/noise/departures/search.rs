@@ -8,8 +8,8 @@ use crate::noise::likelihood::Likelihood;
 use crate::noise::power_law::{KINDS, PerKind, WALK, WHITE, dot};
 
 /// A component at a known time is significant if it increases 2 ln L by at least this value. L is the likelihood. The
-/// time is in fact unknown, so the increase must also exceed the penalty for the choice of the time. With both, the
-/// false-alarm probability is about 1e-3 for a record without steps.
+/// time is in fact unknown, so the increase must also exceed the penalty for the choice of the time. Under both
+/// conditions, the false-alarm probability is about 1e-3 for a record without steps.
 const GAIN: f64 = 16.0;
 /// Additional penalty of a drift, subtracted from its increase of 2 ln L. A drift has one more parameter than a step.
 /// This parameter must increase 2 ln L by at least the penalty, which is a likelihood ratio of exp(4 / 2) = 7.
@@ -19,7 +19,7 @@ const MAX_COMPONENTS: usize = 12;
 /// Number of iterations of the alternating estimation of amplitudes and noise parameters.
 const ROUNDS: usize = 4;
 
-/// The search in the cosines of one axis.
+/// The search for steps and drifts of one axis, in the cosine transform z of its block means.
 pub(super) struct Search<'a> {
     pub(super) blocks: &'a Blocks,
     pub(super) z: &'a [f64],
@@ -34,7 +34,7 @@ struct Explained {
     columns: Vec<Vec<f64>>,
     sizes: Vec<(f64, f64)>,
     theta: PerKind,
-    /// -2 ln L, up to a constant. L is the likelihood.
+    /// -2 ln L plus a constant. L is the likelihood.
     cost: f64,
 }
 
@@ -70,8 +70,8 @@ impl Search<'_> {
 
     /// The present set of components, extended by the best further component. Candidates are scored twice: with the
     /// noise parameters of the present set, and with noise parameters fitted without a random walk. The second score is
-    /// needed because an unexplained large step increases the estimated random walk, and then the step is not
-    /// significant.
+    /// needed because the estimated random walk also contains a large step that is not yet in the set. With this random
+    /// walk, the step is not significant.
     fn next(&self, present: &Explained) -> Option<Explained> {
         let mut without_walk = self.noise.kinds;
         without_walk[WALK] = false;
@@ -183,9 +183,9 @@ impl Search<'_> {
         end.max(FEWEST.min(weights.len()))
     }
 
-    /// Estimates the amplitudes of these components and the noise parameters in turn. The iteration starts with the
-    /// noise parameters `theta`, which were fitted to the data without components. The first fit has the kinds of noise
-    /// `kinds`. The final noise parameters contain all kinds of the model.
+    /// Estimates the amplitudes of the components `shapes` and the noise parameters alternately. The iteration starts
+    /// with the noise parameters `theta`, which were fitted to the data without components. The first fit of the noise
+    /// parameters has only the kinds of noise `kinds`. All other fits have all kinds of the noise model.
     fn explained(
         &self,
         shapes: Vec<Shape>,

@@ -75,7 +75,7 @@ pub(super) struct Stencil {
     even: Option<Even>,
 }
 
-/// Weights for equal time steps.
+/// Weights of a stencil for equal time steps.
 #[derive(Clone)]
 struct Even {
     /// The polynomial as a function of the means over the boxes.

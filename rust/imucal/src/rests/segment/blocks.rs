@@ -1,4 +1,4 @@
-//! Sums over blocks of samples, and the variances of windows (model.md (11)).
+//! Counts, means and variances of blocks of samples, and the variances of windows (model.md (11)).
 
 use imucal_core::rest::BlockSums;
 use nalgebra::{Vector3, Vector6};
@@ -219,7 +219,7 @@ impl Colour {
         Self { sum: Vector6::zeros(), pairs: Vector6::zeros(), samples: 1.0 }
     }
 
-    /// Data of a rest in which single samples have the variance `variance`.
+    /// The sums for one rest, in which single samples have the variance `variance`.
     pub(super) fn of(blocks: &[Block], variance: &Vector6<f64>) -> Self {
         let mut colour = Self::none();
         let mut before = None;

@@ -16,8 +16,9 @@ pub(super) fn trim(blocks: &Range<usize>, windows: usize) -> Range<usize> {
     start..end.max(start)
 }
 
-/// Removes blocks at both ends while their statistic is above 3 x unsteadiness of the rest, because a hand settles
-/// slowly there. The limit is proportional to the unsteadiness, so it adapts to the tremor of the rest.
+/// Removes blocks at both ends while the statistic of the windows there is above 3 x unsteadiness of the rest, because
+/// a hand settles slowly after a move. The limit is proportional to the unsteadiness, so it adapts to the tremor of the
+/// rest.
 pub(super) fn calm(mut blocks: Range<usize>, statistic: &[f64]) -> Range<usize> {
     if blocks.len() <= WINDOW_BLOCKS {
         return blocks;
@@ -43,8 +44,9 @@ struct Inner {
 }
 
 impl Inner {
-    /// `coarse` contains the quantisation step of each channel whose noise is below its step, and zero for all other
-    /// channels. With such a step, a slight change of the rate can change the mean of a block by a whole step.
+    /// Mean and variance of the rate, computed from the `blocks` of the inner part of a rest. `coarse` contains the
+    /// quantisation step of each channel whose noise is below its step, and zero for all other channels. With such a
+    /// step, a slight change of the rate can change the mean of a block by a whole step.
     fn of(blocks: &[Block], coarse: &Vector6<f64>) -> Self {
         let rates: Vec<Vector3<f64>> = blocks.iter().map(rate).collect();
         let count = rates.len() as f64;
@@ -184,9 +186,10 @@ mod tests {
             for begin in [-2.2, -1.7, -0.9, 0.0, 0.3] {
                 let blocks = blocks(|time| strength * (time - begin).max(0.0).powi(2));
                 let end = found_end(STILL, &blocks) as f64 - STILL as f64;
-                // The rest may keep a sixth of the time in which the angle grows to 10 x its noise. After this sixth,
-                // the angle is 10 / 6^3, about a twentieth of its noise, which is the noise over about 20 blocks. In
-                // units of the noise of one block, the angle is 0.05 x sqrt(20) = 0.22.
+                // The rest may keep the first sixth of the time in which the angle grows to 10 x its noise. The angle
+                // is proportional to the cube of the time, so it is then 10 / 6^3 of its noise, about a twentieth. The
+                // noise of the angle over about 20 blocks is sqrt(20) times the noise of one block. In units of the
+                // noise of one block, the angle is therefore 0.05 x sqrt(20) = 0.22.
                 let kept = (end - begin).max(0.0);
                 let turn = strength * kept.powi(3) / 3.0;
                 assert!(turn < 0.25 * NOISE, "{strength} {begin}: {end}");

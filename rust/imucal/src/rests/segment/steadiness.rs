@@ -61,8 +61,8 @@ impl Stretch {
     }
 }
 
-/// Maximum deviation of a window's mean force from the mean force of the rest, as a fraction of gravity. 0.05
-/// corresponds to a tilt of 3 deg.
+/// Maximum deviation of a window's mean force from the mean force of the rest, divided by gravity. 0.05 corresponds to
+/// a tilt of 3 deg.
 const MAX_TILT: f64 = 0.05;
 
 /// The factors c of a recording, by which the correlation of the noise increases the variance of a mean (model.md
@@ -114,7 +114,7 @@ impl Steadiness {
     }
 }
 
-/// Median of the statistic over the windows inside a rest.
+/// Median over the windows inside a rest of the statistic (variance / noise variance).
 pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
     // After its ends have been removed, a short interval at the end of the recording may start after the last window.
     let first = blocks.start.min(statistic.len().saturating_sub(1));

@@ -22,9 +22,9 @@ pub(super) fn window_statistic(
     steps: &Vector6<f64>,
     step_of: impl Fn(usize) -> Option<f64>,
 ) -> (Vec<f64>, Vector6<f64>, Vector6<f64>) {
-    // With a coarse converter, a channel may be constant during a rest, so its floor is at least step^2 / 12, the
-    // variance of rounding errors. A channel that is constant during the whole recording has no finite step. Its floor
-    // is infinite, so it does not contribute to the statistic.
+    // The floor is the estimated noise variance of a channel. With a coarse converter, a channel may be constant during
+    // a rest, so its floor is at least step^2 / 12, the variance of rounding errors. A channel that is constant during
+    // the whole recording has no finite step. Its floor is infinite, so it does not contribute to the statistic.
     let mut rounding = steps.map(|step| if step.is_finite() { step * step / 12.0 } else { f64::INFINITY });
     let mut coarse = Vector6::zeros();
     let mut floor = Vector6::from_fn(|channel, _| {
@@ -42,8 +42,8 @@ pub(super) fn window_statistic(
     });
     let mut statistic = vec![0.0; variances[0].len()];
     let (mut before, mut in_quiet) = (Vec::new(), Vec::new());
-    // The floor of each channel is estimated from the windows that are quiet in all channels together. Four iterations
-    // are sufficient for convergence.
+    // The floor of each channel is estimated from the windows that are quiet in all channels at the same time. Four
+    // iterations are sufficient for convergence.
     for _ in 0..4 {
         Instructions::Best.run(Ratios { variances, floor: &floor, statistic: &mut statistic });
         let write = |k: usize, to: &mut [f64]| to.copy_from_slice(&statistic[k..k + to.len()]);
