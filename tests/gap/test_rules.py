@@ -60,6 +60,25 @@ def test_an_effect_is_no_slip(effects):
     assert gap.verdict != "data_fault", gap.summary()
 
 
+@pytest.mark.parametrize("seed", [4, 9, 11, 14])
+def test_flicker_noise_is_no_function_of_time(seed):
+    """Allan deviations that are flat at 3 deg/h and 20 ug, in the calibration and the control run."""
+    floor = np.sqrt(2.0 * np.log(2.0) / np.pi)
+    unit = unit_of("paper")
+    unit = dataclasses.replace(
+        unit,
+        accelerometer=dataclasses.replace(unit.accelerometer, bias_instability=20e-6 * 9.80665 / floor),
+        gyroscope=dataclasses.replace(unit.gyroscope, bias_instability=np.radians(3.0 / 3600.0) / floor),
+    )
+    measured, control = (
+        imucal.simulate(imucal.Program.random(seed=own), seed=own, unit=unit, rate_hz=100.0).recording
+        for own in (seed, 1000 + seed)
+    )
+    gap = imucal.find_gap(measured, control=control)
+    assert gap.verdict in ("nothing_missing", "stochastic"), gap.summary()
+    assert "accel_bias_drift" in [score["name"] for score in gap.ranking]
+
+
 def test_a_hand_that_trembles_is_no_fault():
     hand = imucal.Tumble(RUN_SEED, translation_mm=0.0)
     shaken = imucal.simulate(hand, seed=RUN_SEED, rate_hz=100.0, effects={"rest_not_still": 2e-3}).recording

@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::Score;
 use super::fits::{Control, Fit, Fits};
+use super::forward_search::OF_TIME;
 use super::temperature_memory::is_temperature_of_lag;
 use crate::error::Error;
 use crate::joint::is_unobservable_hand_held;
@@ -24,7 +25,8 @@ const MAY_BE_CHANCE: f64 = 0.1;
 /// data. 8 nats are odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
 /// A prediction of unseen data counts as improved if its chi2 decreases by more than this number of standard deviations
-/// of the decrease. The threshold applies only to effects with a log Bayes factor below [`CERTAIN_NATS`].
+/// of the decrease. The threshold applies only to effects with a log Bayes factor below [`CERTAIN_NATS`], and to
+/// effects that are functions of time.
 const LEAST_IMPROVEMENT: f64 = 0.5;
 /// [`EffectShare::closed`] is computed only if chi2 / expected chi2 of unseen data is above this ratio. At smaller
 /// ratios, the excess of chi2 over noise is too small to divide by.
@@ -111,6 +113,20 @@ pub enum Refusal {
     },
 }
 
+impl Refusal {
+    /// Name of the refused effect if it is a function of time, and neither unseen data nor the final fit confirm it.
+    pub(super) fn of_time(&self) -> Option<&str> {
+        match self {
+            Self::PredictsWorse { name, .. } | Self::NotSignificant { name, .. }
+                if OF_TIME.contains(&name.as_str()) =>
+            {
+                Some(name)
+            }
+            _ => None,
+        }
+    }
+}
+
 /// Share of the excess chi2 of unseen data that one accepted effect removes, by kind of residuals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EffectShare {
@@ -171,8 +187,13 @@ impl Fits<'_> {
                     break;
                 }
             };
-            let improves = || fit.removed(&accepted.fit).significance > LEAST_IMPROVEMENT;
-            if fit.is_worse_than(&accepted.fit, before) || (must_improve(name) && !improves()) {
+            let is_confirmed = match OF_TIME.contains(&name.as_str()) {
+                // A random walk of the bias resembles a function of time, whatever the evidence. In unseen data, the
+                // walk is another one.
+                true => fit.decrease(&accepted.fit) > LEAST_IMPROVEMENT,
+                false => !must_improve(name) || fit.removed(&accepted.fit).significance > LEAST_IMPROVEMENT,
+            };
+            if fit.is_worse_than(&accepted.fit, before) || !is_confirmed {
                 let [after, before] = [&fit, &accepted.fit].map(|fit| fit.unseen_chi2(before));
                 accepted.refused.push(Refusal::PredictsWorse { name: name.clone(), before, after });
                 continue;
@@ -184,6 +205,8 @@ impl Fits<'_> {
         if accepted.path.len() < path.len()
             && let Ok(fit) = unless_it_fails(self.with(path))?
             && fit.unseen_chi2(before) < accepted.fit.unseen_chi2(before)
+            && (!accepted.refused.iter().any(|own| own.of_time().is_some())
+                || fit.decrease(&accepted.fit) > LEAST_IMPROVEMENT)
         {
             accepted = Accepted { path: path.to_vec(), fit, refused: Vec::new() };
         }
@@ -355,6 +378,19 @@ impl Fit {
             }
         }
         removed
+    }
+
+    /// Decrease of chi2 of all unseen residuals from the fit `before` to this fit, divided by its standard deviation.
+    /// The standard deviation is estimated from the changes of chi2 of the single rests and moves.
+    fn decrease(&self, before: &Self) -> f64 {
+        let (mut sum, mut variance) = (0.0, 0.0);
+        for (own, other) in self.unseen_items().iter().zip(&before.unseen_items()) {
+            let change = changes(other, own);
+            let mean = change.iter().sum::<f64>() / change.len().max(1) as f64;
+            sum += change.iter().sum::<f64>();
+            variance += change.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+        }
+        if variance > 0.0 { sum / variance.sqrt() } else { 0.0 }
     }
 
     /// p-value of the residuals of unseen data under the hypothesis that sensor noise and the uncertainty of the

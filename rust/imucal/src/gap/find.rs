@@ -4,11 +4,12 @@
 use std::rc::Rc;
 
 use imucal_core::calibration::Calibration;
+use imucal_core::effects::Sensor;
 
 use super::acceptance::{Accepted, EffectShare, Refusal, UnseenFigure, unless_it_fails};
 use super::earth::{self, is_earth_rate};
 use super::fits::{Fit, Fits, corrected_by, judged, with_samples};
-use super::forward_search::search;
+use super::forward_search::{OF_TIME, search};
 use super::options::{GapOptions, Progress};
 use super::predicted_error::{BriefMeans, PredictedErrors, UserCorrection, predicted_errors};
 use super::remainder::Remainder;
@@ -129,8 +130,8 @@ pub fn find_gap(
         Err(Error::Data(faults)) => return refused(faults),
         fit => fit?,
     };
-    let (search, earth) = fits.search_beyond_the_earth(&before)?;
-    let Accepted { path, fit: after, mut refused } = fits.accept(&before, &search.path)?;
+    let (search, earth, accepted) = fits.search_and_accept(&before)?;
+    let Accepted { path, fit: after, mut refused } = accepted;
     let mut not_the_earth = None;
     match earth {
         Earth::Possible => {}
@@ -186,10 +187,39 @@ enum Earth {
 }
 
 impl Fits<'_> {
+    /// Searches for effects, and validates the selected effects on unseen data. If an effect that is a function of time
+    /// is refused, the search is repeated without such effects of the same sensor. The forward search may have mistaken
+    /// a random walk of the bias for the effect.
+    fn search_and_accept(&mut self, before: &Rc<Fit>) -> Result<(Search, Earth, Accepted), Error> {
+        let mut choices = self.options.choices();
+        let (mut search, mut earth) = self.search_beyond_the_earth(before, choices.clone())?;
+        let mut accepted = self.accept(before, &search.path)?;
+        let refused: Vec<Refusal> = accepted.refused.iter().filter(|own| own.of_time().is_some()).cloned().collect();
+        if !refused.is_empty() {
+            let is_refused =
+                |choice: &&EffectChoice| refused.iter().any(|own| own.of_time() == Some(choice.effect.name));
+            let sensors: Vec<Sensor> = choices.iter().filter(is_refused).map(|choice| choice.effect.sensor).collect();
+            choices.retain(|own| !(OF_TIME.contains(&own.effect.name) && sensors.contains(&own.effect.sensor)));
+            let Search { ranking, smallest_visible, .. } = search;
+            (search, earth) = self.search_beyond_the_earth(before, choices)?;
+            // These effects were candidates, so their scores and detection limits are reported.
+            search.ranking = ranking;
+            let is_missing = |name: &str| search.smallest_visible.iter().all(|(own, ..)| own != name);
+            let missing: Vec<_> = smallest_visible.into_iter().filter(|(name, ..)| is_missing(name)).collect();
+            search.smallest_visible.extend(missing);
+            accepted = self.accept(before, &search.path)?;
+            accepted.refused.extend(refused);
+        }
+        Ok((search, earth, accepted))
+    }
+
     /// Searches for effects. If `earth_rate` is selected and its estimate is not the Earth's rate, the search is
     /// repeated without `earth_rate`.
-    fn search_beyond_the_earth(&mut self, before: &Rc<Fit>) -> Result<(Search, Earth), Error> {
-        let choices = self.options.choices();
+    fn search_beyond_the_earth(
+        &mut self,
+        before: &Rc<Fit>,
+        choices: Vec<EffectChoice>,
+    ) -> Result<(Search, Earth), Error> {
         let search = self.search(before, &choices, false)?;
         let earth = self.earth(&search)?;
         let is_named = search.path.iter().any(|score| score.name == earth::NAME);

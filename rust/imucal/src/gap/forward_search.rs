@@ -11,6 +11,7 @@ use imucal_core::effects::{Need, Sensor};
 use imucal_core::sensor::Triad;
 
 use self::beside_patterns::KnownEffects;
+pub(super) use self::beside_patterns::OF_TIME;
 use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::earth;

@@ -45,9 +45,9 @@ const LEAST_OF_WALK: f64 = 3.0;
 /// Minimum number of epochs to distinguish the time courses.
 const LEAST_EPOCHS: usize = 8;
 /// Trial sizes of the deviation, in multiples of a first estimate for each axis. The estimate contains the noise of an
-/// epoch, so it may be several times too large. For a random walk, the estimate is computed from differences between
+/// epoch, so it may be many times too large. For a random walk, the estimate is computed from differences between
 /// consecutive epochs. The steps of the walk are often smaller than the noise of these differences.
-const SIZES: [f64; 8] = [0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 2.0, 4.0];
+const SIZES: [f64; 10] = [0.025, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 2.0, 4.0];
 /// Trial values of the white scatter from epoch to epoch: its standard deviation in multiples of the typical deviation
 /// of the parameter.
 const SCATTERS: [f64; 4] = [1e-3, 0.1, 0.3, 1.0];

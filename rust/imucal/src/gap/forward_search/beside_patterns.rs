@@ -41,7 +41,8 @@ const RIVAL_NATS: f64 = 3.0;
 /// the errors of these effects.
 const OF_FIELDS: [&str; 3] = ["gyro_g_sensitivity", "gyro_g2_sensitivity", "earth_rate"];
 /// Effects that are functions of time. A random walk of the bias may be mistaken for them.
-const OF_TIME: [&str; 4] = ["gyro_bias_drift", "gyro_bias_warmup", "accel_bias_drift", "accel_bias_warmup"];
+pub(in crate::gap) const OF_TIME: [&str; 4] =
+    ["gyro_bias_drift", "gyro_bias_warmup", "accel_bias_drift", "accel_bias_warmup"];
 /// Trial widths of the prior of a random walk, in multiples of the typical size of the bias.
 const WALK_WIDTHS: [f64; 3] = [0.1, 0.5, 2.5];
 /// Ratio: prior precision of a removed parameter / information of the data about the parameter. Such a prior fixes the
