@@ -148,7 +148,7 @@ class Unit:
 
     @staticmethod
     def named(name: str) -> Unit:
-        """A unit of the package by its name; InputError lists the names."""
+        """A unit that the package contains. An unknown name raises InputError with the known names."""
         return unit_from(_shipped(name))
 
     @staticmethod

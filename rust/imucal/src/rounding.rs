@@ -88,11 +88,11 @@ impl Rounding {
     /// Rounding of the three axes of a sensor. For each axis, `axes` contains the quantisation step and the numbers of
     /// samples at each level at the rests. It contains `None` if the noise of the axis is not below its step.
     ///
-    /// The noise of each axis is estimated from the levels that occur at rest. Its variance is the mean of all trial
-    /// variances, weighted by their likelihood. The true means are unknown and are eliminated from the likelihood. The
-    /// levels of the other axes contribute to the likelihood, because the axes of a triad usually have similar noise.
-    /// If each axis has only one level, all small trial values are equally likely, and the error variance is the mean
-    /// over all of them.
+    /// The noise of each axis is estimated from the levels that occur at rest. The estimate of the variance of this
+    /// noise is the mean of a grid of trial variances, weighted by their likelihood. The unknown true means are
+    /// eliminated from the likelihood (see `log_likelihood`). The levels of the other axes contribute to the
+    /// likelihood, because the axes of a triad usually have similar noise. If each axis has only one level, all small
+    /// trial values are equally likely, and the error variance is the mean over all of them.
     pub(crate) fn of_levels(axes: [Option<(f64, Vec<Levels>)>; 3]) -> [Self; 3] {
         let noises: [f64; NOISES] = std::array::from_fn(tried_noise);
         let likelihoods = axes.each_ref().map(|axis| {

@@ -21,8 +21,10 @@ use crate::recording::{Recording, Samples};
 /// Time stamps count as computed from the sample number if |time stamp x rate - sample number| is at most this value.
 /// The limit permits stamps that are rounded to multiples of a ninth of the time step.
 const EVEN: f64 = 0.12;
-/// The ratio `k` is used only if |m| / (standard deviation of the noise of `d_i - m`) is above this value. In slower
-/// motion, `k` is too noisy. At this limit, the noise of `k` has a standard deviation of 1/8.
+/// A lost sample is recognised by the ratio `k` = (change `d_i` of the rate over one step) / (mean `m` of the two
+/// adjacent changes), which is then about 2. The ratio is used only if |m| / (standard deviation of the noise of
+/// `d_i - m`) is above this value, because it is too noisy in slower motion. At this limit, the noise of `k` has a
+/// standard deviation of 1/8.
 const CLEAR: f64 = 8.0;
 /// The ratio `k` is used only if the motion is smooth, which means |d_(i+1) - d_(i-1)| < SMOOTH x |m|.
 const SMOOTH: f64 = 0.5;

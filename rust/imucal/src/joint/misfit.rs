@@ -207,9 +207,10 @@ impl Parts {
     }
 
     /// Change of the parameters in a fit with held-out residuals; `None` if this fit does not determine all parameters.
-    /// For residuals with correlated errors (force norms, directions after moves, mean rates), the errors `columns`
-    /// (indices into `units`) become free parameters. The independent residuals of a rest or move are omitted if
-    /// `is_out` is true for it.
+    /// The residuals of a rest or move whose errors are independent of other residuals are omitted if `is_out` is true
+    /// for it. Other residuals (force norms, directions after moves, mean rates) have errors in common. Such a residual
+    /// is held out by a free parameter for its error, because a residual with an unknown error has no influence on the
+    /// fit. `columns` are the indices of these errors in `units`.
     fn without(&self, columns: &[usize], is_out: impl Fn(Source) -> bool) -> Option<Vec<f64>> {
         let (rows, n) = (self.shared.nrows(), self.kept.len());
         let mut basis: Vec<Stretch> = Vec::with_capacity(columns.len());

@@ -37,9 +37,10 @@ pub(super) struct Turns<'a> {
     stretches: Stretches,
     /// For each segment, the rotation at its midpoint times its duration, s.
     weights: Vec<Matrix3<f64>>,
-    /// For each parameter: the attitude error over each segment (`on_rate`), and the change of the force at the
-    /// midpoint of each segment (`on_force`), in the body frame at the start of the move.
+    /// Derivatives of the attitude change over each segment with respect to each parameter, in the body frame at the
+    /// start of the move.
     on_rate: Turned,
+    /// Derivatives of the force at the midpoint of each segment with respect to each parameter, in the same frame.
     on_force: Turned,
     /// Derivatives of rate and force with respect to the parameters at the midpoint of a segment, in the body frame at
     /// this midpoint.

@@ -30,10 +30,11 @@ const QUIET: f64 = 0.8;
 /// gyroscope (g-sensitivity). With this error, the later epochs determine only changes of the bias.
 const POSE_ERROR_RADPS: f64 = 1.7e-3;
 
-/// Second whitening of three kinds of residuals: force norms at rests, gravity directions after moves, and mean rates
-/// at rests. It accounts for three errors that are correlated between rests. The biases vary (model.md (28)). The means
-/// have rounding errors (model.md (37)). A pose error depends on the attitude, and is equal in all epochs of a long
-/// rest (model.md (41)).
+/// Removes the correlation between the residuals of different rests and moves. The first whitening has already divided
+/// the residuals by their standard deviations; this second whitening accounts for three errors that rests have in
+/// common. It applies to force norms at rests, gravity directions after moves, and mean rates at rests. The biases vary
+/// (model.md (28)). The means have rounding errors (model.md (37)). A pose error depends on the attitude, and is equal
+/// in all epochs of a long rest (model.md (41)).
 pub(crate) struct Wandering {
     /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the errors: the bias at each rest, the rounding
     /// errors of its mean rate and mean force, and the pose error of each long rest. D contains the derivatives of the
