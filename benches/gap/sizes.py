@@ -6,6 +6,9 @@ runs, without the tool. Where it does not reach (all data with encoders), the nu
 study. In the data that `limits` reaches the tool sees what is within a tenth of the limit or better; with
 encoders it needs 1.7 to 2.1 times the number here, for all four effects alike.
 The temperature goes up and down within the run, as `scene.CYCLE` says.
+
+The numbers are for noise densities of the data sheets read as two-sided. They are now read as one-sided, so
+the true limits are smaller by a factor of 1.4.
 """
 
 from dataclasses import dataclass

@@ -76,3 +76,22 @@ def test_what_a_hand_shows_is_named(case: gap.case.Case):
     measured, control, sealed = case.pose()
     said, _ = gap.said.find_gap(measured, control, case)
     assert list(said.names) == [effect.name for effect in sealed.open(said).effects]
+
+
+@pytest.mark.parametrize(
+    ("group", "label", "level", "index"),
+    [
+        # A field in the room, whose vertical component resembles a g-sensitivity.
+        ("outside", "magnetic coupling", "", 4),
+        ("outside", "magnetic coupling", "", 12),
+        # The fit leaves out a move, so the heading is lost, and `earth_rate` cannot be fitted.
+        ("outside", "supply coupling", "", 23),
+        # A nearly horizontal rate. Only the vertical component is corrected in the control run.
+        ("single", "earth_rate", "10x", 2),
+    ],
+)
+def test_single_cases_of_the_whole_benchmark(group: str, label: str, level: str, index: int):
+    wanted = (group, label, level, index)
+    case = next(c for c in gap.suite.suite(1.0) if (c.group, c.label, c.level, c.index) == wanted)
+    mark = gap.suite.run(case, with_baselines=False)[0]
+    assert mark.verdict_ok, mark.said

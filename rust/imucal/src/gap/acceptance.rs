@@ -2,7 +2,7 @@
 
 use std::rc::Rc;
 
-use imucal_core::effects::{Effect, Sensor};
+use imucal_core::effects::{Effect, Need, Sensor};
 use nalgebra::{DMatrix, DVector};
 
 use super::Score;
@@ -193,7 +193,7 @@ impl Fits<'_> {
                 true => fit.decrease(&accepted.fit) > LEAST_IMPROVEMENT,
                 false => !must_improve(name) || fit.removed(&accepted.fit).significance > LEAST_IMPROVEMENT,
             };
-            if fit.is_worse_than(&accepted.fit, before) || !is_confirmed {
+            if fit.is_worse_than(&accepted.fit, before, needs_heading(name)) || !is_confirmed {
                 let [after, before] = [&fit, &accepted.fit].map(|fit| fit.unseen_chi2(before));
                 accepted.refused.push(Refusal::PredictsWorse { name: name.clone(), before, after });
                 continue;
@@ -330,8 +330,10 @@ impl Fit {
     }
 
     /// Whether this fit predicts unseen data significantly worse than the fit `other`. `before` is the fit without
-    /// effects; its standard deviations are used if there are no control recordings.
-    fn is_worse_than(&self, other: &Self, before: &Self) -> bool {
+    /// effects; its standard deviations are used if there are no control recordings. If the effect `needs_heading`, a
+    /// small increase of chi2 does not count, even if it is significant: the heading of control recordings is unknown,
+    /// so only the vertical component of the effect is corrected there.
+    fn is_worse_than(&self, other: &Self, before: &Self, needs_heading: bool) -> bool {
         let [value, least] = [self, other].map(|fit| fit.unseen_chi2(before));
         if value <= least * (1.0 + SAME) {
             return false;
@@ -346,7 +348,7 @@ impl Fit {
         let shared = 2.0 * self.outcome.names.len() as f64;
         let together = SIGNIFICANT * shared.sqrt();
         let all = SIGNIFICANT * (shared + if change.is_empty() { 0.0 } else { count * variance }).sqrt();
-        value > least + (MAY_BE_CHANCE * least).max(together / count.max(1.0)) || sum > all
+        value > least + (MAY_BE_CHANCE * least).max(together / count.max(1.0)) || (sum > all && !needs_heading)
     }
 
     /// p-value of the parameters of an effect under the hypothesis that they are zero; `None` if the effect is not in
@@ -455,6 +457,12 @@ impl Fit {
             of(&mut held_out.direction_error_deg.iter().copied(), &mut moves.iter().map(|m| m.direction_sigma_deg));
         [norms, directions, Vec::new()]
     }
+}
+
+/// Whether the effect depends on the heading of the unit. The heading of control recordings is unknown. Only the
+/// vertical component of such an effect is therefore corrected there, and residuals of the other components remain.
+pub(super) fn needs_heading(name: &str) -> bool {
+    Effect::<f64>::find(name).is_some_and(|effect| effect.needs.contains(&Need::Attitude))
 }
 
 /// Differences `own - other` for all indices at which both lists have a value.

@@ -101,9 +101,15 @@ impl<'a> Fits<'a> {
         let model = self.model(names)?;
         let warm_start = self.warm_start.as_ref();
         let outcome = match self.options.user_effects {
-            Some(source) => self.checked.calibrate_with(&model, source, &own_names, warm_start)?,
-            None => self.checked.calibrate(&model, warm_start)?,
+            Some(source) => self.checked.calibrate_with(&model, source, &own_names, warm_start),
+            None => self.checked.calibrate(&model, warm_start),
         };
+        let outcome = outcome.map_err(|error| match error {
+            // The fit without effects succeeded with the same recordings, so the effects are the cause. For example,
+            // the heading is lost where the fit leaves out a move.
+            Error::Input(words) if !names.is_empty() && !self.made.is_empty() => Error::Fit(words),
+            other => other,
+        })?;
         let control = (!self.control.is_empty()).then(|| self.judge(&outcome)).transpose()?;
         if let Some(control) = control.as_ref().filter(|_| self.made.is_empty()) {
             self.require_independent(&outcome, control)?;

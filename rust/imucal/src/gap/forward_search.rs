@@ -10,8 +10,8 @@ use std::sync::Arc;
 use imucal_core::effects::{Need, Sensor};
 use imucal_core::sensor::Triad;
 
-use self::beside_patterns::KnownEffects;
 pub(super) use self::beside_patterns::OF_TIME;
+use self::beside_patterns::{KnownEffects, OF_FIELDS, turns_with_heading};
 use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::earth;
@@ -251,7 +251,19 @@ impl<'a> ForwardSearch<'a> {
             contradiction = scattering;
             open.retain(|choice| choice.effect.sensor != Sensor::Encoder);
         }
-        for _ in 0..MOST_ROUNDS {
+        let (mut rounds, mut is_of_field) = (0, false);
+        loop {
+            // If the last round has shown for the first time that the gyroscope bias varies with heading, another round
+            // removes the effects that resemble such a variation.
+            let is_field_new = !is_of_field && turns_with_heading(&patterns);
+            if rounds >= MOST_ROUNDS && !is_field_new {
+                break;
+            }
+            rounds += 1;
+            if is_field_new {
+                is_of_field = true;
+                open.retain(|choice| !OF_FIELDS.contains(&choice.effect.name));
+            }
             let known = self.known_effects(prepared, triads, &open, &selected, &patterns)?;
             let Some(KnownEffects { members, path, .. }) = known else { break };
             let names = |members: &[Member]| members.iter().map(|own| own.name.clone()).collect::<BTreeSet<_>>();

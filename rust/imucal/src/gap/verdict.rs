@@ -11,6 +11,7 @@
 
 use imucal_core::effects::{Effect, Sensor};
 
+use super::acceptance::needs_heading;
 use super::clock::clock_and_noise_faults;
 use super::fits::{Control, Fit};
 use super::mount::{StandRest, mount_slips};
@@ -168,7 +169,7 @@ impl Basis<'_> {
     /// Residuals that the final model leaves unexplained. The final model contains the accepted effects if
     /// `are_accepted` is true. Otherwise it is the model without effects.
     fn remainder(&self, are_accepted: bool, not_confirmed: &[Score]) -> Remainder {
-        let Self { search, before, after, .. } = self;
+        let Self { search, path, before, after, .. } = self;
         let last = if are_accepted { after } else { before };
         let chance = last.unseen_chance(!are_accepted);
         if let Some(generic) = &search.generic {
@@ -192,8 +193,9 @@ impl Basis<'_> {
         if last.is_poor() {
             return Remainder::unknown("recordings", "contradiction", chance);
         }
-        if let Some(worst) = last.unexplained(!are_accepted).into_iter().max_by(|a, b| a.ratio().total_cmp(&b.ratio()))
-        {
+        let has_heading = !are_accepted || before.control.is_none() || !path.iter().any(|name| needs_heading(name));
+        let unexplained = last.unexplained(!are_accepted).into_iter().filter(|_| has_heading);
+        if let Some(worst) = unexplained.max_by(|a, b| a.ratio().total_cmp(&b.ratio())) {
             // A real unit has several small deviations from the model. Unexplained residuals therefore do not limit the
             // use of the calibration if the accepted effects remove at least half of chi2 from one kind of unseen
             // residuals.
@@ -239,7 +241,8 @@ impl Basis<'_> {
         // Effects of the stand, and effects that act only inside moves, hardly change the residuals at rests and the
         // residuals of gravity directions after moves. These residuals therefore cannot contradict such effects.
         let is_of_stand = |name: &String| Effect::<f64>::find(name).is_some_and(|own| own.sensor == Sensor::Encoder);
-        let is_of_rests = !path.iter().any(|name| is_unobservable_hand_held(name) || is_of_stand(name));
+        let is_of_rests =
+            !path.iter().any(|name| is_unobservable_hand_held(name) || is_of_stand(name) || needs_heading(name));
         let is_confirmed = if after.is_poor() {
             removed.share >= LEAST_REMOVED
         } else if search.scattering_rests.is_some() && is_of_rests {

@@ -39,7 +39,7 @@ const RIVAL_NATS: f64 = 3.0;
 /// Effects that are not selected if the gyroscope bias varies with heading. The cause of such a variation may be an
 /// external field, for example a magnetic field. The errors due to the vertical component of the field then resemble
 /// the errors of these effects.
-const OF_FIELDS: [&str; 3] = ["gyro_g_sensitivity", "gyro_g2_sensitivity", "earth_rate"];
+pub(super) const OF_FIELDS: [&str; 3] = ["gyro_g_sensitivity", "gyro_g2_sensitivity", "earth_rate"];
 /// Effects that are functions of time. A random walk of the bias may be mistaken for them.
 pub(in crate::gap) const OF_TIME: [&str; 4] =
     ["gyro_bias_drift", "gyro_bias_warmup", "accel_bias_drift", "accel_bias_warmup"];
@@ -78,6 +78,13 @@ fn varying(patterns: &[Pattern]) -> Vec<Varying> {
         }
     }
     all
+}
+
+/// Whether the gyroscope bias varies with heading in the best generic hypothesis of one of the `patterns`.
+pub(super) fn turns_with_heading(patterns: &[Pattern]) -> bool {
+    let is_of_heading =
+        |own: &Varying| own.block == Block::GyroscopeBias && matches!(own.kernel, Kernel::Heading | Kernel::Attitude);
+    varying(patterns).iter().any(is_of_heading)
 }
 
 /// Effects that are significant with generic hypotheses in the model.
@@ -172,12 +179,7 @@ impl ForwardSearch<'_> {
         selected: &Selected,
         (varying, widths): (&[Varying], &[f64]),
     ) -> Result<KnownEffects, Error> {
-        let turns_with_heading = varying
-            .iter()
-            .any(|own| own.block == Block::GyroscopeBias && matches!(own.kernel, Kernel::Heading | Kernel::Attitude));
-        let is_judged = |choice: &&EffectChoice| {
-            choice.effect.sensor != Sensor::Encoder && !(turns_with_heading && OF_FIELDS.contains(&choice.effect.name))
-        };
+        let is_judged = |choice: &&EffectChoice| choice.effect.sensor != Sensor::Encoder;
         let open: Vec<EffectChoice> = open.iter().filter(is_judged).copied().collect();
         let is_left = |name: &str| {
             open.iter().any(|choice| choice.effect.name == name) || self.user_fields.iter().any(|f| f.name == name)
