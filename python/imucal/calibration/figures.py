@@ -12,7 +12,7 @@ from imucal.calibration.parameter_text import Units
 from imucal.document.plain import plain
 from imucal.units import datasheet, significant
 
-__all__ = ["Figures", "figures_text", "poor_figures", "saved_reasons"]
+__all__ = ["FIGURE_TEXT", "Figures", "figures_text", "poor_figures", "saved_reasons"]
 
 # Name of each figure of merit in texts, and the unit of its field.
 FIGURE_TEXT: Final = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
+from imucal.calibration.figures import FIGURE_TEXT
 from imucal.estimation.result import CalibrationResult
 from imucal.gap.fields import GapFields
 from imucal.gap.sizes import for_people, p_text
@@ -35,8 +36,8 @@ EXPLAINED_BY: Final = {"gravity": "gravity direction"}
 # Figures of the control recordings or held-out data in texts: name, factor that converts the figure, and
 # unit.
 VERIFIED: Final = {
-    "gravity_direction_rms_deg": ("gravity direction error per move", 1.0, "deg"),
-    "gravity_norm_rms_mps2": ("gravity norm error", *SHOWN["m/s^2"]),
+    "gravity_direction_rms_deg": (FIGURE_TEXT["gravity_direction_rms_deg"][0], 1.0, "deg"),
+    "gravity_norm_rms_mps2": (FIGURE_TEXT["gravity_norm_rms_mps2"][0], *SHOWN["m/s^2"]),
 }
 # Maximum number of kinds of residuals that are printed.
 MOST_CHANNELS: Final = 4
