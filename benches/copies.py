@@ -158,6 +158,8 @@ def conditions() -> dict[str, Callable[[int], imucal.Recording]]:
         "coarse counts": lambda seed: rounded(on_stand(seed), 0.05, 0.01),
         "coarser counts": lambda seed: rounded(on_stand(seed), 0.3, 0.05),
         "low-pass filter of 5 Hz": lambda seed: on_stand(seed, unit="mpu6050", filter_hz=5.0),
+        "one knock": lambda seed: with_knock(on_stand(seed), seed),
+        "single wrong samples": lambda seed: with_wrong_samples(on_stand(seed), seed),
     }
 
 
@@ -168,6 +170,38 @@ def with_hum(recording: imucal.Recording) -> imucal.Recording:
     wave = (np.sin(2 * np.pi * 12.5 * np.outer(columns.time_s, harmonics)) / harmonics).sum(axis=1)
     force, rate = np.outer(wave, [0.05, 0.025, 0.015]), np.outer(wave, [0.003, 0.01, 0.005])
     return imucal.Recording(columns.time_s, columns.force + force, columns.rate + rate, name=recording.name)
+
+
+def with_knock(recording: imucal.Recording, seed: int) -> imucal.Recording:
+    """One knock at a random rest: a damped oscillation of 18 Hz, four to sixteen times the noise."""
+    columns = Columns.of(recording, seed)
+    wave = np.exp(-columns.time_s / 0.1) * np.sin(2 * np.pi * 18.0 * columns.time_s)
+    wave[columns.time_s > 1.0] = 0.0
+    first, last = columns.random.choice(rests(recording))
+    start = columns.random.integers(first, last - np.count_nonzero(columns.time_s <= 1.0))
+    wave = columns.random.uniform(4.0, 16.0) * np.roll(wave, start)
+
+    def knocked(rows: np.ndarray, direction: list[float]) -> np.ndarray:
+        return rows + noise_of(rows) * np.outer(wave, direction)
+
+    force, rate = knocked(columns.force, [1.0, 0.6, 0.3]), knocked(columns.rate, [0.4, 1.0, 0.7])
+    return imucal.Recording(columns.time_s, force, rate, name=recording.name)
+
+
+def with_wrong_samples(recording: imucal.Recording, seed: int) -> imucal.Recording:
+    """Three samples of ten thousand differ by twenty times the noise, as after errors of transmission."""
+    columns = Columns.of(recording, seed)
+
+    def wrong(rows: np.ndarray) -> np.ndarray:
+        is_wrong = columns.random.random((len(rows), 1)) < 3e-4
+        return rows + is_wrong * columns.random.normal(scale=20.0 * noise_of(rows), size=rows.shape)
+
+    return imucal.Recording(*columns.map(wrong), name=recording.name)
+
+
+def noise_of(rows: np.ndarray) -> float:
+    """Standard deviation of a sample, from the median difference of successive samples."""
+    return float(np.median(np.abs(np.diff(rows, axis=0))) / (0.6745 * np.sqrt(2.0)))
 
 
 def rounded(recording: imucal.Recording, force_mps2: float, rate_radps: float) -> imucal.Recording:

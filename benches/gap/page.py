@@ -29,8 +29,6 @@ the paper: 46 rests, 320 s, 100 Hz.
   family-wise alpha of 0.01. For A and A' it is [predicted independently of the
   search](../../benches/gap/limits.py); for C it comes from an earlier study. Hidden effects have
   multiples of this limit, in a random direction of their parameters.
-  The predictions are for noise densities of the data sheets read as two-sided. They are now read as
-  one-sided, so that the noise and the true limits are smaller by a factor of 1.4.
 * Rates are followed by counts and their 95 % interval (Clopper and Pearson).
 * Gap closed: a fit with the true effects reduces chi2 of the control recording, computed by
   `imucal.evaluate`. The figure is the share of this reduction that the result of the search achieves. It

@@ -2,13 +2,9 @@
 
 The detection limit is the smallest root mean square per parameter that is seen with 90 % power (family-wise
 alpha 0.01) in one run at the noise of the paper's unit: `limits` predicts it from differences of simulated
-runs, without the tool. Where it does not reach (all data with encoders), the numbers are those of an earlier
-study. In the data that `limits` reaches the tool sees what is within a tenth of the limit or better; with
-encoders it needs 1.7 to 2.1 times the number here, for all four effects alike.
+runs, without the tool. It does not reach data with encoders: those numbers are of an earlier study, for the
+same noise.
 The temperature goes up and down within the run, as `scene.CYCLE` says.
-
-The numbers are for noise densities of the data sheets read as two-sided. They are now read as one-sided, so
-the true limits are smaller by a factor of 1.4.
 """
 
 from dataclasses import dataclass
@@ -48,34 +44,34 @@ def _size(kind: str, by_hand: float | None, stand: float | None, encoders: float
 
 
 SIZES: Final = {
-    "gyro_g_sensitivity": _size("A'", 9.91e-6, 9.93e-6, 9.15e-6),
-    "gyro_g2_sensitivity": _size("A'", 2.30e-6, 1.99e-6, 1.99e-6),
-    "gyro_scale_quadratic": _size("A'", 1.96e-4, 7.62e-5, 5.08e-5),
-    "gyro_scale_cubic": _size("A'", 1.91e-4, 6.14e-5, 2.45e-5),
-    "gyro_scale_asymmetry": _size("A'", 3.09e-4, 1.68e-4, 1.12e-4),
-    "gyro_cross_axis_quadratic": _size("A'", 2.11e-4, 7.39e-5, 7.39e-5),
-    "gyro_scale_g_sensitivity": _size("A'", 8.24e-5, 4.40e-5, 2.03e-5),
-    "gyro_bias_temperature": _size("A'T", 9.62e-6, 9.31e-6, 9.31e-6),
-    "gyro_scale_temperature": _size("A'T", 3.83e-5, 2.01e-5, 1.35e-5),
-    "gyro_bias_drift": _size("A'", 8.95e-7, 8.74e-7, 8.74e-7),
-    "gyro_bias_warmup": _size("A'", 3.21e-4, 3.13e-4, 3.13e-4),
-    "gyro_scale_drift": _size("A'", 3.63e-6, 1.73e-6, 1.08e-6),
-    "gyro_angular_acceleration": _size("A'", 1.33e-4, 4.94e-5, 2.96e-5),
-    "gyro_time_offset": _size("A'", None, 6.31e-5, 6.31e-5),
-    "earth_rate": _size("A'", 8.19e-5, 8.22e-5, 8.22e-5),
-    "accel_scale_quadratic": _size("A'", 1.97e-5, 1.32e-5, 7.35e-6),
-    "accel_scale_cubic": _size("A'", 3.91e-6, 2.39e-6, 1.33e-6),
-    "accel_scale_asymmetry": _size("A'", 2.53e-4, 1.57e-4, 6.53e-5),
-    "accel_cross_axis_quadratic": _size("C", 1.46e-5, 9.74e-6, 4.49e-6),
-    "accel_bias_temperature": _size("A'T", 5.45e-5, 4.41e-5, 4.41e-5),
-    "accel_scale_temperature": _size("A'T", 8.42e-6, 5.93e-6, 5.93e-6),
-    "accel_bias_drift": _size("A'", 4.86e-6, 4.36e-6, 4.36e-6),
-    "accel_bias_warmup": _size("A'", 1.80e-3, 1.58e-3, 1.58e-3),
-    "accel_lever_arm": _size("A'", None, 6.09e-5, 6.09e-5),
-    "accel_size_effect": _size("A'", None, 9.07e-5, 9.07e-5),
-    "encoder_eccentricity": _size("C", None, None, 2.62e-5),
-    "encoder_time_offset": _size("C", None, None, 2.40e-5),
-    "encoder_backlash": _size("C", None, None, 2.09e-5),
+    "gyro_g_sensitivity": _size("A'", 7.01e-6, 7.02e-6, 6.47e-6),
+    "gyro_g2_sensitivity": _size("A'", 1.63e-6, 1.41e-6, 1.41e-6),
+    "gyro_scale_quadratic": _size("A'", 1.39e-4, 5.39e-5, 3.59e-5),
+    "gyro_scale_cubic": _size("A'", 1.35e-4, 4.34e-5, 1.73e-5),
+    "gyro_scale_asymmetry": _size("A'", 2.19e-4, 1.19e-4, 7.92e-5),
+    "gyro_cross_axis_quadratic": _size("A'", 1.49e-4, 5.23e-5, 5.23e-5),
+    "gyro_scale_g_sensitivity": _size("A'", 5.83e-5, 3.11e-5, 1.44e-5),
+    "gyro_bias_temperature": _size("A'T", 6.80e-6, 6.59e-6, 6.58e-6),
+    "gyro_scale_temperature": _size("A'T", 2.71e-5, 1.42e-5, 9.55e-6),
+    "gyro_bias_drift": _size("A'", 6.33e-7, 6.18e-7, 6.18e-7),
+    "gyro_bias_warmup": _size("A'", 2.27e-4, 2.21e-4, 2.21e-4),
+    "gyro_scale_drift": _size("A'", 2.57e-6, 1.22e-6, 7.64e-7),
+    "gyro_angular_acceleration": _size("A'", 9.42e-5, 3.50e-5, 2.09e-5),
+    "gyro_time_offset": _size("A'", None, 4.46e-5, 4.46e-5),
+    "earth_rate": _size("A'", 5.79e-5, 5.81e-5, 5.81e-5),
+    "accel_scale_quadratic": _size("A'", 1.39e-5, 9.36e-6, 5.20e-6),
+    "accel_scale_cubic": _size("A'", 2.77e-6, 1.69e-6, 9.40e-7),
+    "accel_scale_asymmetry": _size("A'", 1.79e-4, 1.11e-4, 4.62e-5),
+    "accel_cross_axis_quadratic": _size("C", 1.03e-5, 6.89e-6, 3.17e-6),
+    "accel_bias_temperature": _size("A'T", 3.86e-5, 3.12e-5, 3.12e-5),
+    "accel_scale_temperature": _size("A'T", 5.97e-6, 4.20e-6, 4.19e-6),
+    "accel_bias_drift": _size("A'", 3.44e-6, 3.09e-6, 3.08e-6),
+    "accel_bias_warmup": _size("A'", 1.27e-3, 1.12e-3, 1.12e-3),
+    "accel_lever_arm": _size("A'", None, 4.31e-5, 4.31e-5),
+    "accel_size_effect": _size("A'", None, 6.42e-5, 6.41e-5),
+    "encoder_eccentricity": _size("C", None, None, 1.85e-5),
+    "encoder_time_offset": _size("C", None, None, 1.70e-5),
+    "encoder_backlash": _size("C", None, None, 1.48e-5),
 }
 
 

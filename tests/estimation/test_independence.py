@@ -38,6 +38,14 @@ def test_another_run_is_independent(condition):
     assert copies.common_noise(make(SEED), make(CONTROL_SEED)) is None
 
 
+@pytest.mark.parametrize(
+    ("condition", "seed"), [("one knock", 78), ("single wrong samples", 2), ("single wrong samples", 251)]
+)
+def test_short_pulses_are_not_common_noise(condition, seed):
+    make = copies.conditions()[condition]
+    assert copies.common_noise(make(seed), make(seed + copies.CONTROL_SEEDS)) is None
+
+
 @pytest.mark.parametrize("alteration", ["half of it", "every second sample", "0.8 times the rate"])
 def test_calibrate_refuses_a_copy_as_control(run, alteration):
     with pytest.raises(imucal.InputError, match="make the control recording anew") as raised:

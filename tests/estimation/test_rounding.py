@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import imucal
+from changes import coarse_run
 
 DEG = math.pi / 180
 STEP_DPS = 0.07
@@ -76,15 +77,8 @@ def test_a_linear_unit_is_given_no_effect_and_rounding_comes_first() -> None:
 
 @pytest.mark.parametrize("seed", [13, 20, 21, 22, 36])
 def test_a_step_near_the_noise_leaves_a_good_result(seed: int) -> None:
-    unit = imucal.Unit.random("paper", seed)
-    noise = unit.accelerometer.noise_density * math.sqrt(100.0)
-    coarse = (
-        dataclasses.replace(sensor, lsb=1.5 * sensor.noise_density * math.sqrt(100.0), bits=16)
-        for sensor in (unit.accelerometer, unit.gyroscope)
-    )
-    motion = imucal.Tumble(seed=seed, poses=20, hold_s=3.0, move_s=1.5)
-    run = imucal.simulate(motion, seed=seed, unit=imucal.Unit(*coarse), rate_hz=100)
-    result = imucal.calibrate(run.recording)
+    noise = imucal.Unit.random("paper", seed).accelerometer.noise_density * math.sqrt(100.0)
+    result = imucal.calibrate(coarse_run(seed).recording)
     assert result.verdict == "good"
     # The mean of about 300 samples, with rounding noise of the variance step^2 / 12.
     expected = noise * math.sqrt((1 + 1.5**2 / 12) / 300)

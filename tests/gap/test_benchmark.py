@@ -88,6 +88,10 @@ def test_what_a_hand_shows_is_named(case: gap.case.Case):
         ("outside", "supply coupling", "", 23),
         # A nearly horizontal rate. Only the vertical component is corrected in the control run.
         ("single", "earth_rate", "10x", 2),
+        # The uncertain course of the unknown bias in a held-out period hid the gain of the known effect.
+        ("known + unknown", "g-sensitivity, swinging", "", 0),
+        ("known + unknown", "g-sensitivity, swinging", "", 3),
+        ("known + unknown", "gyroscope cubic, swinging", "", 5),
     ],
 )
 def test_single_cases_of_the_whole_benchmark(group: str, label: str, level: str, index: int):

@@ -6,7 +6,7 @@ import functools
 import numpy as np
 
 import imucal
-from changes import Change, changed, stand_run, truth_of
+from changes import Change, changed, coarse_run, stand_run, truth_of
 from recordings import calibrating
 from trap import good, incomplete, poor
 
@@ -126,25 +126,13 @@ FINE = tuple(
 )
 
 
-@functools.cache
-def near_run(seed):
-    """Twenty poses by hand with steps of 1.5 sigma: the scatter is near the limit between coarse and fine."""
-    unit = imucal.Unit.random("paper", seed)
-    coarse = (
-        dataclasses.replace(sensor, lsb=1.5 * sensor.noise_density * np.sqrt(100.0), bits=16)
-        for sensor in (unit.accelerometer, unit.gyroscope)
-    )
-    motion = imucal.Tumble(seed=seed, poses=20, hold_s=3.0, move_s=1.5)
-    return imucal.simulate(motion, seed=seed, unit=imucal.Unit(*coarse), rate_hz=100)
-
-
 NEAR = tuple(
     calibrating(
         "noise near a step of the converter",
         f"both sensors: step of 1.5 sigma, seed {seed}",
         changed,
         good("verdict"),
-        run=functools.partial(near_run, seed),
+        run=functools.partial(coarse_run, seed),
     )
     for seed in (13, 20, 36)
 )

@@ -3,8 +3,8 @@
 //! The noise of a sensor never repeats, but a motion may, because a stand can run one program many times. Therefore
 //! only samples at rest are used. Second differences suppress tremor, drift and bias. Each rest is tapered with a Hann
 //! window, which confines periodic vibration (mains, motors) to few frequencies. The second differences of each axis
-//! are divided by their scale, so units and gains have no effect. They are then clipped, which limits the influence of
-//! shocks.
+//! are divided by their scale, so units and gains have no effect. Samples with large second differences are set to
+//! zero: one knock, or one wrong sample, in each of two recordings would otherwise correlate like common noise.
 
 use std::ops::Range;
 
@@ -14,8 +14,19 @@ use crate::recording::Recording;
 /// the squares of all axes, which does not depend on the order and the signs of the axes.
 pub(super) const SIGNALS: usize = 4;
 
-/// Second differences that were divided by the scale of their axis are clipped to this absolute value.
-const CLIP: f32 = 3.0;
+/// A sample is a short pulse (knock or wrong sample) if a second difference, divided by the scale of its axis, is
+/// larger than this value.
+const LARGEST: f32 = 4.0;
+/// Number of samples, before and after a short pulse, that are not used either.
+const BESIDE_PULSE: usize = 2;
+/// The mean square of the axes in the fourth signal is clipped to this value. Pulses too small for [`LARGEST`] would
+/// otherwise dominate this signal. The expected value for noise is 1.
+const LARGEST_SQUARE: f32 = 2.5;
+/// Number of neighbours, before and after a sample, whose mean square is compared with [`LOUD`].
+const NEIGHBOURS: usize = 8;
+/// A sample is not used if the mean square of its neighbours' scaled second differences is larger than this value. The
+/// expected value for noise is 1, and its standard deviation for six axes is 0.2.
+const LOUD: f64 = 1.4;
 /// Quantile of the absolute second differences that defines the scale of an axis (its noise). After rounding to coarse
 /// counts, fewer than a fifth of the second differences may be nonzero. The scale is then zero, and the axis counts as
 /// free of noise.
@@ -93,29 +104,57 @@ impl Tape {
             signal.resize(start + recording.len(), 0.0);
         }
         let scales = Axes::of(at_rest);
-        let inner = |rest: &Range<usize>| inner(rest, recording);
-        let (mut energy, mut count) = (0.0_f64, 0_usize);
-        for samples in rests.iter().map(inner) {
-            for (i, taper) in samples.clone().zip(hann(samples.len())) {
-                let scaled = scales.second_difference(recording, i);
+        let mut energy = 0.0_f64;
+        let mut quiet: Vec<(usize, f32)> = Vec::new();
+        for samples in rests.iter().map(|rest| inner(rest, recording)) {
+            let scaled: Vec<[f32; 6]> = samples.clone().map(|i| scales.second_difference(recording, i)).collect();
+            let squares: Vec<Option<f32>> = scaled.iter().map(square_unless_pulse).collect();
+            let are_quiet = are_quiet(&squares, scales.used());
+            let tapers = hann(samples.len());
+            for ((((i, scaled), square), is_quiet), taper) in
+                samples.zip(scaled).zip(squares).zip(are_quiet).zip(tapers)
+            {
+                let Some(square) = square.filter(|_| is_quiet) else { continue };
                 for axis in 0..3 {
                     self.signals[axis][start + i] = taper * (scaled[axis] + scaled[3 + axis]);
                 }
-                let squares: f32 = scaled.iter().map(|value| value * value).sum();
-                self.signals[3][start + i] = squares;
-                energy += f64::from(squares);
-                count += 1;
+                let square = square.min(LARGEST_SQUARE * scales.used() as f32);
+                self.signals[3][start + i] = square;
+                energy += f64::from(square);
+                quiet.push((start + i, taper));
             }
         }
-        let mean = (energy / count.max(1) as f64) as f32;
-        for samples in rests.iter().map(inner) {
-            let squares = &mut self.signals[3][start + samples.start..][..samples.len()];
-            for (squares, taper) in squares.iter_mut().zip(hann(samples.len())) {
-                *squares = taper * (*squares - mean);
-            }
+        let mean = (energy / quiet.len().max(1) as f64) as f32;
+        for (place, taper) in quiet {
+            let square = &mut self.signals[3][place];
+            *square = taper * (*square - mean);
         }
         start..self.len()
     }
+}
+
+/// Sum of the squares of scaled second differences; `None` if one of them is part of a short pulse.
+fn square_unless_pulse(scaled: &[f32; 6]) -> Option<f32> {
+    scaled.iter().all(|value| value.abs() <= LARGEST).then(|| scaled.iter().map(|value| value * value).sum())
+}
+
+/// For each sample of a rest: whether no short pulse is close to it, and its neighbours are not loud. `squares` are the
+/// sums of the squared scaled second differences of all `axes` axes; `None` at a short pulse.
+fn are_quiet(squares: &[Option<f32>], axes: usize) -> Vec<bool> {
+    // Sums over the samples before each sample.
+    let mut before = vec![(0.0_f64, 0_usize)];
+    for square in squares {
+        let (sum, count) = before[before.len() - 1];
+        before.push((sum + f64::from(square.unwrap_or(0.0)), count + usize::from(square.is_some())));
+    }
+    let around = |i: usize, reach: usize| i.saturating_sub(reach)..(i + reach + 1).min(squares.len());
+    let is_quiet = |i: usize| {
+        let is_beside_pulse = squares[around(i, BESIDE_PULSE)].iter().any(Option::is_none);
+        let Range { start, end } = around(i, NEIGHBOURS);
+        let (from, to) = (before[start], before[end]);
+        !is_beside_pulse && to.0 - from.0 <= LOUD * (axes * (to.1 - from.1)) as f64
+    };
+    (0..squares.len()).map(is_quiet).collect()
 }
 
 /// Hann window of `length` samples. A recurrence computes the cosines, which is much faster than evaluating each
@@ -181,10 +220,15 @@ impl Axes {
         }))
     }
 
-    /// Scaled and clipped second difference of each axis.
+    /// Number of axes with noise.
+    fn used(&self) -> usize {
+        self.0.iter().filter(|scale| **scale > 0.0).count()
+    }
+
+    /// Scaled second difference of each axis.
     fn second_difference(&self, recording: &Recording<'_>, sample: usize) -> [f32; 6] {
         let difference = second_difference(recording, sample);
-        std::array::from_fn(|axis| ((difference[axis] * self.0[axis]) as f32).clamp(-CLIP, CLIP))
+        std::array::from_fn(|axis| (difference[axis] * self.0[axis]) as f32)
     }
 }
 

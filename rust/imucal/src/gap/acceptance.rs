@@ -142,10 +142,12 @@ pub struct EffectShare {
 
 /// Decrease of chi2 of unseen data when effects are added to the model.
 pub(super) struct Removed {
-    /// Decrease / chi2 without the effects, at most 1.
+    /// Decrease / chi2 without the effects, at most 1. The largest value of all kinds of residuals.
     pub(super) share: f64,
-    /// Decrease / standard deviation of the decrease.
+    /// Decrease / standard deviation of the decrease. The largest value of all kinds of residuals.
     pub(super) significance: f64,
+    /// Decrease / standard deviation of the decrease, for all kinds of residuals together.
+    significance_of_all: f64,
 }
 
 /// The accepted effects.
@@ -187,11 +189,12 @@ impl Fits<'_> {
                     break;
                 }
             };
+            let removed = fit.removed(&accepted.fit);
             let is_confirmed = match OF_TIME.contains(&name.as_str()) {
                 // A random walk of the bias resembles a function of time, whatever the evidence. In unseen data, the
                 // walk is another one.
-                true => fit.decrease(&accepted.fit) > LEAST_IMPROVEMENT,
-                false => !must_improve(name) || fit.removed(&accepted.fit).significance > LEAST_IMPROVEMENT,
+                true => removed.significance_of_all > LEAST_IMPROVEMENT,
+                false => !must_improve(name) || removed.significance > LEAST_IMPROVEMENT,
             };
             if fit.is_worse_than(&accepted.fit, before, needs_heading(name)) || !is_confirmed {
                 let [after, before] = [&fit, &accepted.fit].map(|fit| fit.unseen_chi2(before));
@@ -206,7 +209,7 @@ impl Fits<'_> {
             && let Ok(fit) = unless_it_fails(self.with(path))?
             && fit.unseen_chi2(before) < accepted.fit.unseen_chi2(before)
             && (!accepted.refused.iter().any(|own| own.of_time().is_some())
-                || fit.decrease(&accepted.fit) > LEAST_IMPROVEMENT)
+                || fit.removed(&accepted.fit).significance_of_all > LEAST_IMPROVEMENT)
         {
             accepted = Accepted { path: path.to_vec(), fit, refused: Vec::new() };
         }
@@ -363,36 +366,29 @@ impl Fit {
         chi2.is_finite().then(|| p_value(chi2, count))
     }
 
-    /// Decrease of chi2 of unseen data from the fit `before` to this fit. The result contains the largest share and the
-    /// largest significance among all kinds of residuals. The standard deviation of the decrease is estimated from the
-    /// changes of chi2 of the single rests and moves.
+    /// Decrease of chi2 of unseen data from the fit `before` to this fit. The standard deviation of the decrease is
+    /// estimated from the changes of chi2 of the single rests and moves.
     pub(super) fn removed(&self, before: &Self) -> Removed {
-        let mut removed = Removed { share: 0.0, significance: 0.0 };
+        let mut removed = Removed { share: 0.0, significance: 0.0, significance_of_all: 0.0 };
+        let (mut sum_of_all, mut variance_of_all) = (0.0, 0.0);
         for (own, other) in self.unseen_items().iter().zip(&before.unseen_items()) {
             let pairs: Vec<(f64, f64)> = own.iter().zip(other).filter_map(|(own, other)| own.zip(*other)).collect();
             let total: f64 = pairs.iter().map(|(_, other)| other).sum();
             let count = pairs.len() as f64;
-            let mean = pairs.iter().map(|(own, other)| other - own).sum::<f64>() / count.max(1.0);
-            let variance = pairs.iter().map(|(own, other)| (other - own - mean).powi(2)).sum::<f64>() / count.max(1.0);
+            let sum = pairs.iter().map(|(own, other)| other - own).sum::<f64>();
+            let mean = sum / count.max(1.0);
+            let variance = pairs.iter().map(|(own, other)| (other - own - mean).powi(2)).sum::<f64>();
             if total > 0.0 && count > 2.0 {
-                removed.share = removed.share.max(count * mean / total);
-                removed.significance = removed.significance.max(mean * (count / variance.max(1e-300)).sqrt());
+                removed.share = removed.share.max(sum / total);
+                removed.significance = removed.significance.max(sum / variance.max(1e-300).sqrt());
             }
+            sum_of_all += sum;
+            variance_of_all += variance;
+        }
+        if variance_of_all > 0.0 {
+            removed.significance_of_all = sum_of_all / variance_of_all.sqrt();
         }
         removed
-    }
-
-    /// Decrease of chi2 of all unseen residuals from the fit `before` to this fit, divided by its standard deviation.
-    /// The standard deviation is estimated from the changes of chi2 of the single rests and moves.
-    fn decrease(&self, before: &Self) -> f64 {
-        let (mut sum, mut variance) = (0.0, 0.0);
-        for (own, other) in self.unseen_items().iter().zip(&before.unseen_items()) {
-            let change = changes(other, own);
-            let mean = change.iter().sum::<f64>() / change.len().max(1) as f64;
-            sum += change.iter().sum::<f64>();
-            variance += change.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
-        }
-        if variance > 0.0 { sum / variance.sqrt() } else { 0.0 }
     }
 
     /// p-value of the residuals of unseen data under the hypothesis that sensor noise and the uncertainty of the

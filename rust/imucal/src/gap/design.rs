@@ -58,6 +58,8 @@ pub(crate) struct Rows {
     /// For each rest and each end of a move: the body axis from which the directions of its two tilt residuals are
     /// constructed.
     axes: Vec<usize>,
+    /// Whether the columns include those of generic hypotheses (unknown variations of a bias or scale).
+    has_variations: bool,
 }
 
 /// Whitened Jacobian columns. The last column is the residual.
@@ -138,7 +140,15 @@ pub(crate) fn design(
     let (gram, of_insides) = Gram::beside(of_head, inside.as_ref(), &order, (own.total(), &blocks));
     let residual = head.column(all.total()).chain(of_insides).collect();
     let made = Some(Made { head, inside, order });
-    let rows = Rows { made, columns: OnceLock::new(), products: OnceLock::new(), groups, items, axes: axes_of(linear) };
+    let rows = Rows {
+        made,
+        columns: OnceLock::new(),
+        products: OnceLock::new(),
+        groups,
+        items,
+        axes: axes_of(linear),
+        has_variations: false,
+    };
     Ok(Design {
         gram,
         model: columns_of((own, precisions), &values, &base_of(prepared, linear), 0..own.total()),
@@ -258,8 +268,15 @@ impl Design {
     /// Residuals and Jacobian columns for cross-validation. Each fold of the cross-validation holds out some rests and
     /// moves.
     pub(crate) fn held(&self) -> Held<'_> {
-        let Rows { groups, items, .. } = &*self.rows;
-        Held { columns: self.rows.columns(), residual: &self.residual, gram: &self.gram, groups, items }
+        let Rows { groups, items, has_variations, .. } = &*self.rows;
+        Held {
+            columns: self.rows.columns(),
+            residual: &self.residual,
+            gram: &self.gram,
+            groups,
+            items,
+            has_variations: *has_variations,
+        }
     }
 
     /// Columns and Gram matrices of this design. Columns of generic hypotheses can be added to them.
@@ -290,6 +307,7 @@ impl Design {
             groups: groups.clone(),
             items: items.clone(),
             axes: axes.clone(),
+            has_variations: true,
         };
         Self { gram, model, candidates: self.candidates.clone(), residual: self.residual.clone(), rows: Arc::new(rows) }
     }

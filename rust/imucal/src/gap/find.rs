@@ -192,46 +192,50 @@ impl Fits<'_> {
     /// a random walk of the bias for the effect.
     fn search_and_accept(&mut self, before: &Rc<Fit>) -> Result<(Search, Earth, Accepted), Error> {
         let mut choices = self.options.choices();
-        let (mut search, mut earth) = self.search_beyond_the_earth(before, choices.clone())?;
-        let mut accepted = self.accept(before, &search.path)?;
+        let first = self.search(before, &choices, false)?;
+        let (search, earth) = self.without_other_rates(before, &choices, first)?;
+        let accepted = self.accept(before, &search.path)?;
         let refused: Vec<Refusal> = accepted.refused.iter().filter(|own| own.of_time().is_some()).cloned().collect();
-        if !refused.is_empty() {
-            let is_refused =
-                |choice: &&EffectChoice| refused.iter().any(|own| own.of_time() == Some(choice.effect.name));
-            let sensors: Vec<Sensor> = choices.iter().filter(is_refused).map(|choice| choice.effect.sensor).collect();
-            choices.retain(|own| !(OF_TIME.contains(&own.effect.name) && sensors.contains(&own.effect.sensor)));
-            let Search { ranking, smallest_visible, .. } = search;
-            (search, earth) = self.search_beyond_the_earth(before, choices)?;
-            // These effects were candidates, so their scores and detection limits are reported.
-            search.ranking = ranking;
-            let is_missing = |name: &str| search.smallest_visible.iter().all(|(own, ..)| own != name);
-            let missing: Vec<_> = smallest_visible.into_iter().filter(|(name, ..)| is_missing(name)).collect();
-            search.smallest_visible.extend(missing);
-            accepted = self.accept(before, &search.path)?;
-            accepted.refused.extend(refused);
+        if refused.is_empty() {
+            return Ok((search, earth, accepted));
         }
+        let is_refused = |choice: &&EffectChoice| refused.iter().any(|own| own.of_time() == Some(choice.effect.name));
+        let sensors: Vec<Sensor> = choices.iter().filter(is_refused).map(|choice| choice.effect.sensor).collect();
+        choices.retain(|own| !(OF_TIME.contains(&own.effect.name) && sensors.contains(&own.effect.sensor)));
+        let again = self.search_again(before, &choices, search)?;
+        let (search, earth) = self.without_other_rates(before, &choices, again)?;
+        let mut accepted = self.accept(before, &search.path)?;
+        accepted.refused.extend(refused);
         Ok((search, earth, accepted))
     }
 
-    /// Searches for effects. If `earth_rate` is selected and its estimate is not the Earth's rate, the search is
+    /// The result of the search. If `earth_rate` is selected and its estimate is not the Earth's rate, the search is
     /// repeated without `earth_rate`.
-    fn search_beyond_the_earth(
+    fn without_other_rates(
         &mut self,
         before: &Rc<Fit>,
-        choices: Vec<EffectChoice>,
+        choices: &[EffectChoice],
+        search: Search,
     ) -> Result<(Search, Earth), Error> {
-        let search = self.search(before, &choices, false)?;
         let earth = self.earth(&search)?;
         let is_named = search.path.iter().any(|score| score.name == earth::NAME);
         if matches!(earth, Earth::Possible) || !is_named {
             return Ok((search, earth));
         }
         let others: Vec<EffectChoice> =
-            choices.into_iter().filter(|choice| choice.effect.name != earth::NAME).collect();
-        // The result of the hand-motion test is taken from the first search. Without `earth_rate`, the candidates may
-        // explain less of the residuals inside moves, and a new test could attribute these residuals to hand motion.
-        let again = self.search(before, &others, search.is_hand_moved)?;
-        Ok((again, earth))
+            choices.iter().filter(|choice| choice.effect.name != earth::NAME).cloned().collect();
+        Ok((self.search_again(before, &others, search)?, earth))
+    }
+
+    /// Repeats a search with fewer candidates. The removed candidates keep their scores and detection limits of the
+    /// first search. The result of the hand-motion test is taken from the first search, too: fewer candidates may
+    /// explain less of the residuals inside moves, and a new test could attribute these residuals to hand motion.
+    fn search_again(&mut self, before: &Fit, choices: &[EffectChoice], first: Search) -> Result<Search, Error> {
+        let mut again = self.search(before, choices, first.is_hand_moved)?;
+        let is_missing = |name: &str| again.smallest_visible.iter().all(|(own, ..)| own != name);
+        let missing: Vec<_> = first.smallest_visible.into_iter().filter(|(name, ..)| is_missing(name)).collect();
+        again.smallest_visible.extend(missing);
+        Ok(Search { ranking: first.ranking, ..again })
     }
 
     fn search(&mut self, before: &Fit, choices: &[EffectChoice], is_hand_moved: bool) -> Result<Search, Error> {

@@ -2,13 +2,15 @@
 //!
 //! ```text
 //! delta_f = -(P + sum J^T J / s_g^2)^-1 (P theta_0 + sum J^T r / s_g^2),     sums over the rows that are not in fold f
-//! l_i = -1/2 sum [(r + J delta_f)^2 / s_g^2 + ln s_g^2],     sum over the rows of item i,   f: fold of i
+//! l_i = -1/2 sum [(r + J delta_f)^2 / v + ln v],     v = s_g^2 + u,     sum over the rows of item i,   f: fold of i
 //! gain = sum_i d_i,   std^2 = n var(d_i),   d_i = (l_i with the effect) - (l_i without the effect)
 //! ```
 //!
 //! r are the residuals and J is their Jacobian at the parameters theta_0. delta_f is the change of the parameters that
 //! is estimated without fold f. s_g^2 is the noise scale of the group g of a row, and P contains the precisions of the
-//! priors. l_i is the log predictive density of item i, and n is the number of items.
+//! priors. l_i is the log predictive density of item i, and n is the number of items. u is 0, or the variance of the
+//! prediction J delta_f if the model contains generic hypotheses. Rows outside a fold do not determine how, for
+//! example, a random walk continues within the fold. With u = 0 its unknown course would hide all other differences.
 //!
 //! If residuals exceed sensor noise, p-values computed from sensor noise are too small. Cross-validation remains valid
 //! in this case, because an effect that only fits excess scatter does not improve the prediction. Each superfluous
@@ -35,6 +37,16 @@ pub(crate) struct Gain {
 }
 
 impl Gain {
+    /// Increase between the log predictive densities of two models, one value for each rest and move.
+    pub(crate) fn of(without: &[Option<f64>], with: &[Option<f64>]) -> Self {
+        let gains: Vec<f64> =
+            with.iter().zip(without).filter_map(|(with, without)| Some((*with)? - (*without)?)).collect();
+        let n = gains.len() as f64;
+        let nats: f64 = gains.iter().sum();
+        let variance = gains.iter().map(|d| (d - nats / n).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+        Self { nats, std: (n * variance).sqrt() }
+    }
+
     pub(crate) fn is_sure(&self) -> bool {
         self.nats > SURE * self.std
     }
@@ -50,6 +62,8 @@ pub(crate) struct Held<'a> {
     pub(crate) groups: &'a [usize],
     /// Index of the rest or move to which each row belongs, in order of time.
     pub(crate) items: &'a [usize],
+    /// Whether the models contain columns of generic hypotheses (unknown variations of a bias or scale).
+    pub(crate) has_variations: bool,
 }
 
 impl Held<'_> {
@@ -57,18 +71,12 @@ impl Held<'_> {
     /// columns and its noise scales. `None` if the rows outside a fold do not determine the parameters of one of the
     /// models.
     pub(crate) fn gain(&self, without: (&[Column], &[f64]), with: (&[Column], &[f64])) -> Option<Gain> {
-        let (without, with) = (self.log_densities(without)?, self.log_densities(with)?);
-        let gains: Vec<f64> =
-            with.iter().zip(&without).filter_map(|(with, without)| Some((*with)? - (*without)?)).collect();
-        let n = gains.len() as f64;
-        let nats: f64 = gains.iter().sum();
-        let variance = gains.iter().map(|d| (d - nats / n).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-        Some(Gain { nats, std: (n * variance).sqrt() })
+        Some(Gain::of(&self.log_densities(without)?, &self.log_densities(with)?))
     }
 
     /// Log predictive density of each rest and move, predicted by a fit to the folds that do not contain the rest or
     /// move.
-    fn log_densities(&self, (columns, scales): (&[Column], &[f64])) -> Option<Vec<Option<f64>>> {
+    pub(crate) fn log_densities(&self, (columns, scales): (&[Column], &[f64])) -> Option<Vec<Option<f64>>> {
         let n = columns.len();
         let scale_of = |group: usize| {
             let place = self.gram.groups.iter().position(|g| *g == group).unwrap_or(0);
@@ -109,10 +117,16 @@ impl Held<'_> {
             let seen = &all - own.transpose() * &own;
             let normal = Mat::from_fn(n, n, |i, j| seen[(i, j)] + if i == j { precision[i] + RIDGE } else { 0.0 });
             let right = Mat::from_fn(n, 1, |i, _| -(seen[(i, n)] + precision[i] * columns[i].value * size[i]));
-            let delta = normal.llt(faer::Side::Lower).ok()?.solve(&right);
-            let left = own.subcols(0, n) * delta + own.subcols(n, 1);
-            for (left, &row) in left.col_as_slice(0).iter().zip(&rows) {
-                *densities[self.items[row]].get_or_insert(0.0) -= 0.5 * (left * left + scale[row].ln());
+            let factor = normal.llt(faer::Side::Lower).ok()?;
+            let jacobian = own.subcols(0, n);
+            let left = jacobian * factor.solve(&right) + own.subcols(n, 1);
+            // Variance of the predictions, in units of the noise scales.
+            let uncertain = self.has_variations.then(|| factor.solve(jacobian.transpose()));
+            for (k, (left, &row)) in left.col_as_slice(0).iter().zip(&rows).enumerate() {
+                let of_row = |solved: &Mat<f64>| (0..n).map(|j| jacobian[(k, j)] * solved[(j, k)]).sum::<f64>();
+                let variance = 1.0 + uncertain.as_ref().map_or(0.0, of_row);
+                let density = left * left / variance + (scale[row] * variance).ln();
+                *densities[self.items[row]].get_or_insert(0.0) -= 0.5 * density;
             }
         }
         Some(densities)
@@ -140,7 +154,8 @@ mod tests {
         let more = [base[0], Column { place: 1, precision: 1e-4, value: 0.0 }];
         let scales = |model: &[Column]| gram.evidence(model).unwrap().scales;
         let residual = columns.col_as_slice(2);
-        let held = Held { columns: &columns, residual, gram: &gram, groups: &groups, items: &items };
+        let held =
+            Held { columns: &columns, residual, gram: &gram, groups: &groups, items: &items, has_variations: false };
         held.gain((&base, &scales(&base)), (&more, &scales(&more))).unwrap()
     }
 

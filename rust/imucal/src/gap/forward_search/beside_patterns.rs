@@ -21,6 +21,7 @@ use crate::gap::generic::{Block, Hypothesis};
 use crate::gap::kernel::Kernel;
 use crate::gap::moments::Setting;
 use crate::gap::pattern::{BestGeneric, Pattern};
+use crate::gap::predict::Gain;
 use crate::gap::score::{Judged, gain, judge};
 use crate::gap::stage::{Beside, Member, Stage};
 use crate::joint::{Prepared, Terms};
@@ -333,9 +334,11 @@ fn retain(
     is_sound: impl Fn(&Score, &Extended) -> bool,
 ) -> bool {
     let before = members.len();
+    let Stage { design, evidence, .. } = &beside.stage;
+    let densities = design.held().log_densities((&design.model, &evidence.scales));
     for score in &mut *path {
         let member = members.iter().find(|member| member.name == score.name);
-        let again = member.and_then(|member| score_of(&beside.stage, member, score));
+        let again = member.zip(densities.as_ref()).and_then(|(own, all)| score_of(&beside.stage, own, score, all));
         match again.filter(|again| is_sound(again, beside)) {
             Some(again) => *score = again,
             None => members.retain(|member| member.name != score.name),
@@ -347,7 +350,8 @@ fn retain(
 
 /// The score of an effect of the model relative to the same model without the effect. `None` if the model without the
 /// effect cannot be evaluated, or if the effect does not improve the prediction of held-out rests and moves.
-fn score_of(stage: &Stage, member: &Member, score: &Score) -> Option<Score> {
+/// `densities` are the log predictive densities of all rests and moves in the model with the effect.
+fn score_of(stage: &Stage, member: &Member, score: &Score, densities: &[Option<f64>]) -> Option<Score> {
     let place = stage.place(&member.name)?;
     let linear = Effect::<f64>::find(&member.name).map_or(place.len(), |effect| effect.plain.min(place.len()));
     let design = &*stage.design;
@@ -360,7 +364,7 @@ fn score_of(stage: &Stage, member: &Member, score: &Score) -> Option<Score> {
         column.value = if k < linear { column.value } else { 0.0 };
     }
     let alone = design.gram.evidence_near(&without, &stage.evidence.scales)?;
-    let held = design.held().gain((&without, &alone.scales), (&design.model, &stage.evidence.scales))?;
+    let gain = Gain::of(&design.held().log_densities((&without, &alone.scales))?, densities);
     let statistic = (alone.deviance - stage.evidence.deviance).max(0.0);
     let again = Score {
         log_bayes_factor: stage.evidence.log - alone.log,
@@ -368,7 +372,7 @@ fn score_of(stage: &Stage, member: &Member, score: &Score) -> Option<Score> {
         p_value: p_value(statistic, score.dof),
         ..score.clone()
     };
-    held.is_sure().then_some(again)
+    gain.is_sure().then_some(again)
 }
 
 fn rivals(scores: &[Judged], pick: &Judged) -> Vec<String> {
