@@ -1,7 +1,7 @@
 """Traps of recordings that are not independent: altered copies as control, and recordings given twice."""
 
 import imucal
-from copies import ALTERATIONS, altered
+from copies import ALTERATIONS, CONTROL_SEEDS, altered, with_knock
 from imucal import Program
 from recordings import calibrating, same
 from trap import good, refused
@@ -35,6 +35,17 @@ TOGETHER = tuple(
     for alteration in ("half of it", "every second sample", "rounded to 4 decimals", "a gain of 1.001")
 )
 
+KNOCKED = tuple(
+    calibrating(
+        "an independent recording of the same motion",
+        f"one knock in each, seed {seed}",
+        lambda r, seed=seed: with_knock(r, seed),
+        good(),
+        control=lambda r, seed=seed: with_knock(another(), seed + CONTROL_SEEDS),
+    )
+    for seed in (10, 46)
+)
+
 INDEPENDENT = (
     calibrating(
         "an independent recording of the same motion",
@@ -51,4 +62,4 @@ INDEPENDENT = (
     ),
 )
 
-TRAPS = (*COPIES, *TOGETHER, *INDEPENDENT)
+TRAPS = (*COPIES, *TOGETHER, *INDEPENDENT, *KNOCKED)
