@@ -135,6 +135,8 @@ impl Held<'_> {
 
 #[cfg(test)]
 mod tests {
+    use std::iter::once;
+
     use super::*;
 
     const ROWS: usize = 60;
@@ -166,6 +168,37 @@ mod tests {
         assert!(there.is_sure() && (30.0..90.0).contains(&there.nats), "{there:?}");
         let absent = gain_of(0.0, 0.0);
         assert!(!absent.is_sure() && (-2.0..1.0).contains(&absent.nats), "{absent:?}");
+    }
+
+    /// Gain of an effect of size `size` if the bias swings slowly. Both models contain the constant and a random walk.
+    fn gain_beside_a_swing(size: f64, has_variations: bool) -> Gain {
+        const STEPS: usize = ROWS - 1;
+        let noise = |i: usize| ((i * 7919 + 13) % 97) as f64 / 97.0 * 3.4 - 1.7;
+        let effect = |i: usize| ((i * 37) % 11) as f64 / 5.0 - 1.0;
+        let columns = Mat::from_fn(ROWS, STEPS + 3, |i, j| match j {
+            0 => 1.0,
+            1 => effect(i),
+            j if j < STEPS + 2 => f64::from(u8::from(i > j - 2)),
+            _ => noise(i) + size * effect(i) + 10.0 * (i as f64 / 8.0).sin(),
+        });
+        let (groups, items) = (vec![0; ROWS], (0..ROWS).collect::<Vec<usize>>());
+        let gram = Gram::of(&columns, &groups);
+        let walk = (2..STEPS + 2).map(|place| Column { place, precision: 1.0 / 9.0, value: 0.0 });
+        let base: Vec<Column> = once(Column { place: 0, precision: 0.0, value: 0.0 }).chain(walk).collect();
+        let mut more = base.clone();
+        more.push(Column { place: 1, precision: 1e-4, value: 0.0 });
+        let scales = |model: &[Column]| gram.evidence(model).unwrap().scales;
+        let residual = columns.col_as_slice(STEPS + 2);
+        let held = Held { columns: &columns, residual, gram: &gram, groups: &groups, items: &items, has_variations };
+        held.gain((&base, &scales(&base)), (&more, &scales(&more))).unwrap()
+    }
+
+    #[test]
+    fn the_unknown_course_of_a_variation_does_not_hide_an_effect() {
+        let (plain, there) = (gain_beside_a_swing(4.0, false), gain_beside_a_swing(4.0, true));
+        assert!(!plain.is_sure() && there.is_sure(), "{plain:?} {there:?}");
+        let absent = gain_beside_a_swing(0.0, true);
+        assert!(!absent.is_sure(), "{absent:?}");
     }
 
     #[test]
