@@ -53,8 +53,10 @@ class Calibration(SensorModel):
     noise                     noise figures; each name ends with the unit
     temperature_range_degc    lowest and highest temperature of the recordings, or None
     fit                       report on the estimation: rest detection, convergence, tests of the residuals
-    calibration_set, control_set   figures on the calibration recordings and on the control recordings
-    verdict          `good`, `incomplete` or `poor`, without checks against limits; None if it is not known
+    calibration_set, control_set   figures of merit on the calibration recordings and on the control
+                                   recordings
+    verdict          `good`, `incomplete` or `poor`; limits that a user sets have no influence on it; None if
+                     it is not known
     reasons          why the verdict is not good
     """
 
@@ -100,15 +102,15 @@ class Calibration(SensorModel):
     def judged(self) -> tuple[Verdict, tuple[str, ...]]:
         """The verdict with its reasons.
 
-        The verdict is poor if the figures make it poor, even if the file states a better verdict or no
-        verdict. Files of older versions state no verdict.
+        The verdict is poor if the figures of merit fail the criterion of `poor_figures`, even if the file
+        states a better verdict or no verdict. Files of older versions state no verdict.
         """
         sets = (self.calibration_set, self.control_set)
         return saved_verdict(self.verdict, self.reasons, *sets, has_gyroscope=self.gyroscope is not None)
 
     @property
     def left_in_data(self) -> tuple[str, ...]:
-        """Names of the effects that no correction removes. They depend on the attitude or act on the stand.
+        """Names of the effects that no correction removes: errors of the stand, and effects of the attitude.
 
         The Earth's rate is one of these effects, because it is a true angular rate and not an error of the
         gyroscope.
@@ -125,8 +127,8 @@ class Calibration(SensorModel):
         """Whether a recording can be corrected piece by piece.
 
         It cannot be if an effect depends on the angular acceleration, because differentiation needs samples
-        beyond the ends of a piece. It cannot be with a user-defined effect either, because its field takes
-        whole columns.
+        beyond the ends of a piece. It cannot be with a user-defined effect either, because the function that
+        computes the effect needs whole columns.
         """
         return takes_pieces(self)
 
@@ -154,9 +156,9 @@ class Calibration(SensorModel):
 
         Returns (angular_rate, specific_force), (N, 3) each, rad/s and m/s^2 in the body frame. NaN stays NaN.
         A sample is NaN if its effects are too large to be inverted. A sensor that is None stays None.
-        Raises InputError for other shapes, for a sensor that the calibration does not have, for one sensor
-        alone if there are effects, and if an effect depends on more than rate and force, which
-        `apply_recording` supports.
+        Raises InputError for arrays of another shape and for a sensor that the calibration does not have.
+        Also raises InputError if there are effects and a sensor is None, or if an effect depends on more than
+        rate and force. Such an effect needs `apply_recording`.
         """
         return correct(self, angular_rate, specific_force)
 
@@ -167,12 +169,12 @@ class Calibration(SensorModel):
                  `takes_pieces`
 
         A recording of one sensor alone can be corrected only if there are no effects. If the calibration has
-        no gyroscope, the result contains no angular rate. In effects, time is relative to the recording's
-        first sample or to `start_s`, and temperature is relative to 25 degC. The angular acceleration is the
+        no gyroscope, the result contains no angular rate. Effects use the time since the recording's first
+        sample, or since `start_s`, and the temperature minus 25 degC. The angular acceleration is the
         derivative of the rate. NaN stays NaN. A sample is NaN if its effects are too large to be inverted.
-        Raises InputError for other raw units, for negative counts that were read as unsigned numbers, for a
-        missing column on which an effect depends, for a missing definition of a user-defined effect, and for
-        a piece if the whole recording is needed.
+        Raises InputError for other raw units, and for negative counts that were read as unsigned numbers.
+        Also raises InputError if a column on which an effect depends is missing, if the definition of a
+        user-defined effect is missing, or if a piece is given although the whole recording is needed.
         """
         return correct_recording(self, as_recording(recording), start_s=start_s)
 
@@ -184,7 +186,7 @@ class Calibration(SensorModel):
             *([] if self.gyroscope is None else [f"gyroscope in {self.gyro_unit}"]),
             f"{count or 'no'} effect{'s' if count != 1 else ''}",
         ]
-        # In a file written by another program, figures may have other types.
+        # In a file that another program has written, a figure may be something other than a number.
         for name, figures in (("control set", self.control_set), ("calibration set", self.calibration_set)):
             known = {key: value for key, value in (figures or {}).items() if isinstance(value, (int, float))}
             if text := figures_text(known):

@@ -7,9 +7,9 @@ T, b and e are the sensitivity, the bias and the effects of a calibration, and x
 calibration has corrected. `_moved` expresses e1 as a function of the true values, or refuses an effect for
 which this is impossible.
 
-The second calibration has estimated the errors that the first calibration leaves in the data, including the
-errors that are due to its parameters. So the bias and sensitivity of the result have the uncertainty of the
-second calibration alone. Effects of the first calibration that the second does not estimate keep their
+The second calibration has estimated the errors that remain after the first correction. They include the
+errors of the first calibration's parameters. So the bias and sensitivity of the result have the uncertainty
+of the second calibration alone. Effects of the first calibration that the second does not estimate keep their
 uncertainty.
 """
 
@@ -54,7 +54,7 @@ MODEL: Final = (
 # transforms this matrix of the first calibration.
 G_SENSITIVITY: Final = "gyro_g_sensitivity"
 ANGULAR_ACCELERATION: Final = "gyro_angular_acceleration"
-# Effect with one parameter, a time, which a composition does not change.
+# Effect with one parameter, a time delay, which a composition does not change.
 DELAY: Final = "gyro_time_offset"
 
 
@@ -173,7 +173,7 @@ def _product(first: Triad, sensitivity: FloatArray, bias: FloatArray) -> Triad:
 
 
 def _along(triad: Triad, axes: FloatArray) -> Triad:
-    """The triad for samples before axis remapping."""
+    """The triad that corrects samples before axis remapping; `axes` is the matrix of the remapping."""
     return Triad(axes.T @ triad.sensitivity, axes.T @ triad.bias)
 
 

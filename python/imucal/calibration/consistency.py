@@ -1,4 +1,4 @@
-"""Whether a calibration file agrees with itself.
+"""Check that a calibration file does not contradict itself.
 
 The file repeats the matrices as a table of parameters, the covariance as standard deviations, the raw units
 as units of the parameters, and the frame in words. The calibration that was read is written again, and each
@@ -40,8 +40,9 @@ STD_ROUNDING: Final = 1e-3
 # Accepted difference between two copies of a parameter value in a file, as a fraction of its standard
 # deviation. A difference this small has no significant effect on corrected samples.
 SHARE_OF_STD: Final = 0.01
-# Accepted rounding error of values in a file: of an entry of the sensitivity, relative to its largest entry,
-# and of a bias or a value of an effect. It corresponds to nine decimals.
+# Accepted difference between two copies of a value in a file: of an entry of a sensitivity, relative to the
+# largest entry of the matrix, and of a bias, in its raw unit. It allows for rounding to nine decimals and
+# does not apply to values of effects.
 DECIMALS_ROUNDING: Final = 1e-9
 # Largest accepted magnitude of a negative eigenvalue of the correlation matrix. Rounding the entries to seven
 # digits can cause negative eigenvalues, but of smaller magnitude.

@@ -3,11 +3,11 @@
     seen = T^-1 (measured - bias)
     true <- seen - effects(true),  starting at seen          docs/model.md (16)
 
-T is the sensitivity of the sensor.
+T is the sensitivity of the sensor, and `seen` the value that still contains the effects.
 
-The compiled library iterates this sample by sample for the effects of the catalogue. The field of a
-user-defined effect is a Python function of whole arrays. This file therefore iterates user-defined effects;
-each iteration calls the library for the effects of the catalogue.
+The compiled library iterates this sample by sample for the effects of the catalogue. The error of a
+user-defined effect is computed by a Python function of whole arrays. For user-defined effects, the iteration
+is therefore in this file; each step calls the library for the effects of the catalogue.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ ROUNDING: Final = 16 * np.finfo(np.float64).eps
 # Maximum number of iterations for user-defined effects, which are evaluated on whole recordings.
 MOST_PASSES: Final = 32
 
-# Inputs of an effect's field besides rate and force, each with the column from which it is computed.
+# Inputs of effects besides rate and force, each with the column of the recording from which it is computed.
 COLUMNS: Final = {
     "time": "time_s",
     "angular_acceleration": "time_s",
     "temperature": "temperature_degc",
     "temperature_history": "temperature_degc",
 }
-# Inputs of effects whose value at a sample is computed from other samples, too.
+# Inputs of effects whose value at one sample depends on other samples, too.
 OF_OTHER_SAMPLES: Final = {"angular_acceleration", "temperature_history"}
 
 
@@ -127,7 +127,7 @@ def _float64(samples: SampleArray | None) -> FloatArray | None:
 def empty_samples(
     raw: Recording, corrected: Recording
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Masks of the samples that lack a rate or a force, and of complete samples without a correction."""
+    """Two masks: samples that lack a rate or a force, and complete samples that could not be corrected."""
 
     def is_complete(recording: Recording) -> npt.NDArray[np.bool_]:
         there = [rows for rows in (recording.angular_rate, recording.specific_force) if rows is not None]
@@ -201,8 +201,8 @@ def _require_derivative(recording: Recording, name: str) -> None:
 def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     """The raw recording without the contributions of the user-defined effects.
 
-    Each field receives a State. Its angular acceleration and its time since the last motion are computed from
-    the rate that is corrected for the effects of the catalogue only.
+    The function of each effect receives a State. The angular acceleration and the time since the last motion
+    in this State are computed from the rate that is corrected for the effects of the catalogue only.
 
     Raises InputError if a definition is missing or the iteration does not converge.
     """
@@ -268,5 +268,5 @@ def _rounded_size(triad: Triad, raw: SampleArray) -> FloatArray:
 
 
 def _largest(rows: FloatArray) -> FloatArray:
-    """The largest magnitude of each row, repeated for its three axes."""
+    """The largest absolute value of the three axes at each sample, repeated for the three axes, (N, 3)."""
     return np.repeat(np.abs(rows).max(axis=1, keepdims=True), 3, axis=1)

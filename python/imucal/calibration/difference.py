@@ -44,7 +44,7 @@ class Change:
 
     before, after   values of the parameter in the two calibrations; 0 in a calibration without the effect
     std             standard deviation of the difference, from both covariances; None if it is not known
-    moved           whether the difference exceeds the limit; False without a standard deviation
+    moved           whether the difference exceeds `limit_sigmas`; False if `std` is None
     """
 
     name: str
@@ -79,8 +79,8 @@ class Difference:
     """Two calibrations compared.
 
     changes           every parameter, in the order of the file
-    limit_sigmas      limit of a single parameter, in standard deviations
-    false_alarm       probability that an unchanged unit is reported as moved
+    limit_sigmas      limit of the difference of a single parameter, in standard deviations of the difference
+    false_alarm       probability that two calibrations of an unchanged unit have the verdict `moved`
     chi2, dof, p_value   joint test of all parameters with a standard deviation; without such parameters, chi2
                          and p_value are None
     notes             remarks about the pair
@@ -165,13 +165,15 @@ class Difference:
 def diff(before: Calibration, after: Calibration, *, sigmas: float = SIGMAS) -> Difference:
     """Compare two calibrations of a unit.
 
-    sigmas   the false alarm rate is the probability of a normal variable beyond this number of standard
-             deviations: at 3, 0.27 % of the pairs of an unchanged unit are reported as moved
+    sigmas   sets the false alarm rate: the probability that a normal variable deviates from its mean by more
+             than this number of standard deviations. With 3, 0.27 % of the comparisons of an unchanged unit
+             give the verdict `moved`
 
-    If only one calibration has an effect, its values in the other one are exactly zero, and its shape (a time
-    constant) is not compared. Parameters that the file of another program does not state are not compared
-    either. Calibrations with different body frames or axes are compared in the symmetric frame. Raises
-    InputError for different raw units, and for effects that have no form in the symmetric frame.
+    If only one calibration has an effect, the values of the effect count as exactly zero in the other
+    calibration, and its shape (a time constant) is not compared. Parameters that the file of another program
+    does not state are not compared either. Calibrations with different body frames or axes are compared in
+    the symmetric frame. Raises InputError for different raw units, and for effects that have no form in the
+    symmetric frame.
     """
     if not (math.isfinite(sigmas) and sigmas > 0):
         raise InputError(f"sigmas is {sigmas}: a positive number is needed")

@@ -78,7 +78,7 @@ def document_of(
     """The fields of the file.
 
     parameters  the parameters of the model, with standard deviations
-    others      the fields of a Calibration that are not in its model, by name
+    others      the fields of a Calibration that SensorModel does not have, by name
     """
     document: dict[str, Any] = plain(
         {
@@ -178,7 +178,7 @@ def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, A
     names: tuple[str, ...] = ()
     if covariance.value is not None:
         names = tuple(item.text() for item in covariance.get("names").items())
-        # The names in the table of parameters are compared with the names of the matrix entries later.
+        # The names in the table of parameters are themselves checked later, by `require_consistent`.
         require_covariance(covariance, [item.get("name").text() for item in node.get("parameters").items()])
     return {
         "accelerometer": accelerometer,

@@ -109,7 +109,7 @@ def for_columns(calibration: Calibration) -> Calibration:
 
 
 def is_added(model: SensorModel, values: EffectValues) -> bool:
-    """Whether an effect adds vectors that depend only on time, temperature or further columns."""
+    """Whether an effect adds vectors that depend only on time, temperature or auxiliary columns."""
     effect = model.definition(values)
     if isinstance(effect, FormulaEffect):
         samples = {name for name in INPUTS if name not in ("temp_degc", "time_s", *ARGUMENTS)}

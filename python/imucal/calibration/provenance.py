@@ -51,7 +51,8 @@ class Provenance:
     date            ISO 8601, UTC
     operator        who made it
     imported        origin of a calibration of another program, or None
-    composed_of     files of the two calibrations of which this one is the composition
+    composed_of     files of the two calibrations from which this one was composed; empty if it was not
+                    composed
     """
 
     files: tuple[Source, ...] = ()

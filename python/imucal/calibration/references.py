@@ -43,9 +43,9 @@ class References:
     gravity_from        "standard" (9.80665 m/s^2 was assumed), "given", "latitude" (normal gravity), or
                         "unknown" (a file of another program, which does not state it)
     gravity_sigma_mps2  standard deviation of local gravity, m/s^2; None if the covariance does not include it
-    clock_ppm           standard deviation of the rate of the clock, 1e-6; None if the covariance does not
-                        include it
-    latitude_deg, height_m   place of normal gravity; None if not given
+    clock_ppm           standard deviation of the rate error of the clock, ppm; None if the covariance does
+                        not include it
+    latitude_deg, height_m   latitude and height for which normal gravity was computed; None if not given
     """
 
     gravity_from: Origin = "standard"

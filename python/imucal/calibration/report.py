@@ -1,4 +1,4 @@
-"""Checks of the report in a calibration file: the figures, the fits, and the origin."""
+"""Checks of the sections of a calibration file on its figures of merit, its fits, and its origin."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def require_fit(
 ) -> None:
     """Raise FormatError if a number of the section `fit` contradicts another number or the covariance.
 
-    effects             linear parameters of each effect with their full names, by name of the effect
+    effects             for each effect by its name: the values of its linear parameters by their full names
     names, covariance   the covariance, and the names of its parameters
     """
     fit = node.mapping()
@@ -131,7 +131,7 @@ def _require_report(node: Node) -> None:
 
 
 def _require_scales(node: Node) -> None:
-    """Raise FormatError unless the noise inflation factor of the joint fit is the largest of `scales`."""
+    """Raise FormatError unless `inflation` of the joint fit is the largest of its `scales`."""
     scales = node.get("scales")
     known = [scales.get(name) for name in SCALES if scales.get(name).value is not None]
     for scale in known:
@@ -145,7 +145,7 @@ def _require_scales(node: Node) -> None:
 
 
 def _require_priors(node: Node, names: Sequence[str]) -> None:
-    """Raise FormatError if the report of the held parameters contains an impossible value."""
+    """Raise FormatError if the report on the parameters with a prior contains an impossible value."""
     node.get("model").text(MODELS)
     for held in node.get("held").items():
         for name in ("name", "unit"):

@@ -1,7 +1,7 @@
 """The verdict on a calibration: good, incomplete or poor, and the residuals on which it is based.
 
 good        noise explains the residuals
-incomplete  usable with a reservation, which the reasons state. Usually residuals of some kind exceed twice
+incomplete  usable with a reservation, which the reasons state. Usually the residuals of one kind exceed twice
             their noise, because the model lacks an effect of the unit or of its motion
 poor        not reliable
 """

@@ -18,8 +18,8 @@ class Event:
     """A message to the person.
 
     time_s  time since the first sample, s, by the time stamps of the samples
-    kind    next (pose to rotate to), hold (the unit is still and the time is counted), taken, refused (a pose
-            that does not count), warning (a fault of the data), info, finished
+    kind    next (pose to rotate to), hold (the unit is still, and its hold time is counted), taken (the pose
+            counts), refused (the pose does not count), warning (a fault of the data), info, finished
     code    stable identifier, such as moved_too_early or a finding code
     """
 
@@ -41,7 +41,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Row:
-    """The largest predicted standard deviation of a group of parameters, as text, before and after a pose."""
+    """For a group of parameters: largest predicted standard deviation before and after a pose, as text."""
 
     group: str
     before: str

@@ -33,7 +33,7 @@ class Outlook:
     worst    largest standard deviation of the parameters of each group; None if a parameter of the group is
              not determined
     missing  description of the missing motion; None if the recording determines all parameters
-    before   `worst` before the last pose
+    before   the field `worst` of the outlook before the last pose was recorded
     absent   groups of a sensor that the recording does not have
     """
 
@@ -47,7 +47,7 @@ class Outlook:
         return not self._above(targets)
 
     def short_of(self, targets: Mapping[str, float]) -> str:
-        """A text that lists the groups whose predicted standard deviation exceeds their target."""
+        """A text that lists the parameter groups whose predicted standard deviation exceeds the target."""
         return "; ".join(
             f"{NAMES[group]} {_shown(size)}, wanted {_target(target, size)}"
             for group, (size, target) in self._above(targets).items()
@@ -91,7 +91,7 @@ class Outlook:
 def outlook_of(recording: Recording, gravity_mps2: float, before: Outlook | None = None) -> Outlook:
     """The standard deviations of the parameters that a calibration from this recording would have.
 
-    before   the same for the recording without its last pose
+    before   the outlook of the recording without its last pose
     """
     earlier = {} if before is None else before.worst
     absent = () if recording.angular_rate is not None else ("gyro_sensitivity", "gyro_bias")

@@ -13,7 +13,7 @@ from imucal.capture.loop import Command
 
 __all__ = ["RINGING", "PlainView", "line_of"]
 
-# First word of a printed line, by the kind of the event that the line reports.
+# For each kind of event, the first word of the line that reports an event of this kind.
 WORDS: Final = {
     "next": "NEXT",
     "hold": "HOLD",

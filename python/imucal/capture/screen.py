@@ -36,7 +36,7 @@ MESSAGE_STYLES: Final = {
     "taken": "green",
     "finished": "bold green",
 }
-# Time for which the reason why a pose is refused is shown in large letters, in s of the samples' time.
+# Time for which the reason for the refusal of a pose is shown in large letters, s of the samples' time.
 REFUSED_S: Final = 3.0
 # Large text for a refused pose, by code of the refusal.
 REFUSALS: Final = {

@@ -7,9 +7,10 @@ The engine needs no terminal, and its clock is the time of the samples.
         for event in session.feed(rows): ...
         session.snapshot
 
-A round has as many poses as there are requested directions. A pose counts if the compiled library detects a
-rest of at least `hold_s` whose up direction differs from those of all earlier poses of the round and of the
-last pose. The counted poses depend on the samples only, so a recording can be continued from its file.
+A round has as many poses as there are requested directions. A pose counts under two conditions. The compiled
+library detects a rest of at least `hold_s`, and the up direction at this rest differs from those of the last
+pose and of all earlier poses of the round. The counted poses depend on the samples only, so a recording can
+be continued from its file.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ POSES: Final = 18
 POSES_WITH_TARGETS: Final = 9
 # Minimum duration of a rest that counts as an attempt at a pose, s. Shorter rests are pauses in a rotation.
 ATTEMPT_S: Final = 0.6
-# Time at rest after which a repeated pose is refused, s.
+# If the unit is at rest in a pose that was already recorded, a message refuses the pose after this time, s.
 REPEATED_S: Final = 0.7
 # If the unit stays in a complete pose, a message says that the pose is complete. STAYS_S is the time from the
 # completion of the pose to the first message, s. STAYS_AGAIN_S is the interval between repetitions, s.

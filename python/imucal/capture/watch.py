@@ -39,9 +39,9 @@ SHAKEN_DEG: Final = 10.0
 # If the ratio of the mean angular rate to its rms exceeds this number, the motion counts as a rotation and
 # not as shaking.
 SHAKEN_SHARE: Final = 0.35
-# An axis is clipped at rest under two conditions. At least this share of the samples in `SHAKES_S` have the
-# extreme value of the axis, and at most `EQUAL_SHARE` of the other samples equal the previous sample. The
-# second condition excludes converters whose step exceeds the noise.
+# An axis is clipped at rest under two conditions. At least this share of the samples in the last `SHAKES_S`
+# have the extreme value of the axis, and at most the share `EQUAL_SHARE` of all other samples of the axis
+# equal the previous sample. The second condition excludes converters whose step exceeds the noise.
 CLIPPED_SHARE: Final = 0.3
 EQUAL_SHARE: Final = 0.1
 # A rotation is too fast above this angular rate, deg/s. It is the smallest measurement range of common
@@ -186,7 +186,8 @@ SHAKING: Final = (
 def _clipped_at_rest(sight: Sight, recording: Recording) -> str | None:
     """The message about an axis on which gravity exceeds the range, or None.
 
-    The general check does not report such an axis, because it assumes a range above 1.3 g.
+    The saturation check of the compiled library does not report such an axis, because it assumes a range
+    above 1.3 g.
     """
     time_s = recording.time_s - recording.time_s[0]
     first = int(np.searchsorted(time_s, sight.now_s - SHAKES_S))

@@ -510,7 +510,7 @@ KIND_OF_GROUP: Final = {
     "Diagnosis of a fit": "warning",
     "Noise of a unit at rest": "warning",
 }
-# Codes under other headings that are warnings: a result is computed in spite of the fault.
+# Codes in other groups that are warnings: imucal computes a result in spite of the fault.
 WARNINGS: Final = (
     "noise_below_lsb",
     "gyro_common_gain",

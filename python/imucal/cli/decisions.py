@@ -93,7 +93,7 @@ def show_ranking(out: Output, ranking: Sequence[Mapping[str, Any]]) -> None:
 
 
 def show_noise_fits(out: Output, found: NoiseResult) -> None:
-    """Fitted range and goodness of fit of each axis."""
+    """Print, for each axis, the range of periods used in the noise fit, and the misfit of the noise model."""
     out.table(
         ("axis", "periods from s", "to s", "one count", "largest deviation of an octave, sigma"),
         (

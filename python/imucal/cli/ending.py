@@ -67,7 +67,7 @@ def as_interrupts() -> Iterator[Ended]:
 
 
 def _leave_closed_terminal() -> None:
-    """Redirect output to the null device if the terminal is closed, so that later messages do not fail."""
+    """If the terminal is closed, redirect output to the null device, so that later messages cannot fail."""
     for stream in (1, 2):
         try:
             os.write(stream, b"")

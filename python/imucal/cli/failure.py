@@ -32,8 +32,8 @@ __all__ = [
 
 # Environment variable. If it is set, an internal error ends the command with a traceback.
 TRACEBACK: Final = "IMUCAL_TRACEBACK"
-# OFFERED matches a smaller model that the message of an error proposes, such as model='orthogonal'.
-# WITH_MODEL lists the commands that have the option --model.
+# OFFERED matches the model with fewer parameters that the message of an error proposes, such as
+# model='orthogonal'. WITH_MODEL lists the commands that have the option --model.
 OFFERED: Final = r"\bmodel='(\w+)'"
 WITH_MODEL: Final = ("calibrate", "gap")
 # An error whose message contains this text needs the noise of mean readings.
@@ -71,8 +71,8 @@ def is_fault(error: BaseException) -> bool:
 def is_interrupt(error: BaseException) -> bool:
     """Whether the user interrupted the command.
 
-    Python 3.11 and earlier raise a RuntimeError from an interrupt that arrives while a class is created, thus
-    while a module is imported.
+    If an interrupt arrives while a class is created, for example during the import of a module, Python 3.11
+    and earlier raise a RuntimeError whose cause is the interrupt.
     """
     is_wrapped = isinstance(error, RuntimeError) and isinstance(error.__cause__, KeyboardInterrupt)
     return is_wrapped or isinstance(error, (KeyboardInterrupt, Abort))
@@ -121,8 +121,9 @@ def no_result_told(options: Mapping[str, Any]) -> Iterator[None]:
     except (Exit, SystemExit):
         raise
     except BaseException as error:
-        # A result that is already in the JSON file is not replaced if the user interrupts the command. It is
-        # replaced by an ImucalError, which then means that another output file could not be written.
+        # If the user interrupts the command, a result that is already in the JSON file stays there. If an
+        # ImucalError occurs after the result was written, another output file could not be written. The
+        # document of this error then replaces the result.
         is_told = Output.documents > before and (path == "-" or not isinstance(error, ImucalError))
         if path is not None and not is_told and not _is_read(path, options.values()):
             _write(path, error)

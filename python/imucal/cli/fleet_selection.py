@@ -55,7 +55,7 @@ def selection_options(command: Callable[..., None]) -> Callable[..., None]:
 def store_of(path: Path, **outputs: str | Path | None) -> Fleet:
     """The store of a command. Raises InputError if an output would overwrite the store.
 
-    outputs   output files by the name of their option, without its dashes
+    outputs   output files by the name of their command line option without dashes
     """
     from imucal.fleet.fleet import Fleet
 

@@ -99,7 +99,7 @@ class Command(_Help):
 
 
 class Commands(_Help, click.Group):
-    """A group of commands. If the group has a function, it also runs without a subcommand.
+    """A group of commands. A group with a function can also be called without a subcommand.
 
     lazy         commands by name, in the order of the list of commands
     function     function that runs without a subcommand; None if `start` or the help is shown instead

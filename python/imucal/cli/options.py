@@ -144,7 +144,7 @@ HoldOption = Annotated[
 
 
 class Required(str, Enum):
-    """The worst verdict with which a command ends with exit code 0."""
+    """The worst verdict for which the exit code of a command is still 0."""
 
     good = "good"
     incomplete = "incomplete"

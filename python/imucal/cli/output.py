@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class _Predicted(Protocol):
-    """A parameter with its standard deviation, which is None for a parameter that is not determined."""
+    """A parameter with its predicted standard deviation, or None if the motion does not determine it."""
 
     @property
     def name(self) -> str: ...
@@ -201,7 +201,7 @@ class Output:
         self.table(headings, rows)
 
     def predicted(self, parameters: Iterable[_Predicted]) -> None:
-        """The table of predicted standard deviations."""
+        """Print the table of the predicted standard deviations of parameters."""
         from imucal.calibration.parameter_text import sigma_text
 
         rows = []

@@ -19,7 +19,7 @@ DELAY_S = 1.0
 
 
 class Stage:
-    """The current stage of a command, for the display; does nothing without a terminal."""
+    """The display of the current stage of a command on the terminal; does nothing without a terminal."""
 
     def __init__(self, name: str, steps: int | None = None) -> None:
         self._name, self._steps, self._done = name, steps, 0

@@ -24,9 +24,9 @@ ROUNDING: Final = 1e-6
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a repeated value of a document comes from.
+    """Origin of a value that a document repeats, and the difference from it that counts as rounding.
 
-    place      the other place in the document
+    place      the field or fields of the document that the value repeats, for messages
     absolute   absolute difference of two numbers that counts as rounding
     relative   relative difference of two numbers that counts as rounding, relative to the larger one
     """

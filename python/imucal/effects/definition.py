@@ -29,10 +29,11 @@ class UserEffect:
     """A user-defined effect.
 
     name        must not be in the catalogue; parameters are called `<name>_<parameter>` in all results
-    sensor      "accelerometer" (the field is a specific force) or "gyroscope" (the field is an angular rate)
-    parameters  one parameter per column of the field
-    field       function of the State that returns the field, (N, 3, p); None if the calibration was loaded
-                from a file without the definition
+    sensor      "accelerometer" (the effect adds a specific force) or "gyroscope" (it adds an angular rate)
+    parameters  in the order of the last index of the array that `field` returns
+    field       function of the State that returns an array (N, 3, p): the error of each of N samples on the
+                three axes, per unit of each of the p parameters. None if the calibration was loaded from a
+                file without the definition
 
     Example: a gyroscope whose bias depends on the supply voltage in the column `supply_v`:
 
@@ -77,7 +78,7 @@ class UserEffect:
 
     @property
     def plain(self) -> int:
-        """Number of parameters of the plain form: all, because a user-defined effect has only one form."""
+        """Number of all parameters, because a user-defined effect has only one form, the plain form."""
         return len(self.parameters)
 
     @property
@@ -92,7 +93,7 @@ class UserEffect:
     def required_field(self) -> Callable[[State], ArrayLike]:
         """The field.
 
-        Raises InputError if the effect was loaded from a file, which does not contain the function.
+        Raises InputError if the effect was loaded from a file, because files do not contain functions.
         """
         if self.field is None:
             raise InputError(
@@ -102,7 +103,7 @@ class UserEffect:
         return self.field
 
     def columns(self, state: State) -> FloatArray:
-        """The field at each sample, (N, 3, p).
+        """The field evaluated at each sample, (N, 3, p).
 
         Raises InputError if the definition is missing, if the function returns another shape, or if it
         returns values that are not finite at a sample with finite rate and force.
@@ -155,7 +156,7 @@ def definitions(user_effects: Sequence[UserEffect]) -> Mapping[str, Effect | Use
 
 
 def counts_of(effect: Effect | UserEffect) -> range:
-    """Numbers of parameters of the forms of an effect."""
+    """The possible numbers of parameters of an effect, one for each of its forms."""
     return range(effect.plain, len(effect.parameters) + 1, effect.plain)
 
 

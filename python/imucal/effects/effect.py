@@ -2,9 +2,9 @@
 
     measured = T (true + sum of Phi(state) theta) + bias          docs/model.md (15)
 
-T is the sensitivity of the sensor. An effect has a name, a sensor, parameters theta with units and typical
-sizes, and a field Phi: for each sample the (3, p) derivative of the sensor's input with respect to the
-parameters, in the body frame.
+T is the sensitivity of the sensor. An effect has a name, a sensor, p parameters theta with units and typical
+sizes, and a field Phi. At each sample, Phi is a matrix (3, p): the derivatives of the error that the effect
+adds to the true rate or force, in the body frame, with respect to the parameters.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ class Effect:
 
     sensor      "accelerometer", "gyroscope" or "encoder"
     parameters  in the order of the columns of the field
-    plain       number of parameters of the plain form, which has the first parameters only. The full form has
-                all parameters; further forms have a multiple of the plain number
+    plain       number of parameters of the plain form, which has only the first ones. The full form has all
+                parameters; the numbers of further forms are multiples of this number
     shape       the positive parameter on which the field depends nonlinearly, such as a time constant; None
                 if the field is linear in all parameters
     needs       inputs of the field other than rate and force: "angular_acceleration", "attitude",
                 "temperature", "time", ...
-    formula     the error as text: the field times the parameters
+    formula     formula of the error that the effect adds, as text
     observable  the data in which the effect is observable
     """
 

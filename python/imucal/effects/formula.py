@@ -4,7 +4,8 @@
 
 The effect adds the value of the expression to the true rate (rad/s) or force (m/s^2). The parameters are the
 names that are neither inputs, functions nor columns of the recordings; the expression must be linear in them,
-without a constant term. Without an axis, each axis has separate parameters.
+without a constant term. Without an axis, the effect acts on all three axes, each of which has separate
+parameters.
 
 The text is parsed but never executed. The syntax tree may contain only numbers, names, the operations in
 `OPERATORS`, comparisons, and calls of `FUNCTIONS`.
@@ -65,11 +66,12 @@ FUNCTIONS: Final[Mapping[str, int]] = {
 }
 OPERATORS: Final = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
 COMPARISONS: Final = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
-# Maximum number of characters of a formula, and maximum nesting depth. Formulas that fit on one line are far
+# Maximum number of characters of a formula, and maximum depth of nested operations. Usual formulas are far
 # below both limits.
 MOST_CHARACTERS: Final = 500
 MOST_NESTED: Final = 50
-# Largest number in a formula. The limit is needed because Python integers are unbounded.
+# Largest accepted magnitude of a number in a formula. The limit is needed because Python integers are
+# unbounded and may not fit into a float.
 LARGEST: Final = 1e100
 
 HEAD: Final = re.compile(
@@ -85,7 +87,7 @@ class Formula:
     text     as given, with single spaces
     name     of the effect; None if the text contains no name
     sensor   "gyroscope" or "accelerometer"
-    axes     the axes that the effect acts on: all, or one
+    axes     the axes on which the effect acts: "xyz", or one of them
     factors  the expression that multiplies each parameter
     """
 
@@ -206,7 +208,10 @@ class _Reader:
             self.require_allowed(part, depth + 1)
 
     def terms(self, node: ast.expr) -> dict[str | None, ast.expr]:
-        """The factor of each parameter in a linear expression; key None is the term without a parameter."""
+        """The factor of each parameter in a linear expression.
+
+        The key None stands for terms without a parameter.
+        """
         match node:
             case ast.Name() if self._is_parameter(node.id):
                 return {node.id: ast.Constant(1)}

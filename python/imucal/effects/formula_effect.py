@@ -21,8 +21,8 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 __all__ = ["FormulaEffect", "formula_effects", "sizes_of"]
 
 UNITS: Final = {"gyroscope": "rad/s", "accelerometer": "m/s^2"}
-# Typical rms error of an effect, rad/s and m/s^2: 0.05 deg/s and 1 mg, as for the bias effects of the
-# catalogue.
+# Assumed typical rms error of an effect, rad/s and m/s^2: 0.05 deg/s and 1 mg, as for the warm-up effects of
+# the catalogue.
 TYPICAL: Final = {"gyroscope": 8.7e-4, "accelerometer": 9.8e-3}
 # Assumed angular rate of a typical rotation, rad/s. If gyroscope samples are in counts of unknown scale, they
 # are scaled to this rate before typical sizes of effects are computed.
@@ -122,7 +122,7 @@ class FormulaEffect(UserEffect):
         return tuple(sorted(self.formula.inputs - set(INPUTS)))
 
     def columns_of_field(self) -> list[tuple[str, int, ast.expr]]:
-        """For each parameter its name, the index of its axis, and the expression that multiplies it."""
+        """For each parameter: its name, the index of its axis, and the expression that multiplies it."""
         return _terms(self.formula)
 
 
@@ -147,7 +147,7 @@ def formula_effects(texts: Sequence[str], recordings: Sequence[Recording]) -> tu
 
 @dataclass(frozen=True, eq=False)
 class _Field:
-    """The field of a formula, (N, 3, p), as a function of the state."""
+    """Callable that evaluates the field of a formula, (N, 3, p), at a state."""
 
     formula: Formula
 
@@ -163,7 +163,7 @@ class _Field:
 
 
 def _terms(formula: Formula) -> list[tuple[str, int, ast.expr]]:
-    """Name, axis and factor of each parameter, in the order of the columns of the field."""
+    """Name, index of the axis, and factor of each parameter, in the order of the parameters in the field."""
     several = len(formula.axes) > 1
     return [
         (f"{name}_{axis}" if several else name, AXES.index(axis), factor)
@@ -223,16 +223,16 @@ def _value(node: ast.expr, inputs: Mapping[str, FloatArray]) -> Any:
 
 
 def _typical_sizes(effect: FormulaEffect, states: Sequence[State]) -> list[float]:
-    """The sizes of the parameters at which each term of the formula has the standard deviation `TYPICAL`."""
+    """Sizes of the parameters with which each term has the standard deviation `TYPICAL` over the states."""
     return sizes_of(effect, [effect.columns(state) for state in states])
 
 
 def sizes_of(effect: FormulaEffect, fields: Sequence[FloatArray]) -> list[float]:
     """Sizes of the parameters with which each term has the standard deviation `TYPICAL` over the recordings.
 
-    `fields` has one field per recording.
+    `fields` contains, for each recording, the field evaluated at its samples, (N, 3, p).
 
-    Raises InputError if a field does not vary.
+    Raises InputError if the factor of a parameter is constant.
     """
     axes = [axis for _, axis, _ in _terms(effect.formula)]
     along = [np.concatenate([field[:, axis, k] for field in fields]) for k, axis in enumerate(axes)]
@@ -248,7 +248,10 @@ def sizes_of(effect: FormulaEffect, fields: Sequence[FloatArray]) -> list[float]
 
 
 def _rough_state(recording: Recording) -> State:
-    """The state from uncorrected samples. Counts are scaled by gravity and by the rate `TURN_RADPS`."""
+    """The approximate state from uncorrected samples.
+
+    Counts are scaled such that the median force is standard gravity and the largest rate is `TURN_RADPS`.
+    """
     require_sensors(recording, "accelerometer", "gyroscope")
     force, rate = np.asarray(recording.specific_force, float), np.asarray(recording.angular_rate, float)
     if recording.accel_unit == "lsb":

@@ -14,7 +14,7 @@ class Meaning:
 
     what    the error that it adds to the sensor
     cause   the usual cause in a MEMS sensor or its mount
-    remedy  action against the effect besides its correction
+    remedy  what a user can do about the effect
     """
 
     what: str
@@ -286,5 +286,5 @@ MEANINGS: Final[dict[str, Meaning]] = {
 
 
 def meaning_of(name: str) -> Meaning | None:
-    """The description of an effect of the catalogue; None for a user-defined effect and for a law."""
+    """The description of an effect of the catalogue; None for any other effect."""
     return MEANINGS.get(name)

@@ -54,7 +54,8 @@ def find(name: str) -> Effect:
 def has_parameter(effect: str, name: str) -> bool:
     """Whether a parameter belongs to an effect.
 
-    A prefix match is not sufficient, because the name of one effect may be a prefix of another effect's name.
+    For effects of the catalogue, a comparison of the beginnings is not sufficient, because the name of one
+    effect may begin with the name of another.
     """
     row = catalogue_by_name().get(effect)
     if row is None:

@@ -115,7 +115,7 @@ def effects_of(node: Node, user_effects: Sequence[UserEffect] = ()) -> tuple[Eff
 
 
 def _definitions(user_effects: Sequence[UserEffect]) -> dict[str, Definition]:
-    """All definitions by name: effects, noise, faults, and user-defined effects."""
+    """All definitions by name: effects of the catalogue, noise, faults, and user-defined effects."""
     known: dict[str, Definition] = {row.name: row for row in catalogue()}
     known.update((row.name, row) for row in disturbances())
     return known | by_name(user_effects)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 __all__ = ["calibrate", "result_of"]
 
 # Largest accepted number of folds of the cross-validation. More folds are useless, because recordings have
-# fewer moves than this number.
+# fewer moves than that.
 MOST_FOLDS: Final = 1000
 # Largest accepted value of `max_iterations`. If a fit has not converged after this number of iterations, more
 # iterations do not help.
@@ -77,56 +77,57 @@ def calibrate(
     Recordings of an accelerometer alone determine its nine parameters. So does a table of mean readings
     (`Means`), which also gives the bias of the gyroscope. In both cases, effects and `folds` are errors.
 
-    control            recordings that are not fitted and only used to judge the result
-    gravity_mps2       local gravity, m/s^2, to which the estimated accelerometer sensitivities are inversely
-                       proportional; None: normal gravity at `latitude_deg` and `height_m`, or standard
-                       gravity 9.80665
+    control            recordings that are not fitted and only used to evaluate the result
+    gravity_mps2       local gravity, m/s^2. The estimated accelerometer sensitivities are inversely
+                       proportional to it. None: normal gravity at `latitude_deg` and `height_m`, or standard
+                       gravity 9.80665 without them
     gravity_sigma_mps2 standard deviation of local gravity, m/s^2, to include in the standard deviations of
-                       the scales; None: with `latitude_deg` that of normal gravity, otherwise zero
+                       the accelerometer scales. None: with `latitude_deg` the standard deviation of normal
+                       gravity, otherwise zero
     latitude_deg, height_m   geodetic latitude, deg, and height, m, of the place
-    clock_ppm          standard deviation of the rate of the clock that gives the time stamps, 1e-6, to
+    clock_ppm          standard deviation of the rate error, ppm, of the clock that gives the time stamps, to
                        include in the standard deviations of the gyroscope scales
     frame              body frame of the result: "symmetric" or "triangular"
     min_rest_s         minimum duration of a rest, s
     exclude_saturated  exclude rests and moves with saturated samples instead of refusing the recording
     accel_nominal, gyro_nominal   nominal sensitivity in lsb per m/s^2 and lsb per rad/s for recordings in
-                       counts; without it start values are estimated from the data
+                                  counts; without it, start values are estimated from the data
     effects            effects to estimate together with the 21 parameters: user-defined effects, formulas
                        such as "gyro: k * (supply_v - 3.3)", and names of the catalogue. NAME:full selects the
-                       form with all parameters of an effect, and NAME:6 a form with six. NAME:seen gives
-                       each parameter of the effect a prior, whose standard deviation is the estimated size of
-                       the effect. The recordings then need not determine all of these parameters
+                       form with all parameters of an effect, and NAME:6 a form with six. NAME:seen gives each
+                       parameter of the effect a prior, whose standard deviation is the estimated size of the
+                       effect. The recordings then need not determine all parameters of the effect
     model              parameters that are estimated without a prior: "full" for all; "orthogonal" for biases
-                       and scales, with the misalignments held; "bias" for the biases, with misalignments and
-                       scales held
-    hold               parameters held in addition. A held parameter has a normal prior, whose uncertainty is
-                       included in the standard deviations of the result. Texts NAME, NAME=VALUE or
-                       NAME=VALUE+-SIGMA, or a mapping from names to None, the value, or (value, sigma). NAME
-                       is accel_ or gyro_ with bias, scale or misalignment, for all axes, or with axes
-                       (accel_misalignment_xy). The default of VALUE is the value of a perfect sensor. The
-                       default of SIGMA is the spread in `unit`, or else the spread of MEMS sensors
-                       (docs/model.md (40)). Biases are in the raw unit, scales relative to the nominal scale,
-                       misalignments in rad
-    joint              estimate all parameters in one fit; if False, and without effects and held parameters,
-                       first fit the accelerometer and then the gyroscope
+                       and scales, while the misalignments are held (see `hold`); "bias" for the biases, while
+                       misalignments and scales are held
+    hold               further parameters to hold. A held parameter has a normal prior, whose uncertainty is
+                       included in the standard deviations of the result. The argument consists of texts NAME,
+                       NAME=VALUE or NAME=VALUE+-SIGMA, or is a mapping from names to None, the value, or
+                       (value, sigma). NAME is accel_ or gyro_ with bias, scale or misalignment, for all axes,
+                       or with axes (accel_misalignment_xy). The default of VALUE is the value of a perfect
+                       sensor. The default of SIGMA is the spread between units that `unit` states, or else
+                       the spread of MEMS sensors (docs/model.md (40)). Biases are in the raw unit, scales
+                       relative to the nominal scale, misalignments in rad
+    joint              estimate all parameters in one fit. If False, and if there are no effects and no held
+                       parameters, first fit the accelerometer and then the gyroscope
     unit               profile of the unit, its name, or the path of its file. Bias instabilities and random
                        walks in the profile are included in the standard deviations, because recordings of
-                       minutes hardly show them; the estimated biases are then means over the recording. The
-                       spread in the profile gives the priors of held parameters
+                       some minutes hardly reveal them; the estimated biases are then means over the
+                       recording. The spread between units in the profile gives the priors of held parameters
     noise_mps2         standard deviation of the means of the accelerometer, m/s^2, for a table of means that
                        does not contain it. Default: computed from the noise density of `unit` and the
                        `duration_s` of the means, or else from the residuals
     calibration        calibration of the accelerometer, such as that of an accelerometer alone. Its nine
                        parameters with their covariance are a prior, so that the recordings need only the
                        moves for the gyroscope. A gyroscope in this calibration is not used
-    folds              number of additional fits for cross-validation, each of which excludes one part of the
-                       rests and moves and predicts it
+    folds              number of additional fits for cross-validation. Each of these fits excludes one part of
+                       the rests and moves, and predicts the excluded part
     max_iterations     maximum number of iterations of the joint fit. The fit is repeated with new weights,
                        and the iterations of all repetitions count together. If the fit reaches this number
                        before its optimum, the verdict is poor
 
     Another thread must not change the arrays of the recordings during the calculation, because the result
-    would describe neither the old nor the new values. The signal handlers of Python run during the
+    would then be a mixture of the old and the new values. The signal handlers of Python run during the
     calculation, and an exception of a handler, such as KeyboardInterrupt, ends it.
 
     Raises InputError (its `findings` list the faults) for recordings that would give a wrong result,
@@ -231,7 +232,7 @@ def result_of(
     serial_number: str | None = None,
     references: References | None = None,
 ) -> CalibrationResult:
-    """The result of a calibration by the compiled library.
+    """The CalibrationResult from the outcome of the compiled library.
 
     own    the user-defined effects that were estimated
     found  the evaluation on the control recordings `judges`; None without control recordings
@@ -312,7 +313,10 @@ def _effects(outcome: _core.Outcome) -> tuple[EffectValues, ...]:
 
 
 def _names(outcome: _core.Outcome, own: tuple[UserEffect, ...]) -> tuple[str, ...]:
-    """Names of all parameters. For user-defined effects the compiled library returns only numbers."""
+    """Names of all parameters.
+
+    The compiled library does not know the parameter names of user-defined effects.
+    """
     count = sum(len(effect.parameters) for effect in own)
     names = outcome.names[: len(outcome.names) - count]
     return (*names, *(f"{effect.name}_{p.name}" for effect in own for p in effect.parameters))
@@ -329,7 +333,7 @@ def _noise(accel_density: FloatArray, gyro_density: FloatArray | None) -> dict[s
             ("accel_noise_density", "mps2", accel_density),
             ("gyro_noise_density", "radps", gyro_density),
         )
-        # A table of means has no density.
+        # The noise density of a table of means is not known.
         if densities is not None and np.isfinite(densities).all()
         for axis, density in zip("xyz", densities, strict=True)
     }

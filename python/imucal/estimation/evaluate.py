@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from imucal.limits.judgement import Judgement
     from imucal.limits.limits import Limits
 
-# Names of the parts that a calibration of another program may lack and whose absence causes errors of the
-# corrected samples.
+# Names of parts that a calibration of another program may lack. Without such a part, the corrected samples
+# have errors.
 ERRORS: Final = frozenset(
     {"gyroscope", *(f"{s}_{part}" for s in ("accel", "gyro") for part in ("bias", "scale", "misalignment"))}
 )
@@ -70,15 +70,15 @@ class JudgedRecording:
 class Evaluation:
     """The evaluation of a calibration on recordings.
 
-    figures       figures of the calibration on these recordings
-    before        figures of the uncalibrated unit, with its nominal sensitivity
+    figures       figures of merit of the calibration on these recordings
+    before        figures of merit of the uncalibrated unit with its nominal sensitivity on these recordings
     rests, moves  the rests and moves of the recordings, in order of time
-    carried       for each recording, gravity at its rests, measured and propagated by the gyroscope; empty
-                  for an accelerometer alone
+    carried       for each recording, gravity at its rests: measured by the accelerometer, and propagated from
+                  the first rest by the gyroscope; empty for an accelerometer alone
     findings      warnings about the recordings
     verdict       `good`, `incomplete` or `poor`
     reasons       why the verdict is not good
-    residuals     the residuals with their noise, by kind
+    residuals     for each kind of residual, its rms compared with noise
     judgement     the checks of the calibration and these figures against limits; None without limits
     serial_number, provenance   serial number and provenance of the calibration
     recordings    name and files of each recording
@@ -190,7 +190,7 @@ def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s:
 
 
 def _covariance(calibration: Calibration) -> FloatArray | None:
-    """The covariance of the parameters of the triads; None if any entry is not known."""
+    """The covariance of the parameters of the triads; None if it is not known or the frame is "given"."""
     base = base_count(calibration.frame, has_gyroscope=calibration.gyroscope is not None)
     names = [parameter.name for parameter in calibration.parameters[:base]]
     if (

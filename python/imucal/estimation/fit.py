@@ -33,9 +33,9 @@ __all__ = [
 class FitReport:
     """How one fit ended.
 
-    chi2, degrees_of_freedom   of the weighted residuals
-    inflation                  factor by which the standard deviations are widened; 1 if noise explains the
-                               residuals
+    chi2, degrees_of_freedom   chi2 and degrees of freedom of the weighted residuals
+    inflation                  factor by which the standard deviations of the parameters are widened; 1 if
+                               noise explains the residuals
     iterations                 number of iterations
     termination                why the fit stopped: "converged", or a reason that makes the verdict poor:
                                "stalled" (no step decreases chi2 although the gradient is not zero),
@@ -52,7 +52,7 @@ class FitReport:
 
 @dataclass(frozen=True, slots=True)
 class ResidualScales:
-    """Factor by which the joint fit widens the noise of each kind of residual (model.md (19)).
+    """Factors by which the joint fit widens the noise of each kind of residual (docs/model.md (19)).
 
     norms   norm of gravity at the rests
     moves   gravity direction after the moves
@@ -105,10 +105,10 @@ class EffectSignificance:
 class RestThreshold:
     """How the rests of one recording were detected.
 
-    factor                 threshold of the mean over the axes of (variance of the samples in a window /
-                           noise variance); see (11) in docs/model.md
-    stable_from, stable_to range of factors with the same rests
-    window_s               length of the window over which samples are compared, s
+    factor                 threshold of rest detection. A window is at rest if (variance of its samples /
+                           noise variance), averaged over the axes, is below it; see (11) in docs/model.md
+    stable_from, stable_to range of thresholds that give the same number of rests
+    window_s               length of a window, s
     noise_floor            (6,) standard deviation of a sample at rest, gyroscope x, y, z, accelerometer x, y,
                            z, in raw units; None for a missing sensor
     """
@@ -129,13 +129,13 @@ class Fit:
     joint                     the joint fit; None without a joint fit, and `noise_alone`,
                               `bias_instability_radps`, `tremor_deg` and `effects` are then empty
     noise_alone               test whether noise alone explains the residuals
-    bias_instability_radps    (3,) bias instability of the gyroscope, rad/s, from `unit` or estimated from the
-                              rates at the rests; None if there is none
-    tremor_deg                for each recording the hand tremor about each axis, deg; None if the unit was
-                              not hand-held
+    bias_instability_radps    (3,) bias instability of the gyroscope, rad/s, from the profile of the unit or
+                              estimated from the rates at the rests; None if it is negligible
+    tremor_deg                for each recording, the standard deviation of the hand tremor about each axis,
+                              deg; None if the unit was not hand-held
     effects                   significance of each estimated effect
     rest_thresholds           how the rests of each recording were detected
-    priors                    the held parameters; None if none is held
+    priors                    the parameters with a prior (held parameters); None if there are none
     """
 
     accelerometer: FitReport
@@ -228,7 +228,7 @@ class Diagnosis:
     code        "traded_off" (strongly correlated parameters), "flat" (standard deviation above the usual
                 size of the parameter) or "at_bound" (time constant too long or too short for the recordings)
     parameters  their names
-    value       the number that exceeded the threshold of the diagnosis
+    value       the number on which the diagnosis is based, for example a correlation
     message     description of the problem
     way_out     the motion to add
     """

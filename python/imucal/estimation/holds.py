@@ -59,7 +59,7 @@ def _of_mapping(name: str, given: Any) -> HoldTuple:
 
 
 def profile_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[tuple[str, list[float]], ...]:
-    """Standard deviations of the unit's profile in the symmetric body frame, by group of parameters.
+    """Spread between units, from the profile of `unit`, in the symmetric frame, by group of parameters.
 
     The spread of a profile describes the off-diagonal entries of the sensitivity in the frame of the package.
     In the symmetric frame, an entry of the accelerometer is the mean of two of these entries, and half of

@@ -60,14 +60,15 @@ class Inspection:
     findings      all findings of the checks; findings of severity "error" prevent a calibration
     rests         the rests, in order of time
     threshold     how the rests were detected; None without samples
-    explanation   why this threshold was chosen, or why there is no rest
+    explanation   why this threshold of rest detection was chosen, or why there is no rest
     missing       the parameters that this recording alone does not determine, and the motion to add; None if
                   nothing is missing
     predicted_sigma   standard deviations of the 21 parameters, predicted from the motion and the noise at the
                       rests for sensors without errors; for an accelerometer alone, the standard deviations of
                       its nine parameters in a calibration from this recording
-    through_moves     names of the parameters that only the moves determine, because the rests alone lack
-                      directions for them, as on the six faces of a box
+    through_moves     names of the accelerometer parameters that the rests alone do not determine, but the
+                      rests together with the moves do. An example is a unit that rests only on the six faces
+                      of a box
     """
 
     name: str

@@ -12,7 +12,7 @@ from imucal.recording.recording import Recording
 
 __all__ = ["KnownAccelerometer", "known_accelerometer"]
 
-# The nine parameters of an accelerometer, and their covariance by rows.
+# Type: the nine parameters of an accelerometer, and their covariance by rows.
 KnownAccelerometer = tuple[list[float], list[list[float]]]
 
 

@@ -33,12 +33,14 @@ class UserField(NamedTuple):
 class Options:
     """Options of an estimation; the compiled library reads the fields by name.
 
-    effects      names of the effects of the catalogue, and the number of parameters of their forms
-    user_fields  fields of the user-defined effects
+    effects      for each effect of the catalogue to estimate: its name, and the number of parameters of its
+                 form
+    user_fields  user-defined effects, evaluated at each sample of each recording
     partly       names of the effects with `:seen`, whose parameters have a prior
-    accelerometer   nine parameters of a calibrated accelerometer in the symmetric frame, and their covariance
+    accelerometer   nine parameters of a calibrated accelerometer in the symmetric frame, and their
+                    covariance, as a prior
     hold         names, means and standard deviations of the held parameters or groups
-    profile      standard deviations of the unit's profile, by group of parameters
+    profile      spread between units that the profile of the unit states, by group of parameters
     The other fields are the arguments of `calibrate`.
     """
 
@@ -64,7 +66,7 @@ class Options:
 
 
 class Wander(NamedTuple):
-    """Bias instability and random walk of a sensor for the library, x, y and z, SI units."""
+    """Bias instability and random walk of a sensor on the axes x, y and z, SI units."""
 
     bias_instability: tuple[float, ...]
     random_walk: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""Estimates of parameters held by a prior (model.md (40)), and the share of the priors in the uncertainty."""
+"""Estimates of parameters with a prior (held parameters, model.md (40)), and the effect of the priors."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 __all__ = ["HeldParameter", "PriorShare", "Priors"]
 
-# A note lists each parameter that is not held if more than this share of its variance comes from the priors
-# of held parameters.
+# A note lists the parameters without a prior of which more than this share of the variance comes from the
+# priors of held parameters.
 NOTED_SHARE: Final = 0.1
 SOURCES: Final = {"given": "given", "unit": "of the unit's profile", "default": "default for MEMS sensors"}
 
@@ -29,7 +29,7 @@ class HeldParameter:
     unit           the raw unit for a bias, 1 for a scale relative to the nominal one, rad for a misalignment
     prior_value    mean of the prior
     prior_sigma    standard deviation of the prior
-    prior_source   origin of this standard deviation: "given", "unit" (the unit's profile) or "default"
+    prior_source   origin of `prior_sigma`: "given", "unit" (the unit's profile) or "default"
     estimate       estimate from recordings and prior
     sigma          standard deviation of the estimate
     prior_share    share of the variance of the estimate that comes from the priors; 1 if the recordings
@@ -70,9 +70,10 @@ class Priors:
     model                  "full", "orthogonal" or "bias"
     held                   the held parameters
     shares                 for each parameter of the calibration, the share of its variance from the priors
-    gravity_direction_deg  error of the gravity direction due to the uncertainty of the priors, deg (1 sigma)
-    rotation_deg           error of a rotation by 90 deg due to the uncertainty of the priors, deg (1 sigma);
-                           None without a gyroscope
+    gravity_direction_deg  error of a measured gravity direction due to the uncertainty of the priors, deg (1
+                           sigma)
+    rotation_deg           error of a measured rotation by 90 deg due to the uncertainty of the priors, deg (1
+                           sigma); None without a gyroscope
     """
 
     model: str

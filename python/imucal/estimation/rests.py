@@ -22,9 +22,9 @@ class Rest:
     start_s, end_s       times of the first and last sample of the rest, s; None in a table of means
     epochs               number of epochs, the parts of a long rest with a separate mean and temperature each;
                          1 if the rest is not split
-    unsteadiness         variance of the samples of the rest divided by the noise variance
-                         (median over the windows), or the drift of the mean force if it is larger; see (11)
-                         in docs/model.md
+    unsteadiness         variance of the samples of the rest divided by the noise variance (median over the
+                         windows), or a measure of the drift of the mean force if this is larger; see (11) in
+                         docs/model.md
     mean_specific_force  (3,) mean of the raw samples, in the raw unit
     mean_angular_rate    (3,) mean of the raw samples, in the raw unit
     norm_error_mps2      norm of the corrected specific force minus gravity, m/s^2
@@ -85,7 +85,8 @@ class Move:
 class FittedRest(Rest):
     """One rest of a calibration recording.
 
-    chi2, degrees_of_freedom   of its residuals in a fit without this rest; None if no joint fit used it
+    chi2, degrees_of_freedom   of the residuals of this rest in a fit without it; None if no joint fit used
+                               the rest
     p_value                    probability of a larger chi2 under the null hypothesis of noise only
     """
 

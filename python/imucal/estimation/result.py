@@ -43,7 +43,7 @@ class CalibrationResult:
 
     calibration      the sensor model with its uncertainty
     fit              report on the estimation: rest detection, convergence, and tests of the residuals
-    calibration_set  figures on the calibration recordings
+    calibration_set  figures of merit on the calibration recordings
     rests, moves     the rests and moves of the calibration recordings, in order of time
     findings         warnings about the recordings
     held_out         cross-validation: rests and moves predicted by fits that exclude them; None without folds
@@ -51,7 +51,7 @@ class CalibrationResult:
     verdict          `good`, `incomplete` or `poor`: the worst of the verdicts on the calibration recordings,
                      on the control recordings and against limits
     reasons          why the verdict is not good
-    residuals        the residuals of the calibration recordings with their noise, by kind
+    residuals        for each kind of residual of the calibration recordings, its rms compared with noise
     diagnosis        parameters that the recordings determine only poorly
     judgement        the checks against limits; None without limits
     accelerometer_of   origin of the calibration of the accelerometer that was given as a prior, or None
@@ -84,7 +84,7 @@ class CalibrationResult:
 
     @property
     def control_set(self) -> Figures | None:
-        """Figures on the control recordings; None without control recordings."""
+        """Figures of merit on the control recordings; None without control recordings."""
         return None if self.control is None else self.control.figures
 
     @property
@@ -94,7 +94,7 @@ class CalibrationResult:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on exclusions, widened uncertainties, effects, poor observability, and assumptions."""
+        """Sentences on excluded data, widened uncertainties, effects, observability, and assumptions."""
         notes = [
             f"rest {index} ({rest.place}) of {rest.recording} excluded: {rest.excluded}"
             for index, rest in enumerate(self.rests)
@@ -153,7 +153,10 @@ class CalibrationResult:
         return tuple(notes)
 
     def _chi2_text(self, test: NoiseTest) -> str:
-        """chi2 of all residuals. Unlike the figures, it contains the mean rates at the rests."""
+        """Text on the chi2 of all residuals.
+
+        Unlike the figures of merit, this chi2 includes the mean rates at the rests.
+        """
         rates = " with the mean rates at the rests" if self.calibration.gyroscope is not None else ""
         return f"chi2{rates} is {test.chi2:.4g} for {test.degrees_of_freedom} degrees of freedom"
 

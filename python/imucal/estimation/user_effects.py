@@ -21,8 +21,8 @@ from imucal.recording.recording import Recording, samples_of_both
 __all__ = ["UserEffectSource"]
 
 
-# When two calibrations are compared, samples are averaged over this time, s, before they are corrected. The
-# errors of a calibration vary as slowly as the motion, so these averages are sufficient.
+# To predict the errors of two calibrations, samples are averaged over this time, s, before they are
+# corrected. These errors vary as slowly as the motion, so averages over this time are sufficient.
 BRIEF_S: Final = 0.1
 
 RateAndForce: TypeAlias = tuple[FloatArray, FloatArray]
@@ -35,7 +35,7 @@ class UserEffectSource:
     effects     the definitions
     recordings  the calibration recordings
     control     the control recordings, which are not fitted
-    given       a calibration to compare with, instead of the fit without effects
+    given       a calibration for comparison; None to compare with the fit without effects
     """
 
     effects: tuple[UserEffect, ...]
@@ -49,7 +49,7 @@ class UserEffectSource:
         return [effect.name for effect in self.effects]
 
     def fields(self, names: Sequence[str], estimate: _core.Estimate) -> list[UserField]:
-        """Fields of the named effects, (N, 3, p) per recording, evaluated at the corrected rate and force."""
+        """The named effects, with their fields (N, 3, p) at the corrected samples of each recording."""
         own = [effect for effect in self.effects if effect.name in names]
         return self._fields(own, self._calibration(estimate), self.recordings) if own else []
 
@@ -61,10 +61,11 @@ class UserEffectSource:
     def brief_means(
         self, before: _core.Estimate, after: _core.Estimate, of_control: bool
     ) -> tuple[list[RateAndForce], list[RateAndForce], list[UserField]]:
-        """Means of rate and force over 0.1 s, corrected by each of two calibrations, and the effect fields.
+        """Means over 0.1 s, corrected by each of two calibrations, and the fields of the user effects.
 
         The first calibration is the given one, or `before` if none is given. The second one is `after`. The
-        fields are evaluated at the means that the second calibration has corrected.
+        fields of the user-defined effects are evaluated at the means that the second calibration has
+        corrected.
         """
         recordings = [_brief(recording) for recording in (self.control if of_control else self.recordings)]
         better = self._calibration(after)

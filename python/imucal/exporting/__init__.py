@@ -3,7 +3,7 @@
     exported = imucal.export(calibration, "px4")
     exported.save("unit-0042.params")
     exported.lost                      # parts of the calibration that the format cannot represent
-    exported.residual(control)         # the errors that this causes on a control recording
+    exported.residual(control)         # evaluation on a control recording, with and without these parts
 
 The header of every file states the correction formula with its direction, the units, and the parts of the
 calibration that the file does not contain.
@@ -76,7 +76,7 @@ COST: Final = ("gravity_direction_rms_deg", "gravity_norm_rms_mps2")
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """A control recording evaluated with the whole calibration and with the exported part of it.
+    """Evaluation of control recordings with the whole calibration, and with the exported part of it.
 
     full        evaluation of the whole calibration
     exported    evaluation of `Export.same_as`, the model that the other program applies
@@ -109,8 +109,8 @@ class Export:
     text          contents of the file; for a binary file, its header, which the file does not contain
     binary        contents of a binary file, None for a text
     lost          description of each part of the calibration that the file does not contain
-    same_as       calibration equivalent to the correction that the other program computes from the file; None
-                  for a format that describes noise only
+    same_as       calibration whose correction equals the one that the other program computes from the file;
+                  None for a format that describes noise only
     calibration   the exported calibration
     """
 

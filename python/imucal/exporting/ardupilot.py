@@ -137,7 +137,7 @@ def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float]]:
 
 
 def oriented(rotation: FloatArray) -> Format:
-    """The export format for recordings whose samples were rotated by the board rotation."""
+    """The export format for recordings whose samples ArduPilot has rotated by this board rotation."""
     return replace(ARDUPILOT, write=partial(write, rotation=rotation))
 
 

@@ -45,8 +45,8 @@ class PerAxis:
 
     accel_offset, gyro_offset   raw units; gyro_offset is None for an accelerometer alone
     accel_scale                 corrected / raw, dimensionless
-    thermal                     thermal terms by sensor ("accel", "gyro"), for sensors with a temperature
-                                effect only
+    thermal                     thermal terms by sensor ("accel", "gyro"); only sensors with a temperature
+                                effect are listed
     same_as                     the approximation as a calibration
     lost                        description of each part of the calibration that the approximation omits
     """
@@ -124,6 +124,6 @@ def _thermal(values: EffectValues, sensitivity: FloatArray) -> Thermal:
 
 
 def _effect(sensor: str, thermal: Thermal, diagonal: FloatArray) -> EffectValues:
-    # The effect for the diagonal sensitivity: the thermal terms in raw units, divided by the sensitivity.
+    # The effect of a triad with this diagonal sensitivity: the thermal terms in raw units, divided by it.
     numbers = np.linalg.solve(diagonal, np.column_stack((thermal.linear, thermal.square, thermal.cube)))
     return EffectValues(THERMAL[sensor], np.asarray(numbers.T.ravel(), dtype=np.float64))

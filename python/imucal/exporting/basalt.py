@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BASALT", "ENTRIES"]
 
-# Row and column of each entry of the matrix S, in the order of Basalt's arrays, where the entries follow the
-# three biases. They are stored column by column. For the accelerometer only the lower triangle is stored.
+# Row and column of each entry of the matrix S, in the order in which Basalt's arrays contain them after the
+# three biases: column by column. For the accelerometer, only the lower triangle is stored.
 ENTRIES: Final = {
     "calib_accel_bias": ((0, 0), (1, 0), (2, 0), (1, 1), (2, 1), (2, 2)),
     "calib_gyro_bias": tuple((i, j) for j in range(3) for i in range(3)),

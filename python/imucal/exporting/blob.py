@@ -1,4 +1,4 @@
-"""A calibration as data for firmware: the binary form with a checksum, and the C header that reads this form.
+"""A calibration as data for firmware: its binary form with a checksum, and the C header that reads this form.
 
 The bytes are those of `imucal_core::stored` (rust/imucal-core/src/stored.rs), whose documentation is the
 definition of the form.
@@ -91,7 +91,7 @@ def _warnings(calibration: Calibration, kept: Sequence[EffectValues], lost: Sequ
 
 
 def _too_large_counts(calibration: Calibration) -> list[str]:
-    """A note if the counts of a unit at rest exceed the argument of `imucal_correct_counts`, int16_t."""
+    """A note if counts of a unit at rest may exceed int16_t, the argument type of `imucal_correct_counts`."""
     if calibration.accel_unit != "lsb" or calibration.gyroscope is None:
         return []
     accel = calibration.accelerometer
@@ -205,7 +205,7 @@ def write_loader(calibration: Calibration, noise: NoiseResult | None) -> Written
 
 
 def _with(axes: str = UNCHANGED, resolution: tuple[float, float] | None = None) -> Format:
-    """The format, with changed axes and with the resolution of raw counts, if they are given."""
+    """The format with these axes of the corrected samples and this resolution of raw counts."""
     Axes.parse(axes)
     return replace(
         BLOB,

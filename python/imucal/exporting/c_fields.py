@@ -2,9 +2,9 @@
 
 The field of a parameter is the error that an effect adds to the true rate or force if the parameter is 1.
 
-Variables of the C code: w true angular rate, f true specific force, t time, d temperature minus reference
-temperature, a angular acceleration. The variables of the temperature history are rate_kps, direction,
-gyro_lag and accel_lag.
+The variables of the C code are: w, the true angular rate; f, the true specific force; t, the time; d, the
+temperature minus the reference temperature; a, the angular acceleration. The variables of the temperature
+history are rate_kps, direction, gyro_lag and accel_lag.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ LAGS: Final = {"gyro": "gyro_bias_temperature_lag", "accel": "accel_bias_tempera
 
 
 def _axes(causes: Sequence[str]) -> Field:
-    """A field with one parameter per axis, each multiplied by the input quantity of its axis."""
+    """The field of an effect that adds, on each axis, a parameter times the input quantity of this axis."""
     return [[(i, cause)] for i, cause in enumerate(causes)]
 
 
 def _entries(causes: Sequence[str]) -> Field:
-    """A field with nine parameters: a 3 x 3 matrix, by rows, times the vector of input quantities."""
+    """The field of an effect that adds a 3 x 3 matrix of parameters (by rows) times a vector of inputs."""
     return [[(i, cause)] for i in range(3) for cause in causes]
 
 
@@ -50,7 +50,7 @@ def _each(write: Callable[[str], str], v: Sequence[str]) -> Field:
 
 
 def _powers(causes: Sequence[str]) -> Field:
-    """A field with one parameter per axis for each input quantity, such as the powers d, d^2 and d^3."""
+    """The field of an effect with one parameter per axis for each input quantity, such as d, d^2 and d^3."""
     return [column for cause in causes for column in _axes([cause] * 3)]
 
 
@@ -118,6 +118,6 @@ FIELDS: Final[dict[str, Field]] = {
 
 
 def product_of(value: str, expression: str) -> str:
-    """The C product of a parameter value and a field component; sums are put in parentheses."""
+    """The C product of a parameter value and an expression, which is put in parentheses where necessary."""
     is_one = " " not in expression or expression.startswith("(")
     return f"{value} * {expression if is_one else f'({expression})'}"

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 __all__ = ["C_HEADER"]
 
-# Effect whose error is -tau times the mean of the angular acceleration over the delay tau.
+# The delay of the gyroscope. Its error is -tau times the mean angular acceleration over the delay tau.
 DELAY: Final = "gyro_time_offset"
 # Function argument for each quantity that an effect may need, in the order of the arguments.
 ARGUMENTS: Final = {
@@ -92,7 +92,7 @@ def _macros(calibration: Calibration, prefix: str) -> list[str]:
     if calibration.serial_number:
         values.append(f"SERIAL_NUMBER {_string(calibration.serial_number)}")
     for end, degc in zip(("MIN", "MAX"), calibration.temperature_range_degc or (), strict=False):
-        # The constant is single precision, because the compiler option -Wdouble-promotion rejects the
+        # The constant has single precision, because the compiler option -Wdouble-promotion warns about a
         # comparison of a float temperature with a double constant.
         values.append(f"TEMPERATURE_{end}_DEGC ({number(degc, single=True)}f)")
     return [*(f"#define {prefix.upper()}_{value}" for value in values), *([""] if values else [])]
@@ -242,9 +242,9 @@ def _removal(
     literal: Callable[[float], str],
     single: bool,
 ) -> list[str]:
-    """The fixed-point iteration that compensates the effects.
+    """C code of the fixed-point iteration that compensates the effects.
 
-    fields    field of each effect
+    fields    field of each effect as C expressions
     on_force  names of the effects of the accelerometer
     """
     epsilon, largest = ("FLT_EPSILON", "FLT_MAX") if single else ("DBL_EPSILON", "DBL_MAX")

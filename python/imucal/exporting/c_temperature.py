@@ -1,8 +1,8 @@
 """C code of the temperature memory, with the operations of `imucal_core::temperature_memory`.
 
 The temperature memory is the state of the filters that compute lag, rate and direction of the temperature
-(docs/model.md (43)). The firmware keeps one memory per unit, and updates it with each reading of the
-thermometer.
+(docs/model.md (43)). It is a struct in the generated C code. The firmware keeps one memory per unit, and
+updates it with each reading of the thermometer.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ class Written:
     """The body of a file, and the part of the calibration that it represents.
 
     lost       description, with its size, of each part of the calibration that the file does not contain
-    same_as    calibration equivalent to the correction that the other program computes from the file; None
+    same_as    calibration whose correction equals the one that the other program computes from the file; None
                for a format that describes noise only
     frame      body frame of the corrected samples
     notes      further information for the user of the file
@@ -79,7 +79,7 @@ class Format:
     write        function that makes the body of a file from a calibration and noise figures
     takes_counts     whether calibrations of raw counts can be written
     needs_noise      whether noise figures of a recording at rest are required
-    needs_gyroscope  whether the format cannot be written for an accelerometer alone
+    needs_gyroscope  whether both sensors are required, so that an accelerometer alone cannot be exported
     named            function that returns the format with a prefix for its C names; None if its files contain
                      no C names
     oriented         function that returns the format for recordings rotated by a board rotation (3, 3); None
@@ -88,7 +88,8 @@ class Format:
                      the format has no such option
     along            function that returns the format for corrected samples along other axes; None if the
                      format has no such option
-    is_binary        whether the file is binary, so that its header is only in the output of the export
+    is_binary        whether the file is binary. Such a file contains no header; the header is only part of
+                     the output of the export
     """
 
     name: str

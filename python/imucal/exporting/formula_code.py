@@ -45,7 +45,7 @@ LIBM: Final = {"abs": "fabs", "min": "fmin", "max": "fmax"}
 
 
 def auxiliary_of(effect: FormulaEffect) -> tuple[str, ...]:
-    """The columns and other quantities that the code takes as arguments, in alphabetical order.
+    """The columns and other quantities that the exported code takes as arguments, in alphabetical order.
 
     Raises InputError for a column that cannot be part of a C name.
     """

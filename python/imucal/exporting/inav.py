@@ -120,7 +120,7 @@ def _whole(name: str, values: FloatArray) -> FloatArray:
 
 
 def _rounded(whole: Calibration, kept: Calibration) -> tuple[str, ...]:
-    """Description of the errors by rounding to integers, with their largest values; may be empty."""
+    """Description of the errors due to rounding to integers, with their largest values; may be empty."""
     gain = per_axis(whole.accelerometer.sensitivity) / np.diag(kept.accelerometer.sensitivity) - 1
     errors = [
         (np.abs(whole.accelerometer.bias - kept.accelerometer.bias).max(), whole.accel_unit),

@@ -80,7 +80,7 @@ class TriangularModel:
 
     same_as       the calibration in that frame, with the g-sensitivity as its only effect; M_a, b_a and b_g
                   are its sensitivity and biases
-    rotation      (3, 3), from the body frame of the calibration to the triangular one
+    rotation      (3, 3), rotation from the body frame of the calibration to the triangular frame
     gyro, to_gyro (3, 3) each: a lower triangular matrix with positive diagonal, and a rotation
     from_force    (3, 3) matrix of the g-sensitivity, rad/s per m/s^2
     """

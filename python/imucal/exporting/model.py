@@ -1,4 +1,4 @@
-"""Operations on calibrations for export: rotation of the body frame, and the size of omitted parts."""
+"""Operations on calibrations for export: rotation of the body frame, and descriptions of omitted parts."""
 
 from __future__ import annotations
 
@@ -126,8 +126,8 @@ def _is_in(frame: Frame, sensitivity: FloatArray) -> bool:
 def turned_axes(calibration: Calibration, rotation: FloatArray) -> Calibration:
     """The calibration for raw and corrected samples that are both rotated: v_new = rotation v_old.
 
-    Only the temperature effects of the biases are rotated, because no other effect is exported with a
-    rotation.
+    Of the effects, only temperature effects of the biases are rotated, because formats that use this rotation
+    export no other effects.
     """
     if np.array_equal(rotation, np.eye(3)):
         return calibration
@@ -171,8 +171,8 @@ def temperature_note(calibration: Calibration) -> tuple[str, ...]:
 def per_axis(sensitivity: FloatArray) -> FloatArray:
     """The scale of each axis, (3,), that minimises the error of a correction without misalignment.
 
-    corrected_i = raw_i / scale_i, where scale_i = |T_i|^2 / T_ii, T_i being row i of the sensitivity,
-    minimises the mean square of T_i v / scale_i - v_i over all directions of v.
+    The correction is corrected_i = raw_i / scale_i with scale_i = |T_i|^2 / T_ii, where T_i is row i of the
+    sensitivity. It minimises the mean square of T_i v / scale_i - v_i over all directions of v.
     """
     scale: FloatArray = (sensitivity**2).sum(axis=1) / np.diag(sensitivity)
     return scale

@@ -102,7 +102,7 @@ def write_table(calibration: Calibration, noise: NoiseResult | None) -> Written:
 
 
 def _table(version: bytes, kind: int, content: bytes) -> bytes:
-    """A table: table_header of ds-private.h with version, type, size and CRC-32, then the content."""
+    """The bytes of a table: table_header of ds-private.h (version, type, size, CRC-32), then the content."""
     return version + struct.pack("<HIII", kind, len(content), 0xFFFFFFFF, zlib.crc32(content)) + content
 
 

@@ -105,9 +105,9 @@ class DaskPool:
                 )
 
     def _replace_worker_of(self, future: Any) -> None:
-        """Restart the process that has computed a future.
+        """Restart the worker process that has computed a future.
 
-        The scheduler gives its other tasks to other workers.
+        The scheduler gives the other tasks of this process to other workers.
         """
         # A worker that runs without Dask's nanny process cannot be restarted. Its thread then stays occupied.
         with suppress(Exception):

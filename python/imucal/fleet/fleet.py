@@ -85,7 +85,7 @@ class Fleet(Judging):
         time_limit_s   longest computing time for one unit, s; a unit that takes longer has no result
         total      number of jobs, if it is known
         tell       callback for each unit with its job, its verdict, and code and message of a failure
-        tally      counts of earlier runs, to which those of this run are added
+        tally      counts of earlier runs, to which the counts of this run are added
 
         Raises InputError for wrong arguments and if the store cannot be written, and ImucalError if the
         scheduler is lost. All outcomes reported to `tell` are then in the store, and another call of `run`

@@ -160,7 +160,7 @@ class KeyedJob:
 
 
 def keyed(job: Job, options: str) -> KeyedJob:
-    """The job with its hashes; raises InputError or FormatError if a file cannot be read.
+    """The job with its hashes and its key. Raises InputError or FormatError if a file cannot be read.
 
     options   canonical text of the options
     """

@@ -42,7 +42,7 @@ class Judging(ABC):
 
     @abstractmethod
     def query(self, sql: str, arguments: Sequence[Any] = ()) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """Names of the columns, and rows, of the result of an SQL statement, which may only read."""
+        """Column names and rows of the result of an SQL statement. The statement may only read."""
 
     def conditions_of(self, serial: str) -> dict[str, str]:
         """Station, operator and batch of the last calibration of a unit, if they are known."""

@@ -28,7 +28,7 @@ class Ended:
     how: str = ""
 
 
-# Work, and its answer or `Ended`.
+# A submitted work, and its answer; `Ended` takes the place of the answer if the process ended without one.
 Done = tuple[Any, Any]
 # Number of tasks in the pool per process. While one task runs, the other waits, so that the process can start
 # it without waiting for the parent process.
@@ -49,7 +49,7 @@ class Pool(Protocol):
     """Processes that do work.
 
     processes  number of processes
-    capacity   maximum number of tasks in the pool
+    capacity   maximum number of tasks that are running or waiting in the pool
     """
 
     @property
@@ -64,7 +64,7 @@ class Pool(Protocol):
         """Submit work."""
 
     def next(self) -> Done:
-        """Wait until any work ends. Raises ImucalError if no more work will end."""
+        """Wait until any submitted work ends, and return it. Raises ImucalError if no more work will end."""
 
     def close(self) -> None:
         """End the pool. Tasks in the pool are lost."""

@@ -107,5 +107,5 @@ class Measurements:
         return dated.where(np.argsort(dated.dates, kind="stable"))
 
 
-# Arrays of `Measurements` with one value per row. The others also have an axis of parameters or figures.
+# Arrays of `Measurements` with one value per row. The others also have an axis of parameters or of figures.
 PER_ROW = ("serials", "dates", "stations", "operators", "batches", "roles", "verdicts")

@@ -151,7 +151,7 @@ def _measurements(
         for column, part in zip(packed, zip(*block, strict=True), strict=True):
             column.extend(part)
     by_id = numbers[:, np.argsort(numbers[0])]
-    # Position of each row of the result in the rows that are sorted by identifier.
+    # The blobs are in the order of the identifiers. `place` is the index of the blobs of each result row.
     place = np.searchsorted(by_id[0], ids)
     names_of_figures = _names(connection, figure_kinds)
     figure_names = tuple(dict.fromkeys(name for each in names_of_figures.values() for name in each))
@@ -205,7 +205,7 @@ def _common(sets: Sequence[Sequence[tuple[str, ...]]]) -> tuple[tuple[str, ...],
 
 
 def _names(connection: sqlite3.Connection, kinds: np.ndarray[Any, Any]) -> dict[int, Any]:
-    """The lists of names with these identifiers."""
+    """The lists of parameter or figure names, by the identifiers `kinds` of the lists."""
     rows = connection.execute(
         "SELECT id, names FROM names WHERE id IN (SELECT value FROM json_each(?))",
         [json.dumps(np.unique(kinds).tolist())],
@@ -214,7 +214,7 @@ def _names(connection: sqlite3.Connection, kinds: np.ndarray[Any, Any]) -> dict[
 
 
 def _rows_of(ids: np.ndarray[Any, Any], given: Sequence[int]) -> np.ndarray[Any, Any]:
-    """The row index of each given identifier."""
+    """For each identifier in `given`, its index in `ids`."""
     sorted_ids = np.argsort(ids)
     found: np.ndarray[Any, Any] = sorted_ids[np.searchsorted(ids, given, sorter=sorted_ids)]
     return found
@@ -253,11 +253,11 @@ def _filled(
     own: Mapping[int, Sequence[str]],
     names: Sequence[str],
 ) -> FloatArray:
-    """The numbers in the blobs as a table, (n, c), with one row per blob and one column per name.
+    """The numbers in the blobs as a table, (n, c), with one row per blob and one column per name in `names`.
 
-    kinds   identifier of the list of names of each blob
-    own     lists of names by identifier, in the order of the numbers in a blob; the table has NaN for other
-            names
+    kinds   for each blob, the identifier of the list that names its numbers
+    own     these lists by identifier, in the order of the numbers in a blob. The table has NaN for a name
+            that is not in the list of a blob
     """
     place = {name: index for index, name in enumerate(names)}
     found = np.full((len(blobs), len(names)), np.nan)

@@ -112,7 +112,7 @@ def run_jobs(
     total      number of jobs, if known; it determines the size of tasks
     retry      whether to compute jobs without a result again
     tell       callback for each job with its verdict, and code and message of a failure
-    tally      counts of earlier runs, to which those of this run are added, even if it is interrupted
+    tally      counts of earlier runs, to which the counts of this run are added, even after an interrupt
 
     Raises ImucalError if the store cannot be written or the pool is lost. All outcomes reported to `tell` are
     then in the store.

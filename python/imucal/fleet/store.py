@@ -80,7 +80,7 @@ SET_CURRENT: Final = """UPDATE jobs SET current = id = (
 
 @dataclass(frozen=True)
 class Known:
-    """The outcome of a job in the store."""
+    """The outcome of a job as the store contains it."""
 
     verdict: str
     code: str | None

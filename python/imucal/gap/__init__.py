@@ -1,12 +1,12 @@
-"""Find the missing effect, its evidence and size, and a motion that distinguishes it from its rivals.
+"""Find missing effects, their evidence and size, and a motion that distinguishes them from rivals.
 
 find             public function, checks of its arguments
 question         input of a search, and the call of the compiled library
 translation      conversion of the compiled library's result to a `Gap`
 result           the `Gap`
-remainder        what the effects leave unexplained
-remaining        the remainder of a search, with its description
-own_motion       residuals from the motion of the recordings themselves, for pages and notebooks
+remainder        class for the residuals that the accepted effects do not explain
+remaining        conversion of these residuals from the result of the compiled library
+own_motion       residuals at the rests and moves of the recordings, for pages and notebooks
 sizes            sizes in the units of datasheets
 notes, text      sentences about a result
 soak             how the readings of a unit at rest in one pose depend on temperature

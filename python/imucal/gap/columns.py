@@ -1,4 +1,4 @@
-"""Candidate effects of further columns of the recordings, such as a supply voltage.
+"""Candidate effects that depend on auxiliary columns of the recordings, such as a supply voltage.
 
 If a bias follows a recorded column, and the search does not use this column, the bias looks like a random
 walk. The biases of both sensors are therefore always tested against each column, as `gyro: k * (supply_v -
@@ -23,16 +23,16 @@ __all__ = ["column_effects", "usable_columns"]
 # variance. This excludes counters and clocks, copies of the sensor's columns, and further temperatures, which
 # effects of the catalogue describe. A supply voltage stays below this share because of its own noise.
 EXPLAINED: Final = 0.95
-# Maximum number of columns that become candidates. The number is limited because the evidence that is
-# required of an effect grows with the number of candidates. The columns with the smallest explained share are
-# selected.
+# Maximum number of columns that become candidates. The number is limited because an effect needs more
+# evidence if there are more candidates. The columns are selected of which time, temperature, force and rate
+# explain the smallest share.
 MOST_COLUMNS: Final = 6
-# Maximum number of samples of a recording from which the explained share of a column is computed.
+# Maximum number of samples of a recording from which the share EXPLAINED of a column is computed.
 SAMPLES: Final = 4000
 
 
 def column_effects(recordings: Sequence[Recording]) -> tuple[FormulaEffect, ...]:
-    """Linear effects of further columns on both biases, without columns that known inputs explain."""
+    """Effects by which the biases depend linearly on auxiliary columns that known inputs do not explain."""
     texts = []
     for name in usable_columns(recordings):
         middle = np.mean([np.mean(recording.auxiliary[name]) for recording in recordings])
@@ -43,7 +43,7 @@ def column_effects(recordings: Sequence[Recording]) -> tuple[FormulaEffect, ...]
 
 
 def usable_columns(recordings: Sequence[Recording]) -> list[str]:
-    """Names of the further columns that vary independently of known inputs, the most independent first."""
+    """Names of the auxiliary columns that vary independently of known inputs, the most independent first."""
     names = set.intersection(*(set(recording.auxiliary) for recording in recordings))
     usable = sorted(
         name for name in names if name.isidentifier() and name not in {*INPUTS, *CONSTANTS, *FUNCTIONS}
@@ -54,7 +54,7 @@ def usable_columns(recordings: Sequence[Recording]) -> list[str]:
 
 
 def _explained_share(name: str, recordings: Sequence[Recording]) -> float:
-    """Share of the variance of a column that a linear function of the known inputs explains.
+    """Share of the variance of a column that a linear function of time, force, rate and temperature explains.
 
     The share is 1 for a constant column and for a column with values that are not finite. Each recording has
     a separate constant term, so that a counter which restarts is still recognised.
@@ -74,7 +74,7 @@ def _explained_share(name: str, recordings: Sequence[Recording]) -> float:
 
 
 def _inputs(recording: Recording, rows: np.ndarray) -> FloatArray:
-    """Time, force, rate and temperature at the given rows, centred and scaled, one per column."""
+    """Time, force, rate and temperature at the given samples, one per column, centred and scaled."""
     force, rate = samples_of_both(recording)
     given = [recording.time_s[rows, None], force[rows], rate[rows]]
     if recording.temperature_degc is not None:

@@ -1,12 +1,12 @@
-"""Find the missing effect that explains the disagreement between recordings and model.
+"""Find the missing effects that explain the disagreement between recordings and model.
 
     gap = imucal.find_gap(run, control=control)
     gap.verdict, gap.effects, gap.calibration, gap.next_motion
 
 First the recordings are calibrated with the 21 base parameters. Each effect of the catalogue and each
 user-defined effect is then scored by its log Bayes factor (docs/model.md (23)). The best effect is added and
-the model is refitted, until no significant effect remains. An effect is rejected if it makes the prediction
-of control recordings, or of held-out rests and moves, worse.
+the model is refitted. This is repeated until no significant effect remains. An effect is rejected if it makes
+the prediction of control recordings, or of held-out rests and moves, worse.
 """
 
 from __future__ import annotations
@@ -66,16 +66,17 @@ def find_gap(
     candidates          names of candidate effects from the catalogue. Names of user-defined effects, and
                         formulas such as "gyro: k * (supply_v - 3.3)", are also allowed; a list with only such
                         names and formulas excludes the catalogue. None selects all effects of the catalogue.
-                        Without `user_effects`, None also selects biases that follow a further column of the
-                        recordings, such as a supply voltage
+                        Without `user_effects`, None also selects biases that depend on an auxiliary column of
+                        the recordings, such as a supply voltage
     user_effects        user-defined effects, which are always candidates
     gravity_mps2        local gravity, m/s^2; default: gravity of `calibration`, else standard gravity
     min_rest_s          minimum duration of a rest, s
     exclude_saturated   whether to exclude saturated samples
     model, hold         parameters that have a prior in all fits, as in `calibrate`
-    stage               callback with a description of each step before it starts
+    stage               function that is called with a description of each step before the step starts
 
-    Raises the errors of `calibrate`, except that faults of the data are returned as a verdict.
+    Raises the errors of `calibrate`, except that faults of the data are not raised but give the verdict
+    `data_fault`.
     """
     if calibration is not None:
         require_calibration(calibration)

@@ -43,9 +43,9 @@ class Suggestion:
     program           program for the stand
     temperature       temperature profile for `imucal simulate --temperature`; None to keep that of the
                       recordings
-    answers           phrase in the catalogue's advice on how to distinguish two effects, such as "several
-                      rates"; this motion follows that advice
-    on_its_own        whether effects must be searched in the new recording alone
+    answers           phrase, such as "several rates". If the catalogue's advice on how to distinguish two
+                      effects contains this phrase, the motion follows the advice
+    on_its_own        whether the search must use the new recording alone, without the present recordings
     encoders          whether the motor angles of the stand must be recorded
     """
 

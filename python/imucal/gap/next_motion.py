@@ -2,11 +2,11 @@
 
     T(a, b) = min over delta, theta_b of |J_a theta_a - J_base delta - J_b theta_b|^2
 
-T(a, b) is the chi2 of the residuals that effect a, with its estimated parameters theta_a, causes after a fit
-of the rival b (parameters theta_b) and of the 21 base parameters (changes delta). Residuals are divided by
-their standard deviation. A motion distinguishes between effects if T(a, b) and T(b, a) are large for all
-rivals (Atkinson and Fedorov, Biometrika 62, 1975, 57-70). The Jacobians J are those of the search, evaluated
-on simulated recordings.
+Effect a, with its estimated parameters theta_a, causes residuals. The rival b (parameters theta_b) and the 21
+base parameters (changes delta) are fitted to these residuals, and T(a, b) is the chi2 that remains. Residuals
+are divided by their standard deviation. A motion distinguishes between effects if T(a, b) and T(b, a) are
+large for all rivals (Atkinson and Fedorov, Biometrika 62, 1975, 57-70). The Jacobians J are those of the
+search, evaluated on simulated recordings.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ __all__ = ["next_motion"]
 SEPARATES: Final = 30.0
 # Seed of the noise of simulated recordings.
 SEED: Final = 3
-# Lower bounds of the noise densities of the simulated unit, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). Without them,
-# recordings that were simulated without noise would give densities of zero.
+# Lower bounds of the noise densities of the simulated unit, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). They are
+# needed for present recordings that were themselves simulated without noise.
 LEAST_DENSITY: Final = (1e-5, 1e-6)
 # Trial time constants of effects, as shares of the duration of the longest recording.
 SHAPE_SHARES: Final = (0.03, 0.1, 0.3, 1.0)
@@ -135,7 +135,7 @@ def _distinctions(known: Mapping[str, Effect], rivals: Mapping[str, Sequence[str
 
 
 def _pairs(analysis: _core.GapAnalysis, path: tuple[str, ...], after: CalibrationResult) -> Iterator[_Pair]:
-    """Ordered pairs of effects to distinguish: (accepted effect, rival) and (rival, accepted effect)."""
+    """Pairs of effects to distinguish, in both orders: accepted effect and rival, rival and accepted one."""
     for name, rival, estimate in analysis.rivals:
         beside = tuple(other for other in path if other != name)
         own = next(values for values in after.calibration.effects if values.name == name)
@@ -172,8 +172,8 @@ def _separation(
 def _design(question: Question, recordings: Sequence[Recording], names: Sequence[str]) -> Design:
     found = _core.gap_design(recordings, question.options, [(name, find(name).plain) for name in names])
     base, candidates = found.base, found.effects
-    # The Jacobian columns are replaced by the factor R of their QR decomposition. R has fewer rows, and its
-    # columns have the same inner products.
+    # The matrix of the Jacobian columns is replaced by the factor R of its QR decomposition. R has fewer
+    # rows, and the inner products of its columns are the same.
     whole: FloatArray = np.asarray(np.linalg.qr(np.hstack([base, *(of for _, of in candidates)]), mode="r"))
     columns: dict[str, list[FloatArray]] = {}
     at = base.shape[1]
@@ -197,8 +197,8 @@ def _chi2(design: Design, pair: _Pair, longest_s: float) -> float:
     beside = [columns[name][0] for name in pair.beside if name in columns]
     rivals = columns[pair.rival]
     if len(rivals) > 1:
-        # In a fit, the time constant of the rival would be estimated, too. The columns at two adjacent trial
-        # values of the time constant together approximate the columns at any value between them.
+        # A fit would also estimate the time constant of the rival. Linear combinations of the columns at two
+        # adjacent trial values approximate the columns at any time constant between these values.
         rivals = [np.hstack(both) for both in itertools.pairwise(rivals)]
     return min(_residual_norm2(trace, np.hstack([base, *beside, rival])) for rival in rivals)
 

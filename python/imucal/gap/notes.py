@@ -27,26 +27,28 @@ __all__ = [
 ]
 
 # A given calibration is reported as outdated if its chi2 per degree of freedom exceeds that of a new fit
-# without effects by more than this factor. The parameters of the unit have then changed.
+# without effects by more than this factor. The parameters of the unit have then changed since the
+# calibration.
 FAR_WORSE: Final = 2.0
 
 # A change of temperature is considered as the cause of a bias change between sessions only if the mean
 # temperatures differ by at least this number, K.
 LEAST_CHANGE_K: Final = 1.0
-# chi2 per degree of freedom above which noise does not explain residuals. It corresponds to residuals of
-# twice the noise.
+# chi2 per degree of freedom above which residuals count as not explained by noise. It corresponds to an rms
+# of twice the noise.
 ABOVE_NOISE: Final = 4.0
 # A temperature coefficient is implausible if it exceeds this multiple of its typical size.
 MOST_TIMES_TYPICAL: Final = 5.0
 
-# Largest p-value of a significant effect. A temperature effect with a larger p-value stays in the model if a
-# lag of the temperature is in the model, and a note reports this.
+# Largest p-value of a significant effect. If the model contains a temperature lag, the temperature effect of
+# the same bias stays in the model even with a larger p-value, and a note reports this.
 NOT_SIGNIFICANT: Final = 0.01
 
-# A generic hypothesis is a variation of a bias or scale that no effect of the catalogue describes. It varies
-# one part of the model, its block. These blocks are biases, each with its SI unit.
+# A generic hypothesis is a variation of a bias or scale that no effect of the catalogue describes. The
+# parameter that varies is called its block. These are the blocks that are biases, each with its SI unit.
 BIASES: Final = {"gyro_bias": "rad/s", "accel_bias": "m/s^2"}
-# Phrases that describe how a bias or a scale varies, by the kernel of the generic hypothesis.
+# Phrases that describe how a bias or a scale varies. The keys are the names of the kernels (patterns) of
+# generic hypotheses.
 PATTERNS: Final = {
     "random_walk": "as a random walk in time",
     "gravity_direction": "with the direction of gravity",
@@ -63,7 +65,7 @@ PATTERNS: Final = {
 
 
 def of_analysis(question: Question, analysis: _core.GapAnalysis) -> Iterator[str]:
-    """Notes on rejected effects, on unobservable requested effects, and on the given calibration."""
+    """Notes on rejected effects, requested effects that are not observable, and the given calibration."""
     yield from _refused(analysis)
     of_model = {score.name for score in analysis.effects}
     for score in analysis.effects:
@@ -164,8 +166,8 @@ def generic_of(found: _core.GenericFinding | None) -> dict[str, Any] | None:
     """The generic hypothesis with a description for users; None if the search has found none."""
     if found is None:
         return None
-    # A variation of a gyroscope scale acts within moves, and so does a variation of an accelerometer bias
-    # with the rate. In these two cases, the listed rests are the rests before the moves.
+    # Two variations act within moves: that of a gyroscope scale, and that of an accelerometer bias with the
+    # rate. For these two, `rests` contains the indices of the rests before the moves.
     inside = found.block == "gyro_scale" or (found.block, found.kernel) == ("accel_bias", "rate")
     rms, unit = found.rms, ""
     if found.block in BIASES:
@@ -231,7 +233,7 @@ def _three(values: Sequence[float], unit: str) -> str:
 
 
 class _Coefficient(NamedTuple):
-    """The largest temperature coefficient needed to explain a change of biases, and its typical size, SI."""
+    """The temperature coefficient that would explain a change of a bias, and its typical size, SI units."""
 
     effect: str
     unit: str
@@ -285,7 +287,7 @@ def scatter_of(found: tuple[str, float, float] | None) -> dict[str, Any] | None:
 
 
 def not_confirmed_of(analysis: _core.GapAnalysis) -> dict[str, Any] | None:
-    """Significant effects that were rejected, with the reason why they do not explain unseen data."""
+    """Description of significant but rejected effects, with the reason of the rejection; None without any."""
     scores = analysis.not_confirmed
     if not scores:
         return None
@@ -300,7 +302,7 @@ def not_confirmed_of(analysis: _core.GapAnalysis) -> dict[str, Any] | None:
 
 
 def _filtered(found: Sequence[float]) -> str:
-    """A text on the second-derivative term of a gyroscope that is filtered and not only delayed."""
+    """A text on a gyroscope that is filtered and not only delayed, with the second derivative of the rate."""
     tau_s, k_s2, sigma_s2 = found
     words = (
         f"the gyroscope is late by {1e3 * tau_s:.3g} ms on average, but it is not only delayed: the second "

@@ -29,25 +29,26 @@ from imucal.recording.recording import Recording, as_recordings, samples_of_both
 
 __all__ = ["MoveResiduals", "MoveSignals", "OwnMotion", "RestResiduals", "own_motion"]
 
-# `MoveSignals` includes parts of the rests before and after the move. This is the duration of each part, s.
+# Maximum duration, s, of the parts of the rests before and after the move that `MoveSignals` includes.
 MARGIN_S: Final = 1.0
 # The rate of a move is the median over the samples whose rate exceeds this share of the maximum rate. The
 # threshold excludes the samples during acceleration and deceleration.
 PLATEAU: Final = 0.7
-# Minimum cosine of the angle between the rotation axis and a body axis for a move to count as a rotation
-# about this body axis: 0.85 is 32 deg.
+# A move counts as a rotation about a body axis if the cosine of the angle between the rotation axis and this
+# body axis is at least this value: 0.85 is 32 deg.
 ALONG: Final = 0.85
-# A move counts as a rotation about one axis if its rotation angle is at least this share of the sum of the
-# angles between samples. Otherwise the rotation axis changes during the move.
+# A move counts as a rotation about a fixed axis if its total rotation angle is at least this share of the sum
+# of the rotation angles between samples. Otherwise the rotation axis changes during the move.
 FIXED: Final = 0.98
-# Maximum cosine of the angle between the rotation axis and the vertical for a move to be used: 0.5 is 60 deg.
+# A move is used if the cosine of the angle between its rotation axis and the vertical is at most this value:
+# 0.5 is 60 deg.
 VERTICAL: Final = 0.5
 STAND: Final = ("stand_1_rad", "stand_2_rad", "stand_3_rad")
 
 
 @dataclass(frozen=True, eq=False)
 class MoveSignals:
-    """Signals of one move: measured specific force, and specific force predicted from the gyroscope.
+    """Signals of one move: the measured specific force, and gravity predicted from the gyroscope.
 
     recording, move  name of the recording, and number of the move in it
     is_control       whether the fits have not used the recording
@@ -84,12 +85,12 @@ class MoveSignals:
 
 @dataclass(frozen=True, eq=False)
 class RestResiduals:
-    """Residuals at the rests that the fit uses, one row each.
+    """Residuals at the K rests that the fit uses.
 
     is_control  (K,) whether the fits have not used the recording
     time_s      (K,) time of the middle of the rest, s
     up          (K, 3) up direction in the body frame, unit vectors
-    rate_before, rate_after  (K, 3) mean corrected rate, rad/s, which is zero at rest
+    rate_before, rate_after  (K, 3) mean corrected rate, rad/s; zero for a unit without errors
     norm_before, norm_after  (K,) norm of the mean corrected force minus gravity, m/s^2
     columns     mean of the temperature (temp_degc), the stand's angles (stand_1_rad) and each further column
                 at the rest, (K,)
@@ -107,7 +108,7 @@ class RestResiduals:
 
 @dataclass(frozen=True, eq=False)
 class MoveResiduals:
-    """Errors of the corrected rate in moves about one axis of the body, one row for each move.
+    """Errors of the corrected rate in K moves, each a rotation about one axis of the body.
 
     A rotation about the vertical does not change gravity in the body frame. Therefore only moves whose axis
     is at least 60 deg from the vertical are included.
@@ -257,7 +258,7 @@ def _propagated(time_s: FloatArray, rate: FloatArray, origin: FloatArray, at: in
 
 
 def _rotated(vector: FloatArray, angle: FloatArray) -> FloatArray:
-    """Rodrigues' formula: the vector, rotated about the direction of `angle` by its norm, rad."""
+    """The vector after a rotation by the rotation vector `angle`, rad (Rodrigues' formula)."""
     size = float(np.linalg.norm(angle))
     if size < 1e-12:
         return vector
@@ -317,7 +318,7 @@ def _move_residuals(corrected: Sequence[_Corrected]) -> MoveResiduals:
 def _move_row(
     of: _Corrected, move: Move, rest_from: Rest, rest_to: Rest
 ) -> tuple[bool, int, float, float, float] | None:
-    """A row of `MoveResiduals`; None if the axis is far from every body axis or too close to the vertical."""
+    """The values of `MoveResiduals` for one move; None if the move is not a rotation about one body axis."""
     time = of.raw.time_s[move.first : move.last + 1]
     rates = np.asarray(of.after.angular_rate, dtype=float)[move.first : move.last + 1]
     turned = 0.5 * (np.diff(time)[:, None] * (rates[1:] + rates[:-1])).sum(axis=0)
@@ -333,7 +334,7 @@ def _move_row(
         return None
     rate = float(np.median(rates[speed >= PLATEAU * speed.max(), axis]))
     about = about * np.sign(about[axis])
-    # Duration that a rotation by the angle of the move would have at this constant rate, s.
+    # Duration, s, of a rotation by the angle of the move at this constant rate.
     seconds = float(turned[axis]) / rate
     errors = []
     for own in (of.before, of.after):
@@ -342,8 +343,8 @@ def _move_row(
         own_rates = np.asarray(own.angular_rate, dtype=float)[move.first : move.last + 1]
         rotation = _core.integrate(time, np.ascontiguousarray(own_rates))
         predicted = _into_end(rotation, start / np.linalg.norm(start))
-        # A rate error e during the time dt changes the predicted gravity direction p by the cross product p x
-        # e dt.
+        # A rate error e that acts for a time dt changes the predicted gravity direction p by p x e dt (cross
+        # product).
         errors.append(float(np.cross(predicted, end / np.linalg.norm(end)) @ about) / seconds)
     return of.is_control, axis, rate, errors[0], errors[1]
 

@@ -27,7 +27,7 @@ class Question:
     definitions   user-defined effects by name
     calibration   calibration to compare with; None to compare with the fit without effects
     references    sources and standard deviations of local gravity and the clock
-    stage         callback with a description of each step before it starts
+    stage         function that is called with a description of each step before the step starts
     """
 
     recordings: Sequence[Recording]
@@ -49,10 +49,10 @@ class Question:
 
     @property
     def given(self) -> tuple[Calibration, float, list[Recording] | None] | None:
-        """The given calibration, its gravity, m/s^2, and the evaluation recordings corrected by it.
+        """The given calibration, its gravity, m/s^2, and the recordings of the comparison, corrected by it.
 
-        The recordings are None if the given calibration has no user-defined effects, because the compiled
-        library then corrects them.
+        The third value is None if the given calibration has no user-defined effects, because the compiled
+        library then corrects the recordings.
         """
         if self.calibration is None:
             return None

@@ -1,4 +1,4 @@
-"""The remainder: residuals that the accepted effects do not explain. Also bias changes between sessions."""
+"""Classes for the residuals that accepted effects do not explain, and for bias changes between sessions."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ class SessionStep:
     cause                   "temperature" if temperature coefficients of usual sizes explain the change;
                             otherwise "switch_on", a change with time or at a switch-on; "not_known"
                             without temperatures
-    chi2_per_dof            chi2 per degree of freedom of the control recordings without effects
-    chi2_per_dof_own        chi2 per degree of freedom of the control recordings with biases fitted to them
+    chi2_per_dof            chi2 per degree of freedom of the control recordings without effects, with the
+                            biases of the calibration
+    chi2_per_dof_own        the same chi2 with biases that are estimated from the control recordings
     """
 
     accelerometer_mps2: tuple[float, float, float] | None
@@ -37,15 +38,17 @@ class SessionStep:
 class Remainder:
     """Residuals that the accepted effects, or the model without effects if none was accepted, do not explain.
 
-    kind           "nothing", "unknown" or "stochastic"
+    kind           "nothing" (noise explains the residuals), "unknown" (systematic deviation) or "stochastic"
+                   (random deviation)
     block          the part of the model or of the data that varies, for example gyro_bias; None if nothing
                    remains
     pattern        the pattern of the variation, for example attitude, random_walk, time, switching or
                    between_sessions; None if nothing remains
-    description    a sentence with sizes and places; None if nothing remains
-    p_value        p-value of the pattern under noise alone; without a pattern, p-value of the residuals on
-                   control or held-out data under noise and the uncertainty of the calibration
-    matters        whether the remainder limits the use of the calibration; `imucal gap` then exits with 2
+    description    a sentence with sizes, and the rests or moves concerned; None if nothing remains
+    p_value        p-value of the pattern under the hypothesis that noise is the only error. Without a
+                   pattern: p-value of the residuals on control or held-out data, given noise and the
+                   uncertainty of the calibration
+    matters        whether these residuals limit the use of the calibration; `imucal gap` then exits with 2
     session        change of the biases between sessions; None if it is not significant
     """
 

@@ -1,4 +1,4 @@
-"""Description of the remainder of a search: the residuals that the accepted effects do not explain."""
+"""Description of the remainder of a search (the residuals that the accepted effects do not explain)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Described = tuple[Remainder, Mapping[str, Any] | None, list[str]]
 
 
 def described(analysis: _core.GapAnalysis, after: CalibrationResult) -> Described:
-    """The remainder, its dependence on time or motion, and the reasons of a poor fit for the notes."""
+    """The remainder, its pattern in the form of `Gap.generic`, and the reasons of a poor fit for notes."""
     found, search = analysis.remainder, analysis.search
     session, reasons = notes.session_of(analysis.session), notes.misfits(after)
     generic = notes.generic_of(search.generic)

@@ -19,49 +19,55 @@ SCHEMA: Final = "imucal.gap/1"
 class Gap(GapFields):
     """The result of a search for the missing effect.
 
-    verdict            nothing_missing, named, ambiguous, stochastic, unknown or data_fault. Effects may be
-                       named although an unknown or random variation is left, which `remainder` describes
+    verdict            nothing_missing, named, ambiguous, stochastic, unknown or data_fault. With the verdict
+                       named, residuals may still remain, which `remainder` describes
     effects            accepted effects, or faults of the data: name, sensor, parameters (name, value, std,
-                       unit), log_bayes_factor (nats), statistic, dof, p_value, and closed, the share of the
-                       gap that the effect closes on control or held-out data, by kind of residual
+                       unit), log_bayes_factor (nats), statistic, dof, p_value, and closed: by kind of
+                       residual on control or held-out data, the share of the excess chi2 (chi2 beyond noise)
+                       that the effect removes
     ambiguous_with     names of effects that explain the residuals as well as the accepted effects do
     resembles          for the verdict unknown: up to three effects with the largest log Bayes factors
-    generic            block, kernel and description of a variation that no effect of the catalogue describes,
-                       or None
+    generic            block (the bias or scale that varies), kernel (the pattern) and description of a
+                       variation that no effect of the catalogue describes, or None
     remainder          residuals that the effects do not explain; None if faults of the data prevented a fit
     laws               formulas for residuals that no effect of the catalogue describes. Laws are part of
                        `calibration`, and `remainder` describes the residuals that they leave
     not_observable     name of each effect that is not observable, and the data in which the effect would be
                        observable
-    smallest_visible   detection limit by effect: rms size per parameter, its unit, and the chance that an
-                       effect of this size is named
+    smallest_visible   detection limit by effect: `value`, the rms size per parameter; its unit; and `chance`,
+                       the probability that an effect of this size is named
     next_motion        motion that distinguishes between rivals, or None: description, program, `simulate`
-                       (options for `imucal simulate`), `on_its_own` (whether effects must be searched in the
-                       new recording alone), and the expected chi2 that distinguishes the rivals with the
-                       present recordings (`chi2_now`) and with the motion (`chi2_predicted`)
-    gap                figure of merit on unseen data: metric, before, after, floor (the value from noise
-                       alone) and closed, (before - after) / (before - floor). If a given calibration was
-                       evaluated on control recordings, `before` is its figure and `refitted` the figure of
-                       the fit without effects, otherwise `refitted` is None
+                       (options for `imucal simulate`), `on_its_own` (whether the search must use the new
+                       recording alone), and the expected chi2 that distinguishes the rivals with the present
+                       recordings (`chi2_now`) and with the motion (`chi2_predicted`)
+    gap                figure of merit on control or held-out data: metric (its name), before and after (its
+                       values without and with the effects), floor (the value from noise alone) and closed,
+                       (before - after) / (before - floor). If a given calibration was evaluated on control
+                       recordings, `before` is its figure and `refitted` the figure of the fit without
+                       effects; otherwise `refitted` is None
     where              residuals of the fit without effects: channels, depends, rests, moves, turns_about
                        (docs/gap.md); None if faults of the data prevented a fit
-    corrected_error    predicted rms error of the corrected signals, averaged over 1 s:
+    corrected_error    predicted rms error of the corrected signals after averaging over 1 s:
                        angular_rate_rms_radps and specific_force_rms_mps2, each with before, after, factor
-                       (before / after), and factor_low and factor_high (95 % interval); None if no effect
-                       was accepted
+                       (before / after), and factor_low and factor_high (95 % interval); None if no effect was
+                       accepted
     traces             for each effect, the residuals that it would cause at its typical size: `times_noise`
                        by kind of residual, and `taken_up`, the share of their chi2 that the 21 base
                        parameters absorb
-    calibration_set    figures of the calibration recordings, before and after
-    control_set        figures of the control recordings, before and after; None without control recordings
-    held_out           figures of held-out rests and moves, before and after; None with control recordings
+    calibration_set    figures of merit on the calibration recordings without (before) and with the effects
+                       (after)
+    control_set        figures of merit on the control recordings, before and after; None without control
+                       recordings
+    held_out           figures of merit on held-out rests and moves, before and after; None with control
+                       recordings
     fits               calibrations without effects (`before`) and with the accepted effects (`after`)
     calibration        calibration with the accepted effects, or without effects if none was accepted; None
                        if faults of the data prevented a fit
     ranking            scores of all candidates relative to the model without effects, in descending order
     notes              sentences on rejected effects, limitations and warnings
     user_effects       user-defined effects among the candidates, and the laws
-    is_hand_moved      whether the force inside moves was not used, because a hand moved the unit
+    is_hand_moved      whether the specific force within the moves was not used, because the unit was moved by
+                       hand or its noise is below a step of its converter
     """
 
     def __repr__(self) -> str:

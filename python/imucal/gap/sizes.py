@@ -10,7 +10,7 @@ __all__ = ["for_people", "p_text"]
 
 # Times up to this limit, in seconds, are shown in ms, and longer times in s.
 DELAY_S: Final = 0.1
-# Below this probability, a text states only that the probability is below this bound.
+# For a smaller probability, a text states only that it is below this bound.
 LEAST_P: Final = 1e-12
 
 

@@ -3,10 +3,10 @@
     found = imucal.soak(sweep)
     found.gyroscope.terms, found.gyroscope.left
 
-A soak or a sweep in one pose determines no scale and no misalignment. It does determine how the mean reading
-depends on the temperature and on the temperature history. The recording is divided into epochs with about
-equal numbers of samples, and averaged over each epoch. Models with polynomials in the temperature, its rate,
-one or two lags and hysteresis are compared by cross-validation, in which each model is fitted by least
+A soak or a temperature sweep in one pose does not determine scales or misalignments. It determines how the
+mean reading depends on the temperature and on the temperature history. The recording is divided into epochs
+with about equal numbers of samples, and averaged over each epoch. Models with polynomials in the temperature,
+its rate, one or two lags, and hysteresis are compared by cross-validation: each model is fitted by least
 squares to nine tenths of the epochs and predicts the other epochs.
 """
 
@@ -43,15 +43,16 @@ FOLDS: Final = 10
 BLOCK: Final = 3
 # A simpler model is preferred if its prediction of held-out epochs is worse than the best prediction by at
 # most this number of standard errors over the folds. In tests on sensors with a constant reading, a model
-# with a term was chosen for one of eight sensors with the threshold 1, and for none of 40 with the threshold
-# 2.
+# with a term was wrongly chosen for one of eight sensors with the threshold 1, and for none of 40 with the
+# threshold 2.
 STANDARD_ERRORS: Final = 2.5
-# Maximum scatter of the gravity direction within a soak, rad. A larger scatter means that the unit was moved.
+# Maximum angle between the gravity direction of an epoch and the median direction, rad. A larger angle means
+# that the unit was moved.
 MOST_TURN_RAD: Final = 0.35
-# The time constant of a lag is searched in several rounds. The two constants are the number of trial values
-# per round and the number of rounds. Each round searches between the neighbours of the best value of the
-# previous round. In the last round, consecutive trial values differ by 1 %. For two lags, the first round
-# compares all pairs of values, and the other rounds search one time constant after the other.
+# The time constant of a lag is searched in ROUNDS rounds with TAUS trial values each. Each round searches
+# between the neighbours of the best value of the previous round. In the last round, consecutive trial values
+# differ by 1 %. For two lags, the first round compares all pairs of values, and the other rounds search one
+# time constant after the other.
 TAUS: Final = 11
 ROUNDS: Final = 3
 AXES: Final = "xyz"
@@ -91,7 +92,11 @@ SENSORS: Final = {"gyroscope": "gyro", "accelerometer": "accel"}
 
 @dataclass(frozen=True)
 class Form:
-    """A model: effects with their numbers of parameters. The last effects are lags, one per time constant."""
+    """A model of the mean reading of one sensor.
+
+    effects   name and number of parameters of each effect; the last effects are lags
+    taus_s    time constant of each lag, s
+    """
 
     effects: tuple[tuple[str, int], ...] = ()
     taus_s: tuple[float, ...] = ()
@@ -203,7 +208,7 @@ def _require_one_pose(name: str, force: FloatArray) -> None:
 
 
 def _scaled(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The columns divided by their largest magnitudes, and these magnitudes."""
+    """The columns of a matrix, each divided by its largest magnitude, and these magnitudes."""
     size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
     return columns / size, size
 
@@ -243,7 +248,7 @@ class _Search:
         return np.hstack(columns)
 
     def _cause(self, name: str, tau_s: float | None) -> FloatArray:
-        """The variable of a term at each sample."""
+        """The variable on which a term depends, at each sample: temperature, lag, rate or direction."""
         if tau_s is not None:
             return self.history.lag_k(tau_s)
         if name.endswith("_rate"):
@@ -258,12 +263,12 @@ class _Search:
         return solved
 
     def _held_out(self, form: Form) -> FloatArray:
-        """Residuals of each epoch, predicted by a fit to the other folds, (N, 3)."""
+        """Mean of each epoch minus its prediction by a fit to the other folds, (N, 3)."""
         basis, sizes, _ = np.linalg.svd(_scaled(self._columns(form))[0], False)
         basis = basis[:, sizes > 1e-10 * sizes[0]]
-        # The columns of the basis are orthonormal, so the normal matrix of the other folds is the unit matrix
-        # minus the normal matrix of the held-out fold. The term 1e-10 keeps the difference invertible if a
-        # direction is determined by one fold only.
+        # The columns of `basis` are orthonormal, so the normal matrix of a fit to the other folds is the unit
+        # matrix minus the normal matrix of the held-out fold. The term 1e-10 keeps the difference invertible
+        # if a direction is determined by one fold only.
         parts = [(basis[own], self.mean[own]) for own in self.of_fold]
         normals = np.stack([basis_of.T @ basis_of for basis_of, _ in parts])
         sums = basis.T @ self.mean - np.stack([basis_of.T @ mean for basis_of, mean in parts])
@@ -274,7 +279,7 @@ class _Search:
         return residual
 
     def _errors(self, form: Form) -> FloatArray:
-        """Mean square of the held-out residuals in each fold, relative to the cubic model, (folds,)."""
+        """Mean square of the held-out residuals of each fold, relative to the cubic model, (FOLDS,)."""
         squares = ((self._held_out(form) / self.scale) ** 2).mean(axis=1)
         return np.array([squares[own].mean() for own in self.of_fold])
 
@@ -309,8 +314,9 @@ class _Search:
     def _lagged(self, plain: Sequence[Form], lags: int) -> Iterator[Form]:
         """Models with one or two lags.
 
-        To first order, the lag of a polynomial is its derivative times the lag of the temperature. In a
-        model with two lags, the coefficients therefore have one degree less than the polynomial.
+        To first order, the lag of a polynomial in the temperature is its derivative times the lag of the
+        temperature. In a model with two lags, the coefficients of the lags are therefore polynomials of one
+        degree less.
         """
         turn = f"{self.prefix}_hysteresis"
         for form in plain:

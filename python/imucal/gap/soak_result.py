@@ -21,7 +21,7 @@ class SoakTerm:
     name        name of the effect, such as "gyro_bias_temperature_lag"
     formula     formula, where T0 is the reference temperature and s the direction of the temperature change
     parameters  values by name, such as x, y_square, and tau for a time constant
-    std         standard deviation of each parameter, from the scatter about the model
+    std         standard deviation of each parameter, from the scatter of the readings about the model
     units       unit of each parameter
     """
 
@@ -51,11 +51,12 @@ class SoakedSensor:
     unit           "rad/s" or "m/s^2"
     terms          terms of the model, empty if the reading does not depend on temperature
     constant       (3,), the reading at the reference temperature
-    mean           (N, 3), the mean reading in each epoch
-    fitted         (N, 3), the model at each epoch
-    cubic          (N, 3), a cubic polynomial in the temperature at each epoch, fitted for comparison
+    mean           (N, 3), the mean reading in each of N epochs
+    fitted         (N, 3), the reading that the model gives for each epoch
+    cubic          (N, 3), the reading that a cubic polynomial in the temperature, fitted for comparison,
+                   gives
     held_out       (3,), rms residual of held-out epochs
-    held_out_cubic (3,), rms residual of held-out epochs for the cubic
+    held_out_cubic (3,), rms residual of held-out epochs for the cubic polynomial
     """
 
     sensor: str
@@ -78,7 +79,7 @@ class SoakedSensor:
 
     @property
     def parameters(self) -> Iterator[Parameter]:
-        """The parameters of all terms. Names of parameters of a second lag end in " (2)"."""
+        """The parameters of all terms. The names of the parameters of a second lag end in " (2)"."""
         names: Counter[str] = Counter()
         for term in self.terms:
             names[term.name] += 1
@@ -88,7 +89,7 @@ class SoakedSensor:
 
     @property
     def left(self) -> FloatArray:
-        """Residual on held-out epochs, divided by the residual of a cubic in temperature, (3,)."""
+        """Rms residual of held-out epochs, divided by that of a cubic polynomial in temperature, (3,)."""
         left: FloatArray = self.held_out / self.held_out_cubic
         return left
 

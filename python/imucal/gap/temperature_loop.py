@@ -1,4 +1,4 @@
-"""Residuals of a sensor over temperature, separately for heating and cooling, without and with effects."""
+"""Residuals of a sensor at rest as a function of temperature, for heating and cooling."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ SENSORS: Final = {"gyroscope": "gyro_bias_temperature", "accelerometer": "accel_
 
 @dataclass(frozen=True, eq=False)
 class TemperatureLoop:
-    """Mean residuals of one sensor at rest, in the order of time. Heating and cooling may form a loop.
+    """Mean residuals of one sensor at rest, in order of time. Over temperature, they may form a loop.
 
     sensor         "gyroscope" (residuals in rad/s) or "accelerometer" (in m/s^2)
     degc           (K,) temperature
     direction      (K,) 1 heating, -1 cooling, values in between while the temperature reverses
-    before, after  (K, 3) mean residual without and with the effects; for the accelerometer relative to the
-                   mean of the rest
+    before, after  (K, 3) mean residual without and with the effects; for the accelerometer minus the mean
+                   over the rest
     """
 
     sensor: str
@@ -70,7 +70,7 @@ def temperature_loops(gap: Gap, recordings: Recording | Sequence[Recording]) -> 
 def _rows(
     gap: Gap, sensor: str, recording: Recording, calibrations: tuple[Calibration, Calibration]
 ) -> Iterator[tuple[float, float, FloatArray, FloatArray]]:
-    """For each mean: temperature, direction, and the residuals without and with the effects."""
+    """For each mean over `EPOCH_S`: temperature, direction, and residuals without and with the effects."""
     degc = np.asarray(recording.temperature_degc, dtype=np.float64)
     direction = TemperatureHistory(recording.time_s, degc).direction
     place = 1 if sensor == "gyroscope" else 0

@@ -13,7 +13,7 @@ from imucal.units import SHOWN
 
 __all__ = ["explanation", "sentences"]
 
-# Code of the finding that the summary prints before the effects: coarse rounding.
+# Code of a finding that the summary prints before the effects: the noise is below a step of the converter.
 BEFORE_EFFECTS: Final = "noise_below_lsb"
 # Names of the kinds of residuals for users.
 KINDS: Final = {
@@ -27,11 +27,12 @@ KINDS: Final = {
     "stand_rest": "attitude at rest relative to the stand",
     "stand_move": "attitude in moves relative to the stand",
 }
-# Names of kinds of residuals in texts that do not state an axis, if these names differ from those in `KINDS`.
+# Names of kinds of residuals in texts that do not state an axis. Kinds that are not listed have the name in
+# `KINDS`.
 WITHOUT_AXIS: Final = {"move_direction": "direction after moves", "move_force": "force during moves"}
-# Predicted residuals are printed if they exceed this multiple of their noise.
+# Residuals that an effect is expected to cause are printed if they exceed this multiple of their noise.
 LEAST_TIMES_NOISE: Final = 0.05
-# Variables that explain residuals and whose names in texts differ from those in JSON documents.
+# Names in texts of variables that explain residuals, if they differ from the names in JSON documents.
 EXPLAINED_BY: Final = {"gravity": "gravity direction"}
 # Figures of the control recordings or held-out data in texts: name, factor that converts the figure, and
 # unit.
@@ -43,9 +44,9 @@ VERIFIED: Final = {
 MOST_CHANNELS: Final = 4
 # An improvement factor is printed if the lower end of its 95 % interval is at least this value.
 LEAST_IMPROVEMENT: Final = 1.05
-# The summary states only one improvement: of the control figure, or of the kind of residual that improves
-# most. Both improvements are measured in multiples of the noise. The control figure is chosen if its
-# improvement is at least this share of the improvement of the residual.
+# The summary states only one improvement: that of the figure on control or held-out data, or that of the kind
+# of residual that improves most. Both are measured in multiples of the noise. The first is chosen if it
+# exceeds this share of the second.
 LEAST_SHARE_OF_CONTROL: Final = 0.1
 
 
@@ -97,7 +98,8 @@ def sentences(gap: GapFields) -> Iterator[str]:
         yield (
             f"{where}: {words} {before:.4g} before{refitted}, {after:.4g} after, "
             f"noise floor {floor:.3g}{f' {unit} rms' if unit else ''}: "
-            # A negative closed share means that the difference is within the scatter of the two figures.
+            # If the figure is worse with the effects, the closed share is negative. Such a difference is
+            # within the scatter of the two figures.
             + (
                 "the difference is not significant"
                 if figure["closed"] < 0
@@ -125,7 +127,7 @@ def sentences(gap: GapFields) -> Iterator[str]:
 
 
 def _laws(gap: GapFields) -> Iterator[str]:
-    """A sentence on each law: formula with numbers, closed share of the gap, and nearest effects."""
+    """A sentence on each law: formula with numbers, removed share of the excess, and nearest effects."""
     for law in gap.laws:
         values = ", ".join(
             f"{p['name']} = {p['value']:.3g} ± {p['std'] or 0.0:.1g} {p['unit']}" for p in law.parameters
@@ -208,7 +210,7 @@ def _finding(gap: GapFields) -> str:
 
 
 def _by_the_effects(figure: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-    """The figure of merit with `before` of the fit without effects, even if a calibration was given."""
+    """The figure of merit in which `before` is always the value of the fit without effects."""
     if figure is None or figure.get("refitted") is None:
         return figure
     before, after, floor = figure["refitted"], figure["after"], figure["floor"]

@@ -23,10 +23,10 @@ from imucal.gap.result import Gap
 
 __all__ = ["gap_of"]
 
-# Probability that an effect whose size equals its detection limit is named first. In the benchmark this
-# happened in 194 of 280 cases (docs/results/gap.md). At the detection limit the chi2 test has a power of 90
-# %. The probability of the right name is lower, because the effect must also have more evidence than its
-# rivals.
+# Probability that a search names an effect whose size equals its detection limit as its first effect. In the
+# benchmark, this happened in 194 of 280 cases (docs/results/gap.md). At the detection limit the chi2 test has
+# a power of 90 %. The probability of the right name is lower, because the effect must also have more evidence
+# than its rivals.
 NAMED_AT_LIMIT: Final = 0.7
 # Kinds of residuals on control or held-out data, in the order of the compiled library.
 UNSEEN_KINDS: Final = ("rest_norm", "move_direction", "rest_rate")
@@ -122,13 +122,13 @@ def _result(question: Question, fit: _core.GapFit) -> CalibrationResult:
 
 
 def _faults(faults: Sequence[Finding]) -> tuple[dict[str, Any], ...]:
-    """Faults of the data, each listed once, with the same fields as listed effects."""
+    """Faults of the data, each listed once, in the form in which `Gap.effects` lists effects."""
     codes = dict.fromkeys(fault.code for fault in faults)
     return tuple({"name": code, "sensor": None, "parameters": ()} for code in codes)
 
 
 def _closed(question: Question, analysis: _core.GapAnalysis) -> dict[str, Any]:
-    """Figure of merit on unseen data, and the closed share of its excess over noise.
+    """Figure of merit on control or held-out data, and the share of its excess over noise that disappears.
 
     With a given calibration and control recordings, `before` is the figure of the given calibration.
     """
@@ -171,7 +171,7 @@ def _named(
 
 
 def _shares(closed: Sequence[float | None] | None) -> dict[str, float | None]:
-    """Share of the gap that an effect closes, by kind of residual."""
+    """Share of the excess chi2 (chi2 beyond noise) that an effect removes, by kind of residual."""
     return dict(zip(UNSEEN_KINDS, closed or (None,) * len(UNSEEN_KINDS), strict=True))
 
 

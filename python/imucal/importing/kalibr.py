@@ -88,7 +88,10 @@ def _corrected(block: Node, noise: dict[str, float], notes: tuple[str, ...]) -> 
 
 
 def _size_effect(accelerometers: Node) -> list[EffectValues]:
-    """The positions of the axes as effects: lever arm of the x axis; positions of y and z relative to x."""
+    """The positions of the accelerometer's axes as effects.
+
+    One effect is the lever arm of the x axis, the other the positions of the y and z axes relative to x.
+    """
     names = ("rx_i", "ry_i", "rz_i")
     if not set(names) & accelerometers.mapping().keys():
         return []

@@ -98,7 +98,7 @@ class Parameters:
 
 @dataclass(frozen=True, eq=False)
 class Cubic:
-    """A thermal offset of a sensor: the sum of coefficients[k] (T - reference)^k for k = 0 to 3, raw units.
+    """A thermal offset of a sensor, raw units: the sum of coefficients[k] (T - reference_degc)^k, k = 0 to 3.
 
     coefficients    (4, 3)
     reference_degc  reference temperature in this polynomial
@@ -135,8 +135,9 @@ class Cubic:
         sensor   "accel" or "gyro"
         scale    corrected / raw of each axis
 
-        Without cubic terms the effect is that of the catalogue, relative to the reference temperature of
-        imucal. With cubic terms it is a formula, which also clamps the temperature to the range.
+        Without cubic terms, the effect is the temperature effect of the catalogue, relative to the reference
+        temperature of imucal. With cubic terms, the effect is a formula, which also clamps the temperature to
+        the range.
         """
         constant, linear, square, cubic = self.about(_core.REFERENCE_TEMPERATURE_DEGC)
         if not cubic.any():

@@ -55,7 +55,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
 
 
 def _thermal(parameters: Parameters, sensor: str, n: int) -> Cubic | None:
-    """The thermal terms in the slot with the sensor's device ID, or of slot n in a file without IDs."""
+    """The thermal terms of sensor n: of the slot with the sensor's device ID, or of slot n without IDs."""
     letter = LETTERS[sensor]
     if parameters.number(f"TC_{letter}_ENABLE", 0.0) != 1:
         return None

@@ -11,8 +11,9 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["UNITS", "in_si", "per_si_unit"]
 
-# Size of one SI unit in each unit of raw samples, by sensor, such as 1 m/s^2 = 0.102 g; the SI unit is first.
-# Samples in a unit divided by this number are samples in the SI unit. Recordings are read in SI units.
+# For each sensor and each unit of raw samples: the size of one SI unit in this unit, such as 0.102 for g,
+# because 1 m/s^2 = 0.102 g. The SI unit is first. Samples in a unit divided by this number are samples in the
+# SI unit. Recordings are read in SI units.
 UNITS: Final[dict[str, dict[str, float]]] = {
     "accelerometer": {"m/s^2": 1.0, "g": 1 / STANDARD_GRAVITY_MPS2, "mg": 1e3 / STANDARD_GRAVITY_MPS2},
     "gyroscope": {"rad/s": 1.0, "deg/s": math.degrees(1.0), "mdeg/s": 1e3 * math.degrees(1.0)},

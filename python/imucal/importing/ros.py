@@ -1,4 +1,4 @@
-"""ROS: the calibration file of the package imu_calib, an accelerometer alone.
+"""ROS: the calibration file of the package imu_calib, which calibrates only the accelerometer.
 
     corrected_accel = SM raw - bias
 

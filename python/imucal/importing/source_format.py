@@ -70,7 +70,8 @@ class Found:
     accel_unit, gyro_unit      raw units: m/s^2 and rad/s, or lsb
     noise                      noise figures, named as in a calibration file
     temperature_range_degc     range outside which the thermal terms are constant
-    missing                    further parts that the files do not state, see `Imported.missing`
+    missing                    further parts of a calibration that the files do not state, see
+                               `Imported.missing`
     notes                      remarks for the user
     """
 
@@ -99,8 +100,9 @@ class Reader:
     files       minimum and maximum number of files of one calibration
     recognises  function that tests whether a file has this format
     read        function that returns the calibration in the contents
-    without     the parts that files of this format never state, for the table of formats
-    scaled      whether the correction depends on the resolution of the sensor's driver
+    without     the parts of a calibration that files of this format never state, for the table of formats
+    scaled      whether the correction depends on the resolution of the sensor's driver, which the file does
+                not state
     """
 
     name: str

@@ -45,7 +45,7 @@ def read(
     temp_scale: TempScale | None = None,
     axes: str | None = None,
 ) -> Recording:
-    """Read one recording.
+    """Read one recording. An option with format names in brackets exists only for these formats.
 
     paths      path of one file; or paths of two files, one per sensor; or path of a folder or a zip archive
                with such files, or of the folder of a ROS 2 bag; or a data frame (pandas, polars, pyarrow,
@@ -69,9 +69,9 @@ def read(
     axes       axis remapping after reading, for all formats: "frd" or "ned" for data with z down, "x,-y,-z",
                or "accel=..." and "gyro=..." for one sensor; see `Recording.with_axes`
 
-    Physical units are converted to SI, counts are unchanged. Time in ms, us or ns is counted from the first
-    sample, time in s is unchanged. Empty cells become NaN. Repairs to the data are reported in the
-    recording's `findings`.
+    Physical units are converted to SI units, and counts are unchanged. Time in ms, us or ns is counted from
+    the first sample, and time in s is unchanged. Empty cells become NaN. Repairs to the data are reported in
+    the recording's `findings`.
 
     Raises InputError for unreadable files, for options that do not apply and for ambiguous choices,
     FormatError for invalid contents, and ImucalError if the library for the format is not installed.

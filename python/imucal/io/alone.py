@@ -24,8 +24,7 @@ from imucal.recording.recording import Recording
 
 __all__ = ["alone", "recording_of_any_text"]
 
-# If a file has at least this number of unrecognised columns, these columns may be the three axes of a second
-# sensor.
+# If a file has at least this number of unrecognised columns, they may be the three axes of a second sensor.
 SECOND_SENSOR = 3
 NO_UNITS = Units(None, None, None)
 

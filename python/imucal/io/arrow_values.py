@@ -92,7 +92,10 @@ def truth_of(array: Any) -> NDArray[np.bool_]:
 
 
 def _bits(buffer: Any, array: Any) -> NDArray[np.bool_]:
-    """The bits of an array's cells in a buffer of its column. The array may be a slice of the column."""
+    """One bit per cell of an array, from a buffer with the bits of all cells of the column.
+
+    The array may be a slice of the column.
+    """
     first, end = array.offset // 8, (array.offset + len(array) + 7) // 8
     bits = np.unpackbits(np.frombuffer(buffer, np.uint8)[first:end], bitorder="little")
     return bits[array.offset - 8 * first :][: len(array)].astype(bool)

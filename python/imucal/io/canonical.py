@@ -181,7 +181,7 @@ def chosen(table: Table, columns: str | Sequence[str] | None, *, has_rate: bool)
 
 
 def _meaning(name: str) -> str:
-    """The part of a canonical name before the unit, such as accel_x for accel_x_mps2."""
+    """The canonical name without its unit, such as accel_x for accel_x_mps2."""
     return name.rpartition("_")[0]
 
 

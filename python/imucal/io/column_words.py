@@ -64,7 +64,10 @@ def words_of(name: str) -> list[str]:
 
 
 def role_of(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[str, str, str] | None:
-    """Quantity and axis of a column, and the part of its name that is common to all three axes; or None."""
+    """Quantity and axis of a column, and the part of its name that is common to all three axes.
+
+    None if the words of the name do not state quantity and axis.
+    """
     of = unit[0] if unit else ""
     if of in ("time", "temp", "angle", "other"):
         return None

@@ -63,7 +63,7 @@ def read_columns(
 
 
 def _refuse_rows_of_several_sensors(text: Text, names: Sequence[str]) -> None:
-    """Raises FormatError if the cells of an ignored column name both sensors, such as `acc` and `gyro`."""
+    """Raises FormatError if an ignored column names the sensor of each row, such as `acc` or `gyro`."""
     cells = Head(text).cells
     ignored = [cells[str(index)] for index, name in enumerate(names) if name in SKIP and str(index) in cells]
     # Cells of one or two letters are ignored, because they can be other labels, such as classes `a` and `w`.

@@ -39,7 +39,10 @@ def faults_named(paths: Sequence[str | os.PathLike[str]], title: str) -> Iterato
 
 
 def too_large(paths: Sequence[str | os.PathLike[str]], title: str) -> FormatError:
-    """The error for a file whose reader needs more memory than its size permits or the computer has."""
+    """The error for a file whose reader needs too much memory.
+
+    The memory exceeds the limit for a file of this size, or the memory of the computer.
+    """
     return FormatError(
         f"{shown_names(paths)} cannot be read as {title}: reading it needs more memory than a file of this "
         f"size normally does, or more than is available: {WAY_OUT}; or give a shorter recording"

@@ -19,7 +19,7 @@ class Format:
     reader    module of this folder and its function that reads a recording; the module is loaded when it is
               first needed, because a command reads files of one format
     title     name of the format in texts for people
-    files     number of files of one recording
+    files     number of files that together contain one recording
     extra     optional extra of the package that the format needs, or None
     known_by  how a file of this format is recognised
     reads     data that the reader takes from a file

@@ -36,10 +36,11 @@ def read_hdf5(
 def hdf5_arrays(
     h5py: Any, path: str | os.PathLike[str], separator: str, kind: str
 ) -> Iterator[dict[str, StoredArray]]:
-    """All one- and two-dimensional numeric data sets by path. Compound data sets become one array per field.
+    """All one- and two-dimensional numeric data sets, each under its path in the file.
 
-    The values can be read inside the block. Links to other files are not followed. Data sets that are stored
-    in other files are refused when they are read.
+    A compound data set becomes one array per field. The file is open only inside the `with` block, so the
+    values must be read there. Links to other files are not followed. Data sets that are stored in other files
+    are refused when they are read.
     """
     file_name = Path(path).name
     found: dict[str, StoredArray] = {}

@@ -214,7 +214,7 @@ def certain_time(
 def time_of(header: Header, head: FirstCells) -> tuple[tuple[str, str], float | None] | None:
     """(name, canonical name) of the time column, and its ticks per second.
 
-    The ticks per second are None if the unit in the canonical name states them.
+    The ticks per second are None if the canonical name ends with the unit of time, as in time_us.
     """
     chosen = time_column(header.times, head.numbers, head.is_date)
     if chosen is None:

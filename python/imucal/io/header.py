@@ -43,7 +43,7 @@ class Header:
 
     accel, gyro  the triads, the more likely one first
     linear       triads of acceleration without gravity
-    plain        triads whose names are only x, y, z, each with the sensor that its unit indicates, or with ""
+    plain        triads whose column names are only x, y, z. Each has the sensor that its unit implies, or ""
     times        name and unit, or None, of the time columns
     stamp        names of two columns with the seconds and the nanoseconds of a time stamp of ROS, or None
     temperature  name of a column of temperature and its canonical name, or None
@@ -60,8 +60,8 @@ class Header:
     program: Program | None = None
 
 
-# Columns by quantity ("accel", ...) and by the part of their names that does not depend on the axis. For
-# each axis: the column name, and the unit or None.
+# Columns grouped by quantity ("accel", ...) and by the part of their names that does not depend on the axis.
+# A group maps each axis to the name of its column and the unit of this column, or None for an unknown unit.
 _Groups: TypeAlias = dict[tuple[str, str], dict[str, tuple[str, str | None]]]
 
 
@@ -161,7 +161,10 @@ def unknown_units(described: Sequence[str]) -> list[str]:
 
 
 def _is_quaternion(x: str, names: Sequence[str]) -> bool:
-    """Whether a column w belongs to the column `x`, as in x, y, z, w, and there is only one column `x`."""
+    """Whether the column `x` is a component of a quaternion, so that there is also a column w of this name.
+
+    False if several columns have the name `x`.
+    """
     w = re.sub(r"x(?=[^x]*$)", "w", x.lower())
     return list(names).count(x) == 1 and any(name.lower() == w for name in names)
 

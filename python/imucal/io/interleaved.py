@@ -1,8 +1,9 @@
-"""Detection of text tables with rows of several units, in which a column such as an address names the unit.
+"""Detection of text tables with the samples of several units (IMUs), of which a column names one in each row.
 
-If such a table were read as one unit, its samples and its sampling rate would be wrong. A column may also
-contain labels that are not units, such as classes of a motion. The samples then change from one label to the
-next by no more than from row to row within one label.
+The column may contain addresses, for example. If such a table were read as the recording of one unit, its
+samples and its sampling rate would be wrong. A column may also contain labels that do not name a unit, such
+as classes of a motion. In this case the samples of two consecutive rows with different labels differ no more
+than those of two consecutive rows with the same label.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from imucal.io.text import Text
 
 __all__ = ["refuse_interleaved"]
 
-# Largest number of units in one table.
+# Largest number of units (IMUs) in one table.
 MOST_UNITS: Final = 8
 # A column can name units if the table has at least LEAST_ROWS rows, and if the label in at least the share
 # LEAST_CHANGES of the rows differs from the label in the previous row.
@@ -32,7 +33,7 @@ CLEAR: Final = 5.0
 
 
 def refuse_interleaved(text: Text, names: Sequence[str], head: Head | None = None) -> None:
-    """Raises FormatError if a column without a canonical name tells that rows belong to several units.
+    """Raises FormatError if a column without a canonical name shows that the rows are from several units.
 
     names  names of the columns, canonical or not
     head   the first cells, if they are known
@@ -73,5 +74,5 @@ def _divide(labels: Sequence[str], samples: FloatArray) -> bool:
 
 
 def _sizes(samples: FloatArray) -> FloatArray:
-    """The magnitudes of the changes from sample to sample."""
+    """Magnitude of the difference between each sample and the previous sample."""
     return np.asarray(np.linalg.norm(np.diff(samples, axis=0), axis=1))

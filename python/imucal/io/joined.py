@@ -41,7 +41,8 @@ def joined(
 ) -> Recording:
     """One recording of both sensors, resampled to one clock if their time stamps differ.
 
-    sources_of  function that returns the files; it is called after reading, when their hashes are known
+    sources_of  function that returns the files with their hashes. It is called after both files were read,
+                because the hashes are computed during reading
     """
     accel_unit, gyro_unit = unit_of_sensor(accel, "accel", units), unit_of_sensor(gyro, "gyro", units)
     require_gravity(accel, accel_unit)

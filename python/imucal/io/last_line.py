@@ -11,8 +11,8 @@ from imucal.io.remarks import lines_left_out
 
 __all__ = ["LastLine"]
 
-# The last row is compared with this number of rows before it. If its last field has fewer decimals than the
-# last fields of these rows, the last row may have been cut off.
+# The last row is compared with this number of rows before it. The last row may have been cut off if its last
+# field has fewer decimals than the last field of each of these rows.
 COMPARED_ROWS: Final = 20
 
 

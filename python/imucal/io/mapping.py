@@ -15,7 +15,7 @@ def column_list(columns: str | Sequence[str]) -> list[str]:
 
 
 def mapping_of(columns: str | Sequence[str]) -> dict[str, str] | None:
-    """The names by canonical name, such as {"time_s": "t"} for "time_s=t"; None for a list without `=`.
+    """The file's name of each canonical name: {"time_s": "t"} for "time_s=t". None for a list without `=`.
 
     Raises InputError if only some names have a `=`, or a canonical name is given twice.
     """

@@ -41,7 +41,7 @@ def read_matlab(
     group: str | None = None,
     rate_hz: float | None = None,
 ) -> Recording:
-    """Read the variables of a .mat file; a struct is a group, so `imu.acc` is field acc of struct imu.
+    """Read the variables of a .mat file. A struct is a group: `imu.acc` is the field acc of the struct imu.
 
     See `named_arrays` for names, groups and columns.
     """

@@ -11,8 +11,8 @@ from imucal.recording.means import Means
 
 __all__ = ["read_means"]
 
-# Arbitrary sampling rate, Hz. A table of means has no time column, but the reader of recordings needs a time
-# column or a rate. The resulting times are not used.
+# Arbitrary sampling rate, Hz. A table of mean readings has no time column, but the reader of recordings needs
+# a time column or a sampling rate. The times that result from this rate are not used.
 ANY_RATE_HZ: Final = 1.0
 
 

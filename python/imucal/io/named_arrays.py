@@ -80,7 +80,7 @@ class NamedArrays:
 
 
 def spread(path: str, array: StoredArray, separator: str) -> dict[str, StoredArray]:
-    """The array under its path. A structured array is split into one array per field."""
+    """A dictionary with the array under its path, or with one entry per field of a structured array."""
     fields = array.dtype.names
     if fields is None:
         return {path: array}
@@ -104,8 +104,8 @@ def recording_from_arrays(
     """The recording that these arrays form.
 
     columns  names of the arrays, see the module; None uses the arrays with canonical names
-    group    group that contains the arrays, required if several groups contain a recording; paths in
-             `columns` are relative to it
+    group    group that contains the arrays. It is required if several groups contain a recording. Paths in
+             `columns` are relative to this group
     rate_hz  sampling rate, Hz, if there is no time array
 
     Raises FormatError if arrays are missing, not numeric or of unequal length, and InputError for names that

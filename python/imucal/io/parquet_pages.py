@@ -4,8 +4,8 @@ Each column chunk is a sequence of pages. A page starts with a header in the com
 fields 2 and 3 are the uncompressed and the compressed size of the page (parquet.thrift, PageHeader). Arrow
 allocates memory of these sizes without comparing them with the size of the file.
 
-The places of the chunks are read from the end of the file (FileMetaData). They are not read through pyarrow's
-`RowGroupMetaData.column`, because it ends the process for some damaged files.
+The positions of the column chunks are read from the end of the file (FileMetaData). They are not read through
+pyarrow's `RowGroupMetaData.column`, because this method crashes the process for some damaged files.
 """
 
 from __future__ import annotations
@@ -164,7 +164,10 @@ class _Reader:
         self._content, self.position = content, 0
 
     def structures(self, number: int) -> Iterator[None]:
-        """Stops at each structure in the field `number`: the field itself, or the items of a list."""
+        """Yields at the start of each structure that the field `number` contains.
+
+        The field is a structure itself, or a list of structures. Other fields are skipped.
+        """
         for field, kind in self.fields():
             if field == number and kind == STRUCT:
                 yield None
@@ -178,7 +181,10 @@ class _Reader:
                 self.skip(kind)
 
     def fields(self) -> Iterator[tuple[int, int]]:
-        """Number and type of each field of a structure, whose value must be read before the next one."""
+        """Number and type of each field of a structure.
+
+        The caller must read or skip the value of a field before it asks for the next field.
+        """
         field = 0
         while (head := self._byte()) != 0:
             field = field + (head >> 4) if head >> 4 else self.signed()

@@ -1,8 +1,9 @@
 """Transfer of recordings between two processes as a stream of bytes.
 
-A frame is a line of JSON, followed by the bytes of the arrays that the line lists. The line is
-{"recording": fields, "arrays": [[field, key, type, shape], ...]} for a recording, {"error": class, "message":
-text} for a failure, or {"end": true}. A frame contains no code, unlike pickled objects.
+The stream consists of frames. A frame is a line of JSON, followed by the bytes of the arrays that the line
+lists. The line is {"recording": fields, "arrays": [[field, key, type, shape], ...]} for a recording,
+{"error": class, "message": text} for a failure, or {"end": true} at the end. A frame contains no code,
+unlike pickled objects.
 """
 
 from __future__ import annotations

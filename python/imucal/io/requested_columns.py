@@ -43,9 +43,9 @@ class RequestedColumns:
         self._takers: list[Callable[[slice, Any], None]] = []
 
     def numbers(self, name: str, into: NDArray[Any] | None = None, factor: float = 1.0) -> NDArray[Any]:
-        """A column multiplied by `factor`, as float64 or as the type of `into`; empty cells become NaN.
+        """An array for a column multiplied by `factor`, as float64 or as the type of `into`.
 
-        `read` fills the array later.
+        The method `read` fills the array later. Empty cells become NaN.
         """
         out = np.empty(self.rows) if into is None else into
 
@@ -57,7 +57,7 @@ class RequestedColumns:
         return out
 
     def since_first(self, name: str, ticks_per_s: float) -> NDArray[np.float64]:
-        """Array for a time column relative to the first time stamp, s. `read` fills the array later."""
+        """An array for a time column, in s since the first time stamp. The method `read` fills it later."""
         out, clock = np.empty(self.rows), self.clock
 
         def take(where: slice, part: Any) -> None:

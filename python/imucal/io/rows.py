@@ -63,7 +63,10 @@ def _filled(rows: Any) -> Any:
 
 @dataclass
 class _LeftOut:
-    """Skipped lines with a wrong number of fields: index among all lines, content, and whether it is text."""
+    """The skipped lines with a wrong number of fields.
+
+    Each has its index among all lines, its content, and whether it is a line of text.
+    """
 
     lines: list[tuple[int, str, bool]]
     width: int

@@ -49,8 +49,9 @@ RATES_HZ: Final = (5.0, 40_000.0)
 # Whole numbers can be accelerations in mg if their median magnitude is in this range. Gravity is 1000 mg, and
 # biases of MEMS sensors reach 50 mg.
 MG: Final = (900, 1100)
-# Numbers that can be mg can also be counts of 0.01 m/s^2 (BNO055), of which 981 are 1 g, if their median
-# magnitude is in the first range (whole numbers) or in the second range (all other numbers).
+# Numbers that can be mg can also be counts of 0.01 m/s^2 (BNO055), of which 981 are 1 g. The unit is
+# ambiguous if their median magnitude is in the first range (whole numbers) or in the second range (all other
+# numbers).
 MG_OR_CM_PER_S2: Final = ((900, 1030), (971, 991))
 # Acceleration may lack gravity if the interquartile range of its magnitude exceeds this share of the median
 # magnitude, and the length of its mean vector is below this share of the median magnitude. For random motion
@@ -60,9 +61,9 @@ UNSTEADY: Final = 0.5
 REPEATED: Final = 0.25
 # Largest share of time steps that may be negative in a column of time.
 MOST_BACKWARDS: Final = 0.1
-# Upper limit of the standard deviation of an accelerometer's samples, g, with which a unit can be at rest.
+# The sensor can be at rest only if the standard deviation of the accelerometer's samples is below this, g.
 STILL_G: Final = 0.02
-# Number of samples of a block. The noise is estimated from the quietest blocks.
+# Number of consecutive samples in a block. The noise is estimated from the blocks with the least variation.
 BLOCK: Final = 20
 # Numbers in this range, s, are accepted as times since 1970: years 2001 to 2103.
 EPOCH_S: Final = (1.0e9, 4.2e9)
@@ -76,8 +77,8 @@ class Reading(NamedTuple):
     """An interpretation of numbers without a unit.
 
     likely  suffix of the canonical names for the likely unit, or None
-    text    sentence with the values in each unit
-    either  suffixes of the units if several units are equally likely
+    text    sentence that explains the interpretation, with the typical size of the values in each unit
+    either  suffixes of the canonical names for the units, if several units are equally likely
     """
 
     likely: str | None
@@ -146,7 +147,7 @@ def is_still(accel: FloatArray, unit: str | None) -> bool:
 def gyro_reading(values: FloatArray, *, is_moving: bool = False) -> Reading:
     """The interpretation of a gyroscope's first samples, (N, 3).
 
-    is_moving  whether the unit never rests, so that its motion could be mistaken for noise
+    is_moving  whether the sensor never rests, so that its motion could be mistaken for noise
     """
     (noise, least), largest = _noise(values), float(np.nanmax(np.abs(values), initial=0.0))
     text = (
@@ -164,8 +165,9 @@ def gyro_reading(values: FloatArray, *, is_moving: bool = False) -> Reading:
             "dps" if largest < 6000 else "mdps", f"{text}; rates up to {largest:.4g} exclude rad/s"
         )
     likely = _unit_of_noise(noise)
-    # If a unit moves most of the time, `noise` is the variation by the motion, and at most a few blocks are
-    # as quiet as at rest. The unit is therefore unknown if the quietest block indicates another unit.
+    # If the sensor moves most of the time, `noise` is the variation by the motion, and at most a few blocks
+    # contain only noise. No unit of measurement is therefore returned if the quietest block indicates another
+    # unit of measurement than `noise` does.
     if likely is None or _unit_of_noise(least) not in (None, likely) or (is_moving and likely == "dps"):
         return Reading(None, f"{text}: the data do not tell which")
     return Reading(likely, text)

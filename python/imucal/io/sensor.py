@@ -156,14 +156,17 @@ def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
 
 
 def how_read(sensor: Sensor, what: str, units: Units, unit: str, source: str) -> str:
-    """The start of a message on columns and units: whether the unit is from `source` or from gravity."""
+    """The start of a message on columns and units. It says whether `source` or gravity gave the unit."""
     if stated_unit(sensor, what, units) is not None:
         return f"columns and units were read from {source}"
     return f"columns were read from {source}; the unit {unit} follows from the size of gravity"
 
 
 def has_gravity(sensor: Sensor) -> bool:
-    """Whether the first samples of an accelerometer include gravity, in its unit or in the likely unit."""
+    """Whether the first samples of an accelerometer include gravity.
+
+    The samples are evaluated in the stated unit, or in the likely unit if none is stated.
+    """
     values = sensor.head.triad(sensor.triad)
     unit = sensor.triad.unit or accel_reading(values).likely
     return unit is not None and (unit == "lsb" or gravity_g(values, unit) > NO_GRAVITY_G)
@@ -199,7 +202,7 @@ def _without_gravity(sensor: Sensor, gravity: float) -> FormatError:
 def time_of_sensor(sensor: Sensor, given: str | None) -> tuple[tuple[str, str], float | None]:
     """(name, canonical name) of the time column, and its ticks per second.
 
-    The ticks per second are None if the unit in the canonical name states them.
+    The ticks per second are None if the canonical name ends with the unit of time, as in time_us.
     """
     if not sensor.header.times:
         raise FormatError(

@@ -121,8 +121,8 @@ def read_vectornav(
 ) -> Recording:
     """Read the sentences $VNYMR, $VNIMU, $VNQMR and $VNMAR of VectorNav, which contain no time.
 
-    columns  the name of the sentence, then a name for every field, to replace those of the manual; with this
-             option other sentences in the form of NMEA 0183 can also be read
+    columns  the name of the sentence, then a name for every field of this sentence. They replace the names in
+             the manual. With this option, other sentences in the form of NMEA 0183 can also be read
     """
     file = open_file(path)
     content = content_of(file)

@@ -59,7 +59,7 @@ def suggestion(
             return several or _without_a_sensor(header)
         lead = _alone(header)
     sentences: list[str] = []
-    # The units of each triad that the numbers allow.
+    # For each triad: the sensor, and the units of measurement that are compatible with its numbers.
     guessed: list[tuple[Triad, str, tuple[str, ...]]] = []
     is_moving = False
     for triad in header.accel[:1]:

@@ -1,7 +1,7 @@
 """Reader of binary packets of WitMotion sensors, as recorded by a serial terminal.
 
-A packet has 11 bytes: 0x55, its kind, four int16 (little-endian), and the low byte of the sum of the other
-ten bytes.
+A packet has 11 bytes: 0x55, the type of the packet, four int16 (little-endian), and the low byte of the sum
+of the other ten bytes. The types are:
 
     0x50  time: year - 2000, month, day, hour, minute, second, ms (uint16)
     0x51  acceleration, counts of 16 g / 32768; temperature, counts of 0.01 degC
@@ -107,7 +107,7 @@ def _sample_size(start: bytes) -> int | None:
 
 
 def _sample_offsets(content: bytes, size: int) -> NDArray[np.int64]:
-    """The offsets of the packets with a whole sample that another packet, or the end, follows."""
+    """Offsets of the packets with a whole sample that another packet, or the end of the file, follows."""
     data = np.frombuffer(content, np.uint8)
     is_start = (data[:-1] == SAMPLE[0]) & (data[1:] == SAMPLE[1])
     at = np.flatnonzero(is_start)

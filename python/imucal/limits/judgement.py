@@ -52,10 +52,11 @@ class Check:
 
     @property
     def used(self) -> float:
-        """Used share of the limit: 0 in the middle of a range, 1 at its ends, infinite without a value.
+        """How much of the permitted deviation the value uses; infinite without a value.
 
-        Checks are sorted by this share. For a minimum number it is 0 if the check passes and above 1 if it
-        fails.
+        Checks are sorted by this number. In a range it is 0 in the middle and 1 at the ends. For a maximum
+        alone it is value / maximum. For a minimum alone it is 0 if the check passes, and minimum / value if
+        it fails.
         """
         if self.problem or self.value is None or math.isnan(self.value):
             return math.inf
@@ -111,7 +112,7 @@ class Check:
         return f"{self.what} is {self.value if same else self.value_text}{unit}"
 
     def to_dict(self) -> dict[str, Any]:
-        """The check as a JSON object. The field `used` is null if the used share is infinite."""
+        """The check as a JSON object. The field `used` is null if `Check.used` is infinite."""
         limit = {"min": self.low, "max": self.high}
         return {
             "what": self.what,

@@ -28,7 +28,7 @@ FIGURES: Final[dict[str, tuple[str, ...]]] = {
     "control_set": (*FIGURE_UNITS, *COUNTS),
     "held_out": ("gravity_direction_rms_deg",),
 }
-# Reasons for a failed check if a set of recordings is missing.
+# For each set of recordings, the reason why a check on it fails if the set is missing.
 MISSING: Final = {
     "calibration_set": "the calibration has no figures of its calibration recordings",
     "control_set": "there is no control recording: give one with --control",

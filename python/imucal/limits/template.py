@@ -125,5 +125,5 @@ def _figures(calibrations: Sequence[Calibration], deviations: float) -> list[Fig
 
 
 def _rounded(number: float, scale: float) -> float:
-    """`number` rounded to three significant digits of `scale`."""
+    """`number` rounded to the decimal place of the third significant digit of `scale`."""
     return round(number, 2 - math.floor(math.log10(scale))) if scale > 0 else number

@@ -34,8 +34,8 @@ AXES: Final = tuple(f"{sensor}_{axis}" for sensor in ("accel", "gyro") for axis 
 class NoiseFigure:
     """A noise figure: maximum-likelihood estimate, standard deviation and 95 % band.
 
-    If the noise process is not detected, `value` and `std` are None, `low` is 0, and `high` is its upper
-    bound, which is infinite for a constant axis.
+    If the noise process is not detected, `value` and `std` are None, `low` is 0, and `high` is the upper
+    bound of the figure. The upper bound is infinite for an axis with constant samples.
     """
 
     value: float | None
@@ -63,7 +63,7 @@ class AxisNoise:
     lsb               one count: the smallest step between samples, v
     is_below_lsb      whether white noise is less than half a count, so that no figure has a value
     shortest_period_s shortest period used in the fit, s; a filter in the sensor affects shorter periods
-    misfit            largest deviation of an octave of frequencies from the model, in standard deviations
+    misfit            largest deviation of the spectrum in one octave from the model, in standard deviations
     taus_s            (K,) averaging times, s
     deviations        (K,) overlapping Allan deviations, v
     low, high         (K,) 95 % bands of the deviations
@@ -96,7 +96,7 @@ class AxisNoise:
 class Departure:
     """Change of the mean of one axis: its size and standard deviation, m/s^2, rad/s or lsb.
 
-    gain  twice the increase of the log-likelihood relative to a model with random noise only
+    gain  twice the increase of the log-likelihood when this change is added to a model with random noise only
     """
 
     size: float
@@ -141,9 +141,9 @@ class NoiseResult:
                       recording does not have
     accel_unit, gyro_unit   units of the samples; None for a sensor that the recording does not have
     start_s, end_s    start and end of the rest that was used, s
-    steps             steps of the means in the rest; they are part of the noise figures
-    cut_steps         steps that lie outside the used part of the rest
-    drifts            drifts of the means in the rest; they are part of the noise figures
+    steps             steps of the means in the used part of the rest, which increase the noise figures
+    cut_steps         steps of the means in the part of the rest that was not used
+    drifts            drifts of the means in the used part of the rest, which increase the noise figures
     findings          findings about the recording
     """
 

@@ -41,8 +41,8 @@ __all__ = ["plan"]
 
 DEFAULT_MINUTES: Final = 3.0
 PROPOSALS: Final = 12000
-# Number of changes that a short trial search tries, to find the parameters that motions of the stand can
-# determine.
+# Number of changes of the program that a short trial search tries. This search finds the parameters that the
+# motions of the stand can determine.
 FEW_PROPOSALS: Final = 300
 # Standard deviation of the hand tremor about each axis, deg, in the simulated run from which detection limits
 # are computed.
@@ -81,21 +81,21 @@ def plan(
                to hold, without a stand), a StandLimits, or the path of a limits file
     targets    largest permitted standard deviation of the parameters in a group, in SI units or as text with
                a unit ("50 ppm"), for the optimal program. Groups are accel_bias, accel_sensitivity,
-               gyro_bias, gyro_sensitivity and the names in `effects`. The shortest program is found; for
-               "faces", the smallest number of rounds. Without targets the optimal program is the D-optimal
-               program of duration `minutes`, which maximises the determinant of the information matrix of all
-               parameters
+               gyro_bias, gyro_sensitivity and the names in `effects`. The search finds the shortest program;
+               for "faces", the smallest number of rounds. Without targets, the optimal program is the
+               D-optimal program of duration `minutes`, which maximises the determinant of the information
+               matrix of all parameters
     minutes    maximum duration of the optimal program; default: the maximum in the stand limits, or 3
     effects    names of further effects that the program must determine
-    model, hold  parameters that have a prior, as in `calibrate`; the default standard deviations of
-               the priors are the spread of `unit`
+    model, hold  parameters that have a prior, as in `calibrate`. The default standard deviation of a prior is
+               the spread of the parameter over units, which `unit` states
     seed       seed of the search and of the random program
     proposals  number of changes of the program that the search tries
     detection_limits  if False, detection limits and `not_observable`, which take most of the time, are
                       omitted
     rate_hz    sampling rate of the unit
     options    options of the named motions: `moves`, `max_rate_dps`, `move_s`, `hold_s`, `step_deg`,
-    `rounds`, `poses`, ...
+               `rounds`, `poses`, ...
 
     Raises InputError for invalid arguments, FormatError for an invalid file, NotEnoughMotionError if the
     stand cannot run any program in this time.
@@ -143,7 +143,7 @@ def plan(
 
 @dataclass(frozen=True)
 class Held:
-    """The parameters with a prior, for the compiled library."""
+    """The parameters that have a prior, in fields with the names that the compiled library expects."""
 
     model: str
     hold: tuple[HoldTuple, ...]

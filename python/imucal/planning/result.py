@@ -54,10 +54,10 @@ class Plan:
     not_observable    effects that are not observable in such a run
     undetermined      the parameters that the motion does not determine, and the motion to add; None if the
                       motion determines all parameters
-    through_moves     names of the parameters that only the moves determine, because the rests alone lack
-                      directions for them, as on the six faces of a box
+    through_moves     names of the parameters that only the moves determine. The directions of gravity at the
+                      rests, such as those on the six faces of a box, are not sufficient for them
     comparison        the paper's programs with this unit: each one alone, and both together
-    notes             contributions that the standard deviations do not include
+    notes             errors that the predicted standard deviations do not include, as text
     """
 
     kind: str

@@ -172,14 +172,14 @@ def _words(p: Parameter) -> str:
 
 
 def _position(check: Check) -> float:
-    """Position on the axis: the used share of the limit, negative in the lower half of a range."""
+    """Position of a check on the axis: `Check.used`, negative for a value in the lower half of a range."""
     if check.value is not None and check.low is not None and check.high is not None:
         return check.used if 2 * check.value >= check.low + check.high else -check.used
     return check.used
 
 
 def _spread(check: Check) -> float:
-    """Standard deviation as a share of half the range."""
+    """The standard deviation of a checked value, divided by half the width of its permitted range."""
     if not check.std or check.low is None or check.high is None:
         return 0.0
     return 2 * check.std / (check.high - check.low)

@@ -136,7 +136,9 @@ def ranking(gap: Gap) -> Figure:
 
 
 def law(found: Law, points: Mapping[str, tuple[FloatArray, FloatArray]] | None = None) -> Figure:
-    """The curve of a law over its variable by axis, with the 95 % band of its parameters.
+    """The curve of a law over its variable by axis, with the 95 % band that follows from its parameters.
+
+    A law is a formula for residuals that no effect of the catalogue describes.
 
     points  values of the variable and errors of the sensor by axis, such as those of `law_points`
 
@@ -194,7 +196,7 @@ def _in_shown_units(variable: str, values: FloatArray) -> tuple[FloatArray, str]
 
 
 def shown(name: str, figures: Mapping[str, Any]) -> float | None:
-    """The figure `name`, converted to the unit that `FIGURES` gives; None if the figure is not known."""
+    """The figure `name`, converted to the unit in its title in `FIGURES`; None if the figure is not known."""
     value: float | None = figures.get(name)
     return value if value is None or not name.endswith("_mps2") else MG * value
 

@@ -55,9 +55,10 @@ def norms_before_and_after(result: CalibrationResult) -> tuple[FloatArray, Float
 
 
 def sphere_before_and_after(result: CalibrationResult) -> tuple[Figure, float]:
-    """Gravity at each rest beside a sphere of radius g, before and after, and the magnification of errors.
+    """Plot of the measured gravity at each rest, before and after calibration, with a sphere of radius g.
 
-    The distance of a point from the sphere is |f| - g, magnified by the returned factor.
+    The distance of a point from the sphere is the error |f| - g, magnified by a factor. Returns the plot and
+    this factor.
 
     Raises ImucalError without plotly.
     """
@@ -93,10 +94,11 @@ def sphere_before_and_after(result: CalibrationResult) -> tuple[Figure, float]:
 
 
 def histogram(result: CalibrationResult) -> Figure:
-    """Residuals of used rests and moves in standard deviations of noise, with the curves of noise alone.
+    """Residuals of used rests and moves, divided by the standard deviation that noise causes.
 
-    Rests: |f| - g, with the normal distribution. Moves: the direction error, with the distribution of the
-    length of a vector of two normal components.
+    The curves are the distributions of residuals that consist of noise only. The residual of a rest is
+    |f| - g, which is normally distributed. The residual of a move is the direction error, which is
+    distributed like the length of a vector of two normal components.
 
     Raises InputError without residuals, ImucalError without plotly.
     """

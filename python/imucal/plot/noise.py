@@ -24,7 +24,8 @@ FLAT: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
 # Averaging times, s, at which the asymptotes of white noise and random walk have the values N and K.
 TAU_N_S: Final = 1.0
 TAU_K_S: Final = 3.0
-# For each noise figure: its name, its letter, the exponent of its asymptote, and the text of the legend.
+# For each noise figure: its name, its letter, the exponent of the averaging time in its asymptote, and the
+# text of the legend.
 KINDS: Final = (
     ("noise_density", "N", -0.5, "slope −1/2: white noise N"),
     ("bias_instability", "B", 0.0, "slope 0: bias instability B"),

@@ -42,7 +42,7 @@ class Dependence:
     """A residual and the variable on which it depends most, with one value per rest or move.
 
     residual, variable  names with units
-    is_control          (K,) whether the fits have not used the recording
+    is_control          (K,) whether the rest or move is from a control recording, which the fits did not use
     at                  (K,) values of the variable
     before, after       (K,) the residual without and with the effects
     share               share of the variance of `before` that a cubic in the variable explains
@@ -170,10 +170,11 @@ def residual_against(shown: Sequence[Dependence], *, has_effects: bool = True) -
 
 
 def law_points(motion: OwnMotion, law: Law) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Points to draw beside the curve of a law, by axis: values of the variable, and law plus residual, SI.
+    """Points to draw beside the curve of a law, by axis: values of its variable, and errors of the sensor.
 
-    Points are rests and moves whose residual is the error of one axis. There are none for a law of several
-    variables or of a variable that is not known for rests or moves.
+    A point is a rest or a move whose residual is the error of one axis. The error is the value of the law
+    plus the residual that remains with the law, in SI units. There are no points for a law of several
+    variables, or of a variable that is not known for rests or moves.
     """
     curve = law.curve
     if curve is None:

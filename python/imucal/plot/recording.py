@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["envelope", "recording_signals", "saturated_samples"]
 
-# A signal is drawn in this number of time intervals, each by its smallest and its largest sample. The number
-# is about the width of a figure in pixels.
+# A signal is divided into this number of time intervals. Only the smallest and the largest sample of each
+# interval are drawn. The number is about the width of a figure in pixels.
 INTERVALS: Final = 700
 # Maximum number of rests that are shaded.
 RESTS: Final = 400

@@ -1,4 +1,8 @@
-"""Plots of the effects that a search has found: closed share of the gap, size, and rivals."""
+"""Plots of the effects that a search has found: closed share of the gap, size, and rivals.
+
+The gap is the part of the residuals that exceeds their noise. An effect closes the share of the gap by which
+it reduces the residuals. Rivals are effects that explain the residuals about as well.
+"""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def evenly(count: int, most: int = MOST) -> list[int]:
 
 
 def thinned(importance: FloatArray, most: int = MOST) -> list[int]:
-    """At most `most` indices, increasing: half are the most important items, half are evenly spaced.
+    """At most `most` indices, increasing: one half of the most important items, the other evenly spaced.
 
     importance  (K,); NaN counts as the lowest importance
     """

@@ -23,13 +23,13 @@ __all__ = ["UNCHANGED", "Axes"]
 
 NAMED: Final = {"frd": "x,-y,-z", "ned": "x,-y,-z", "flu": "x,y,z"}
 SENSORS: Final = ("accel", "gyro")
-# The text for no remapping.
+# The text that stands for no remapping.
 UNCHANGED: Final = "x,y,z"
 
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """The matrices that map the columns of each sensor to its axes, (3, 3): signed permutations."""
+    """For each sensor, the signed permutation matrix (3, 3) that maps its columns to its axes."""
 
     accel: FloatArray
     gyro: FloatArray
@@ -56,7 +56,7 @@ class Axes:
 
     @property
     def are_alike(self) -> bool:
-        """Whether both sensors have the same axes."""
+        """Whether the remapping is the same for both sensors."""
         return np.array_equal(self.accel, self.gyro)
 
     def after(self, first: Axes) -> Axes:

@@ -102,7 +102,7 @@ class Means:
 
 
 def _std(table: Recording, axis: str, unit: str) -> FloatArray | None:
-    """The column accel_<axis>_std_<unit>, in the unit of the recording; None if there is none."""
+    """The column accel_<axis>_std_<unit>, converted to the unit of `Means`; None if there is none."""
     names = [name for name in table.auxiliary if name.startswith(f"accel_{axis}_std_")]
     if not names:
         return None

@@ -99,7 +99,7 @@ def require_different(judges: Sequence[Recording]) -> None:
 
 
 def _is_same_run(one: Recording, other: Recording) -> bool:
-    """Whether both recordings have the same samples, where consecutive equal samples count once."""
+    """Whether both recordings have the same samples after removal of consecutive duplicates."""
     # Fast path: the first samples of different runs nearly always differ.
     starts = [_changes(recording, BEGINNING) for recording in (one, other)]
     shared = min(map(len, starts))
@@ -109,7 +109,7 @@ def _is_same_run(one: Recording, other: Recording) -> bool:
 
 
 def _changes(recording: Recording, end: int | None = None) -> NDArray[Any]:
-    """The rows up to `end` that differ from the previous row, (n, 6)."""
+    """The samples before index `end` that differ from the previous sample, one row each with all channels."""
     there = (recording.specific_force, recording.angular_rate)
     rows = np.hstack([samples[:end] for samples in there if samples is not None])
     is_new = np.ones(len(rows), dtype=bool)

@@ -38,8 +38,8 @@ __all__ = [
 Sensor: TypeAlias = Literal["accelerometer", "gyroscope"]
 AccelUnit: TypeAlias = Literal["m/s^2", "lsb"]
 GyroUnit: TypeAlias = Literal["rad/s", "lsb"]
-# A time step longer than this time, s, counts as a pause between two runs. No sensor that can be calibrated
-# has such a long sampling interval.
+# A time step of at least this duration, s, counts as a pause between two runs. No sensor that can be
+# calibrated has such a long sampling interval.
 PAUSE_S: Final = 1.0
 
 
@@ -56,8 +56,8 @@ class Recording:
                       become escapes
     findings          repairs and remarks of the reader of the file
     axes              axis remapping from the columns of the source, in the form of `with_axes`
-    column_units      units of the accelerometer and gyroscope columns in the source, such as "g" and "dps";
-                      None if unknown; only messages use them
+    column_units      units of the accelerometer and gyroscope columns in the source, such as "g" and "dps",
+                      for messages; None if unknown
 
     All arrays are float64, except that force and rate may also be float32 or int16. A C-contiguous array of
     such a type is not copied; anything else (lists, other integers, Fortran order, strides) is converted
@@ -163,8 +163,8 @@ class Recording:
     def said(self, samples: int, duration_s: float) -> str:
         """A one-line description.
 
-        The arguments are the stated number of samples and duration. If this is the first piece of a
-        recording, they are those of the whole recording.
+        The arguments are the number of samples and the duration to state. If this object is only the first
+        piece of a recording, they may be those of the whole recording.
         """
         extras = [
             *(["temperature"] if self.temperature_degc is not None else []),
@@ -244,11 +244,11 @@ class Recording:
         )
 
     def without_copies(self) -> Recording:
-        """The recording without copies: rows with the time stamp and all values of the previous row.
+        """The recording without copies: samples that repeat time stamp and values of the previous sample.
 
-        A warning among the findings reports their number. If other rows have equal time stamps with different
-        values, no row is removed, because the time stamps are then too coarse and equal samples may be
-        coincidences.
+        A warning among the findings reports the number of copies. If other consecutive samples have equal
+        time stamps but different values, no sample is removed: the time stamps are then too coarse, and equal
+        samples may be coincidences.
         """
         is_copy = np.zeros(len(self), dtype=bool)
         # The times are compared first. The samples are compared only at rows with equal times, which are

@@ -47,7 +47,7 @@ def write_calibration_page(
         *limits_tabs(result.judgement),
         _sphere_tab(result),
     ]
-    # An accelerometer alone does not propagate gravity, so it has no such tab.
+    # Without a gyroscope, gravity cannot be propagated, so there is no tab of propagated gravity.
     if result.control is not None and result.control.carried:
         tabs.append(propagated_tab(result.control))
     left: list[Shown | str] = [
@@ -158,12 +158,12 @@ def _summary(result: CalibrationResult) -> list[str]:
 
 
 def _reasons(verdict: str, reasons: Sequence[str]) -> list[str]:
-    """The list of reasons. A single reason is in the verdict at the top of the page."""
+    """The list of reasons; empty for a single reason, which is in the verdict at the top of the page."""
     return [heading(f"Why it is {verdict}"), item_list(reasons)] if len(reasons) > 1 else []
 
 
 def _beside_noise(residuals: Sequence[ResidualFit]) -> list[str]:
-    """The table of residuals with their noise."""
+    """For each kind of residual, the measured rms and the rms that noise explains, as a table."""
     rows = [
         [RESIDUALS[own.kind], f"{own.rms:.3g} {own.unit}", f"{own.noise:.3g} {own.unit}", f"{own.ratio:.2g}"]
         for own in residuals

@@ -217,7 +217,10 @@ def _parameters(
 
 
 def _of_spread(spread: Spread, scale: Scale) -> list[str]:
-    """Mean, to two digits of its standard deviation, and spread and noise, to two digits each."""
+    """Mean, spread and noise as text.
+
+    The mean has the decimals of two significant digits of its standard deviation, the others two digits.
+    """
     stds = [scale.factor * std for std in (spread.mean_std, spread.spread, spread.noise)]
     shown = [scale.shown(spread.mean), *stds[1:]]
     return [rounded_to(value, std) for value, std in zip(shown, stds, strict=True)]

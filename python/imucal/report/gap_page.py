@@ -106,7 +106,11 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
 
 
 def _left(gap: Gap) -> Iterator[str]:
-    """Section on unexplained residuals: the remainder, its kinds of residuals, and bias changes."""
+    """Section on the residuals that the found effects do not explain.
+
+    It has the result of the test of these residuals, the changes of the biases between sessions, and a table
+    of each kind of residual with its noise.
+    """
     if gap.remainder is None:
         return
     yield heading("Remaining residuals")

@@ -1,4 +1,9 @@
-"""Contents of the tabs of a search report: residuals, laws, evidence, and figures before and after."""
+"""Contents of the tabs of a search report: residuals, laws, evidence, and figures before and after.
+
+A law is a formula for residuals that no effect of the catalogue describes. The gap is the part of the
+residuals that exceeds their noise. Rivals are effects that explain the residuals about as well as the found
+effect.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +31,7 @@ SIGNALS = {
     "angular_rate_rms_radps": ("angular rate, rms", "rad/s"),
     "specific_force_rms_mps2": ("specific force, rms", "m/s^2"),
 }
-# Name, field and SI unit of the residuals of single rests and moves.
+# For rests and moves: name of their residual, its field in the result, and the unit of this field.
 RESIDUALS = {
     "rests": ("|f| − g", "norm_error_mps2", "m/s^2"),
     "moves": ("direction error", "direction_error_deg", "deg"),

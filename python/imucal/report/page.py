@@ -34,7 +34,7 @@ class Verdict:
     mood       "good", "found" (something was missing and is known now), "incomplete", "poor", or "open" (no
                clear verdict); selects mark and colour
     sentence   the verdict in one sentence
-    beside     supporting numbers
+    beside     numbers that support the verdict, as text
     """
 
     mood: str

@@ -32,7 +32,7 @@ NO_NAME = {
 
 
 def of_calibration(result: CalibrationResult) -> Verdict:
-    """Whether the calibration is good, and its improvement on control recordings."""
+    """Whether the calibration is good, and by how much it improves the figures of control recordings."""
     beside = f"{result.used.removesuffix(' used')} are used."
     if result.control is None:
         beside += " There is no control recording to verify it: give one with --control."
@@ -78,7 +78,10 @@ def of_noise(found: NoiseResult) -> Verdict:
 
 
 def of_gap(gap: Gap) -> Verdict:
-    """The effects missing from the model, and the share of the gap that they close."""
+    """The effects missing from the model, and the share of the gap that they close.
+
+    The gap is the part of the residuals that exceeds their noise.
+    """
     names = " and ".join(effect["name"] for effect in gap.effects)
     beside = _closed(gap)
     remainder = gap.remainder

@@ -107,7 +107,7 @@ def figures_table(columns: Mapping[str, object]) -> str:
 
 
 def checks_table(judgement: Judgement) -> str:
-    """Every check with its limit, in descending order of the used share of the limit."""
+    """Every check with its limit. Failed checks come first, then the checks closest to their limits."""
     rows = [
         [c.what, c.value_text, c.limit_text, shown_unit(c.unit), "pass" if c.passed else "FAIL"]
         for c in judgement.by_use

@@ -70,7 +70,10 @@ class Program:
 
     @staticmethod
     def grid(*, step_deg: float = 20.0, move_s: float = 1.0, hold_s: float = 5.0) -> Program:
-        """The paper's accelerometer program: motor 3 over full turns, motor 2 over half a turn."""
+        """The paper's accelerometer program.
+
+        The poses are a grid in the angles of motor 3, over a full turn, and of motor 2, over half a turn.
+        """
         return Program.of_steps(_core.grid_program(math.radians(step_deg), move_s, hold_s))
 
     @staticmethod
@@ -250,7 +253,7 @@ def motion_of(
 
 
 def motion_to_dict(motion: Motion) -> dict[str, Any]:
-    """The motion for a truth file: its kind, and the parameters that reproduce it."""
+    """The motion for a truth file: "program", "tumble" or "static", and the parameters that reproduce it."""
     if isinstance(motion, Program):
         return {"kind": "program", **motion.to_dict()}
     kind = "tumble" if isinstance(motion, Tumble) else "static"

@@ -32,8 +32,8 @@ CHEAP: Final = {
     "vibration_mm": 0.05,
     "encoder_noise_deg": 0.02,
 }
-# Largest accepted value of an error of a stand, by the suffix of its name: a revolution, a metre, 100 kHz,
-# and a week.
+# Largest accepted value of an error of a stand, by the unit suffix of its name: a revolution, a metre,
+# 100 kHz, and a week.
 LARGEST: Final = {"_deg": 360.0, "_mm": 1000.0, "_hz": 1e5, "_s": MAX_DURATION_S}
 NOT_NEGATIVE: Final = (
     *("vibration_deg", "vibration_mm", "vibration_hz", "encoder_noise_deg", "tremor_deg", "slip_time_s"),

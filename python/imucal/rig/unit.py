@@ -383,9 +383,9 @@ def _draw(node: Node, seed: int) -> Unit:
 
 
 def _deviation(spread: Node, name: str, unit: str, count: int) -> FloatArray:
-    """Standard deviation of a drawn figure with `count` numbers: one value for all; 0 without a tolerance.
+    """Standard deviation of a randomly drawn figure that has `count` numbers; 0 without a tolerance.
 
-    A figure of three numbers may have one value per axis.
+    All numbers have the same standard deviation, except that a figure of three numbers may have one per axis.
     """
     tolerance = Figure.optional(spread, name, unit, per_axis=count == 3)
     if tolerance is None:

@@ -114,7 +114,7 @@ def require_tolerance(
 
 
 def require_figure(node: Node, sources: Collection[str]) -> None:
-    """Raise FormatError for an unknown field of a figure, or a source that is not in the list of sources."""
+    """Raise FormatError if a figure of a unit file has an unknown field, or a source that the file lacks."""
     require_fields(node, FIGURE_FIELDS, "a figure")
     if "source" in node.mapping():
         source = node.get("source").text()

@@ -28,9 +28,9 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Setup"]
 
-# Parameters of the clock and of the data link in the compiled library, each with the range of values that are
-# accepted in a file. Shares of samples are from 0 to 1. The rate error of the clock is a ratio, and its
-# jitter is in s. Both ranges are wider than the errors of any real clock.
+# Fields of the clock and of the data link, each with the range of values that are accepted in a file. Shares
+# of samples are from 0 to 1. The rate error of the clock is a ratio, and its jitter is in s; the ranges of
+# both are wider than the errors of any real clock.
 LINK: Final = {
     "missing_share": (0.0, 1.0),
     "duplicated_share": (0.0, 1.0),
@@ -47,14 +47,14 @@ SETUP_FIELDS: Final = (
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """The motion, the unit with its errors, the place, the temperature, the faults, and the noise seed.
+    """Inputs of a simulated run: motion, unit and its errors, gravity, temperature, faults, and seed.
 
     effects             effects of the catalogue, in addition to those of the unit and of the encoders
     user_effects        definitions of user-defined effects, and their values
     missing_share       share of lost samples
     duplicated_share    share of samples that repeat the previous sample
     clock_rate_error    relative error of the unit's clock, positive if fast
-    clock_jitter_s      standard deviation of the difference between sampling instant and time stamp, s
+    clock_jitter_s      standard deviation of the time stamp minus the sampling instant, s
 
     Raises InputError for an invalid seed and for an effect given twice.
     """
@@ -97,7 +97,7 @@ class Setup:
         )
 
     def noise_free(self) -> Setup:
-        """The same motion and clock with a perfect unit and a perfect link: the truth of every sample."""
+        """The setup with the same motion and clock, without errors of the unit and without lost samples."""
         return dataclasses.replace(
             self, unit=Unit(), effects=(), user_effects=(), missing_share=0.0, duplicated_share=0.0
         )
@@ -140,7 +140,7 @@ class Setup:
 
 @dataclass(frozen=True, eq=False)
 class CoreSetup:
-    """The setup under the names of the compiled library, in SI units."""
+    """The setup in SI units, with the field names that the compiled library reads."""
 
     motion: Any
     unit: Unit
@@ -252,7 +252,10 @@ def _trembling(setup: Setup, tremor_rad: FloatArray) -> Setup:
 
 
 def _slipping(setup: Setup, angle_rad: FloatArray) -> Setup:
-    """A slip about the diagonal of the body frame, during the move closest to the middle of the run."""
+    """The setup with a slip of the unit on its mount, during the move closest to the middle of the run.
+
+    The axis of the slip is the diagonal of the body frame.
+    """
     if not isinstance(setup.motion, Program):
         raise InputError("mount_slip needs a stand: give the motion random, grid or a program file")
     starts_s = np.cumsum([0.0, *(step.move_s + step.hold_s for step in setup.motion.steps)])

@@ -162,7 +162,7 @@ def repeat(
 def _without_formulas(
     effects: Mapping[str, EffectInput] | Iterable[EffectValues], auxiliary: Auxiliary
 ) -> tuple[Mapping[str, EffectInput] | Iterable[EffectValues], tuple[FormulaEffect, ...]]:
-    """The mapping with each key that is a formula replaced by the name of its effect, and these effects."""
+    """The mapping with the name of the effect in place of each formula, and the effects of the formulas."""
     if not isinstance(effects, Mapping):
         return effects, ()
     formulas = {
@@ -190,8 +190,8 @@ def run(setup: Setup, auxiliary: Auxiliary | None = None, *, keep_temperature: b
         core.angular_rate,
         temperature_degc=core.temperature_degc if keep_temperature or setup.needs_temperature else None,
         stand_rad=core.stand_rad,
-        # The noise-free run contains every sampling instant of this run, so the interpolation only selects
-        # the values at the samples that were not lost.
+        # The run without noise contains every sampling instant of this run, so the interpolation only selects
+        # the values at the samples that are not missing.
         auxiliary={name: np.interp(core.time_s, sampled_s, given) for name, given in samples.items()},
         name=f"simulated-{setup.seed}",
     )
@@ -222,13 +222,13 @@ def _added(setup: Setup, truth: Any, auxiliary: Mapping[str, FloatArray]) -> dic
 def _column(
     name: str, given: ArrayLike | Callable[[FloatArray], ArrayLike], time_s: FloatArray
 ) -> FloatArray:
-    """An auxiliary column. It also has values for the samples that the simulated logger then loses."""
+    """An auxiliary column. It also contains values for the samples that will be missing in the recording."""
     values = given(time_s) if callable(given) else given
     return as_rows(values, f"auxiliary[{name!r}]", None, len(time_s))
 
 
 def _filtered(unit: Unit, filter_hz: float | str | None, averaging: bool) -> Unit:
-    """The unit whose signals are filtered before sampling, by a low pass or by averaging."""
+    """The unit with a low pass, or averaging over the sampling interval, before sampling."""
     if filter_hz is None and not averaging:
         return unit
     if isinstance(filter_hz, str) and filter_hz != "datasheet":
@@ -249,7 +249,7 @@ def _filtered(unit: Unit, filter_hz: float | str | None, averaging: bool) -> Uni
 
 
 def _on_stand(motion: Motion, stand: Stand | str | os.PathLike[str] | None) -> Motion:
-    """The motion, carried out by this stand if one is given."""
+    """The motion on the given stand; the unchanged motion if no stand is given."""
     if stand is None:
         return motion
     if not isinstance(motion, Program):

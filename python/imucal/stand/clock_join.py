@@ -103,7 +103,7 @@ def _slope(unit_s: FloatArray, late_s: FloatArray) -> float:
 
 
 def _hull_slope(unit_s: FloatArray, late_s: FloatArray) -> float:
-    """Slope of the lower convex hull of the points (unit time, delay), at the mean of all unit times."""
+    """Slope of that edge of the lower convex hull of the points (unit time, delay) at the mean unit time."""
     hull: list[tuple[float, float]] = []
     if len(unit_s) > MOST_POINTS:
         # Only the least delayed sample of each block is kept, because the lower hull depends only on such
@@ -124,5 +124,5 @@ def _hull_slope(unit_s: FloatArray, late_s: FloatArray) -> float:
 
 
 def _is_above(first: tuple[float, float], middle: tuple[float, float], last: tuple[float, float]) -> bool:
-    """Whether the middle point lies on or above the line between its neighbours."""
+    """Whether the middle point lies on or above the line through the other two points."""
     return (middle[1] - first[1]) * (last[0] - first[0]) >= (last[1] - first[1]) * (middle[0] - first[0])

@@ -16,7 +16,7 @@ from imucal.stand.time_check import Timed
 
 __all__ = ["WRAP_SHARE", "Continuation"]
 
-# After an interruption, samples are held back for at most this time, s.
+# Longest time, s, for which samples are held back after an interruption.
 WAITS_S: Final = 2.0
 # The clock of the unit counts as continued during the interruption if a sample arrives at the time that this
 # clock predicts. The accepted difference is NEAR_S, s, plus CLOCK_ERROR times the elapsed time.

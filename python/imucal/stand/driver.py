@@ -17,7 +17,11 @@ Position: TypeAlias = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Progress:
-    """Number of completed steps, and the controller's position with all motors at zero, deg."""
+    """Progress of a run.
+
+    It consists of the number of completed steps, and of the position, deg, that the controller reports when
+    all motors are at zero.
+    """
 
     steps_done: int
     zero_deg: tuple[float, float, float]
@@ -60,7 +64,7 @@ class Driver(Protocol):
         """Do the work that is due, without blocking, and return the state of the stand."""
 
     def observe(self, samples: FloatArray) -> None:
-        """Receive new samples of the unit, (N, columns of the source), for drivers that need samples."""
+        """Receive new samples of the unit, (N, columns of the source). Drivers with encoders ignore them."""
 
     def positions(self) -> Sequence[Position]:
         """Readings of the motor angles since the last call."""

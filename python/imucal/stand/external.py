@@ -34,7 +34,7 @@ Waiting = Generator[None, None, None]
 
 # Interval between two queries of the position, s.
 QUERY_S: Final = 0.04
-# Timeout of an answer, s, and timeout of the first answer, s, which includes the start of the program.
+# Timeout of an answer, s, and timeout of the first answer, s. The latter includes the start of the program.
 ANSWER_S: Final = 3.0
 FIRST_S: Final = 15.0
 # A pose counts as reached if each motor is within this angle of its target, deg. The angle is larger than the
@@ -46,8 +46,8 @@ STILL_DEG: Final = 0.2
 STALL_S: Final = 5.0
 # Duration of the rest at zero after the last move, s.
 END_S: Final = 0.3
-# Pause between two polls during the start, s, and time after the command `stop` within which the program has
-# to end, s.
+# PAUSE_S is the pause between two polls during the start, s. STOP_S is the time, s, within which the program
+# must end after the command `stop`. A program that has not ended by then is terminated.
 PAUSE_S: Final = 0.01
 STOP_S: Final = 2.0
 
@@ -56,7 +56,7 @@ class ExternalDriver:
     """Runs a program on a stand that a command of the user moves. All motors are at zero at the start.
 
     command     the command with its arguments, as typed in a shell; it is started without a shell
-    start_here  take the position of the motors at the start as zero
+    start_here  use the position of the motors at the start as their zero
     unwind      move the motors to zero first
     """
 

@@ -97,7 +97,10 @@ def _slipping(stand: Stand, program: Program, random: np.random.Generator) -> St
 
 
 def _with_play(program: Program, random: np.random.Generator) -> Program:
-    """The actual motion of a unit whose mount has play: each move ends with a new random deviation."""
+    """The actual motion of a unit whose mount has play.
+
+    After each move, the attitude deviates from the commanded attitude by a new random rotation.
+    """
     steps, before = [], np.zeros(3)
     for step in program.steps:
         moves = any(step.turn_deg)

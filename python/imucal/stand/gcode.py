@@ -3,8 +3,8 @@
 Each step consists of a line that moves all motors to absolute angles, and a line with `G4`, which waits until
 the motors are at rest and then dwells. Every move therefore starts and ends at rest, with a trapezoidal rate
 profile (GRBL's planner.c). Let d be the combined rotation, deg: the root of the sum of the squared rotations
-of the three motors. v is the feed, deg/s, and a the acceleration, deg/s^2, along this combined rotation. The
-duration of the move is
+of the three motors. Let v be the feed, deg/s, and a the acceleration, deg/s^2, along this combined rotation.
+The duration t of the move, s, is
 
     t = d / v + v / a    if v^2 / a <= d,    2 sqrt(d / a)    if the feed is not reached
 
@@ -115,7 +115,7 @@ class Block:
         return f"G4P{_number(self.dwell_s, 3)}"
 
     def move_line(self, axes: Axes, words: str = "G1", shift_deg: Sequence[float] = (0.0, 0.0, 0.0)) -> str:
-        """The line of the move; `shift_deg` is the controller's position with all motors at zero, deg."""
+        """The line of the move. With all motors at zero, the controller reports `shift_deg`."""
         angles = [angle + shift for angle, shift in zip(self.angles_deg, shift_deg, strict=True)]
         return f"{words}{axes.words(angles)}F{_number(self.feed_dpm or LEAST_FEED_DPM, FEED_DECIMALS)}"
 
@@ -206,7 +206,10 @@ def _block(
 
 
 def _rate(length: float, move_s: float, acceleration: float) -> float:
-    """Rate, deg/s, at which a move takes `move_s`; if no rate suffices, the peak rate of the fastest move."""
+    """Rate, deg/s, at which a move of `length` deg takes `move_s`.
+
+    If the move takes longer at any rate, the result is the peak rate of the fastest possible move.
+    """
     root = (acceleration * move_s) ** 2 - 4.0 * acceleration * length
     if root < 0.0:
         return math.sqrt(acceleration * length)

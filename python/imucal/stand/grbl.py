@@ -61,7 +61,8 @@ class GrblDriver:
     baud       baud rate
     axes       axis letters of the three motors, outermost motor first
     consent    actions that the user permits at the start
-    resume_hold  end a feed hold, or a hold after a safety door was closed, without waiting for the user
+    resume_hold  whether to end a feed hold, or the hold after a safety door was closed, without waiting for
+               the user
     resume     continue an interrupted run
     open_port  function that opens the serial port with a name and a baud rate; raises LinkLostError on
                failure
@@ -213,7 +214,11 @@ class GrblDriver:
         return zero, step
 
     def _say_uncertainty(self) -> None:
-        """Warn if a difference between the delays of queries and reports can falsify the angles in moves."""
+        """Warn if the error of the motor angles during moves can exceed `UNCERTAIN_DEG`.
+
+        Only the sum of the delays of a query and of its report is measured, and half of it is attributed to
+        each. If the two delays differ, the angles are assigned to wrong instants.
+        """
         half_s = (self._session.port.shortest_s or 0.0) / 2
         rate_dps = max((block.feed_dpm or 0.0 for block in self._blocks), default=0.0) / 60.0
         if half_s * rate_dps > UNCERTAIN_DEG:
@@ -273,7 +278,7 @@ class GrblDriver:
         self._failed = Status("failed", min(self._done, self._last_step), code, message)
 
     def _recover(self, motors: Motors, fault: TroubleError) -> Waiting:
-        """Stop the motors and reset the controller. Its position must survive the reset."""
+        """Stop the motors and reset the controller. The run ends if the controller loses its position."""
         self._recoveries += 1
         self._events.append(Event(fault.code, fault.message))
         if self._recoveries > MOST_RECOVERIES:

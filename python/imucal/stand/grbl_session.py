@@ -95,13 +95,13 @@ class Timeouts:
 class GrblSession:
     """State of a session with a controller.
 
-    report     last status report, None if there was none since the last reset
-    offset_deg last offset of work coordinates, None if there was none since the last reset
+    report     last status report; None if none has arrived since the last reset
+    offset_deg last reported offset of the work coordinates; None if none was reported since the last reset
     is_locked  text of the alarm or lock that was received while the session started
     starting   whether the session is starting. During the start, alarms and locks do not end the session,
                because the start handles them
     is_stopping  whether the driver is stopping the motors, so that a feed hold was caused by the driver
-    events     repeated lines, for the journal
+    events     events for the journal, which report the lines that had to be sent again
     """
 
     def __init__(self, port: GrblPort, parser: Parser, timeouts: Timeouts, clock: Clock) -> None:

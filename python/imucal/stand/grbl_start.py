@@ -20,7 +20,7 @@ from imucal.stand.link import LinkLostError
 
 __all__ = ["NEAR_DEG", "Consent", "Ready", "prepared", "require_zero"]
 
-# A motor is near a position, such as zero or a point of its path, if it is within this angle of it, deg.
+# A motor counts as being at a position, such as zero, if it is within this angle of the position, deg.
 NEAR_DEG: Final = 0.5
 # Numbers of the GRBL settings for reports in inches ($13) and for soft limits ($20).
 IN_INCHES, SOFT_LIMITS = 13, 20
@@ -50,7 +50,7 @@ class Consent:
 
     home        run the homing cycle ($H)
     unlock      unlock a controller that is locked by an alarm ($X)
-    start_here  take the position of the motors at the start as zero
+    start_here  use the position of the motors at the start as their zero
     unwind      move the motors to the zero of the controller first
     """
 
@@ -174,7 +174,7 @@ def _unlocked(session: GrblSession, consent: Consent) -> Waiting:
 
 
 def _coordinates(session: GrblSession) -> Waiting:
-    """Machine position and work offset."""
+    """Wait for a report, and return the machine position and the offset of the work coordinates."""
     session.report = session.offset_deg = None
     found = yield from session.until(
         lambda: (

@@ -60,7 +60,8 @@ class Track:
     def judge(self, position_deg: Triple, instant_s: float) -> Found:
         """Whether a reported position is plausible.
 
-        `elsewhere` and `jumped` require three reports that agree.
+        An implausible position is "suspect" until three reports agree on it. It is then "elsewhere" if the
+        motors can have rotated to it since the last accepted position, and "jumped" otherwise.
         """
         passed_s = math.inf if self._last_s is None else instant_s - self._last_s
         if self._fits(position_deg, passed_s):

@@ -1,13 +1,14 @@
 """The journal of a run, to which all data are written as they arrive, with checksums that detect damage.
 
 A journal is a sequence of blocks. Each block has a head (magic, kind, number, length, and the CRC-32 of head
-and payload) and a payload, little-endian:
+and payload) and a payload, little-endian. The kinds of blocks are:
 
     H  header, JSON: schema, column names of a sample, and information about the run
     S  samples: rows of float64, the columns of the header followed by the host time of arrival, s
     P  motor positions: rows of float64, host time, s, and three angles, deg
     E  event, JSON
-    D  progress, JSON: number of completed steps, and the controller's position with all motors at zero, deg
+    D  progress, JSON: number of completed steps, and the position that the controller reports with all motors
+       at zero, deg
 
 Blocks are only appended, each with one write. If the process is killed, the file ends with complete blocks
 and at most one partial block. Data written before the last `sync` survive a power failure.
@@ -167,9 +168,9 @@ class Logged:
     positions   (M, 4)  host time, s, and motor angles, deg
     events      events with host_s, code and message
     steps_done  number of completed steps of the program
-    zero_deg    controller's position with all motors at zero, deg; None if it is not known
-    blocks_lost number of blocks that are missing between others
-    tail_bytes  number of bytes of a partially written block at the end of the file
+    zero_deg    position that the controller reports with all motors at zero, deg; None if it is not known
+    blocks_lost number of damaged or missing blocks, from the gaps in the block numbers
+    tail_bytes  number of bytes after the last complete block, which belong to a partially written block
     """
 
     path: str

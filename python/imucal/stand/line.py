@@ -47,9 +47,9 @@ class Order:
     control_seed  seed of the control program, if it is random
     exports       names of export formats
     gravity_mps2  local gravity
-    control       motion of the control run; None: the poses of `program` in an order drawn with
-                  `control_seed`, along the path of `program`, which is the only path known to be free of
-                  obstacles
+    control       motion of the control run. If None, the control run has the poses of `program` in a random
+                  order, which `control_seed` determines. The motors follow the path of `program`, because
+                  only this path is known to be free of obstacles
     control_name  name of the control program in the result
     driver        name of the driver in the result
     require       worst verdict on the calibration with which the unit passes
@@ -96,8 +96,8 @@ class Outcome:
     folder   folder that contains all files of the unit
     calibration  path of the saved calibration, None if there is none
     exports  exported files by format
-    not_written  error messages by format or file name, for files that the verdict permits but that could not
-                 be written
+    not_written  error messages by export format or file name, for files that the verdict permits but that
+                 could not be written
     sha256   hashes of the recordings by path
     date     time of the verdict, ISO 8601
     """
@@ -151,9 +151,9 @@ def calibrate_unit(
     *,
     view: Callable[[Path], AbstractContextManager[Callable[[Moment], None] | None]],
 ) -> Outcome:
-    """Run a unit's programs, calibrate it, and judge it.
+    """Run the programs of a unit, calibrate the unit, and judge it.
 
-    equipment  returns the driver and the source for a program and the seed of simulated noise
+    equipment  function that returns the driver and the source for a program and the seed of simulated noise
     folder     parent of the unit's new folder; existing folders are not changed
     view       function that returns the live view of a run, given its output file, run.csv or control.csv
 

@@ -18,8 +18,8 @@ __all__ = ["live_view", "recoverable"]
 
 # Interval between two updates of the view, s.
 EVERY_S: Final = 0.2
-# Name and unit of each group of parameters, by prefix. The view shows the largest standard deviation of each
-# group.
+# For each group of parameters, by the common prefix of their names: displayed name and unit. The view shows
+# the largest predicted standard deviation of each group.
 GROUPS: Final = {
     "accel_bias_": ("accelerometer bias", "m/s^2"),
     "accel_sensitivity_": ("accelerometer sensitivity", ""),
@@ -60,7 +60,7 @@ def recoverable(output: Path) -> Iterator[None]:
     from imucal.stand.recorder import journal_of
 
     journal = journal_of(output)
-    # If the journal existed before, it belongs to another run, and the error message already explains this.
+    # A journal that existed before belongs to another run. The error message already explains this.
     was_there = journal.exists()
     try:
         yield

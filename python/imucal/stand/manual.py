@@ -1,4 +1,4 @@
-"""Driver for a hand-held unit: it tells a person the next pose, and detects in the samples that it was held.
+"""Driver for a hand-held unit, which tells a person the next pose and detects held poses from the samples.
 
 A pose is defined by the body direction that points up, because the rotation about the vertical is hard to
 control by hand. A pose is complete when the unit has moved since the previous pose, is within 25 deg of the
@@ -26,9 +26,11 @@ __all__ = ["ManualDriver", "pose_text", "ups_of"]
 NEAR_DEG: Final = 25.0
 # Averaging time of the samples for the detection of rest, s.
 BIN_S: Final = 0.2
-# At rest, averaged up directions deviate from their mean by at most this angle, deg.
+# The unit counts as at rest only if its up directions, averaged over intervals of `BIN_S`, deviate from their
+# mean by at most this angle, deg.
 STILL_DEG: Final = 2.0
-# At rest, averaged rates deviate from their mean by at most this share of the largest change during a move.
+# The unit counts as at rest only if its angular rates, averaged over intervals of `BIN_S`, deviate from their
+# mean by at most this share of the largest range of averaged rates during a move.
 STILL_SHARE: Final = 0.15
 # A pose is described by a single body axis, such as `+x up`, if that axis is within this angle of the
 # vertical, deg.
@@ -134,7 +136,10 @@ class ManualDriver:
         return not strays and (self._rates_span == 0.0 or rates <= STILL_SHARE * self._rates_span)
 
     def _is_moving(self) -> bool:
-        """Whether the up direction changes, or the rates vary by more than half as much as during a move."""
+        """Whether the unit rotates.
+
+        The up direction must change, or the range of the rates must exceed half of the range during moves.
+        """
         bins = self._bins()
         span = float(np.ptp(bins[:, 3:], axis=0).max())
         turned = max(_angle_deg(row[:3], bins[0, :3]) for row in bins) > 2 * STILL_DEG

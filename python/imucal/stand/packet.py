@@ -91,7 +91,7 @@ class PacketFormat:
         return struct.Struct(order + "".join(TYPES[field.type] for field in self.fields))
 
     def sum_of(self, packet: bytes) -> bytes:
-        """The checksum for a packet that does not contain it yet."""
+        """The checksum of a packet, given the bytes of the packet without its checksum."""
         size, of = CHECKSUMS[self.checksum]
         body = packet[len(self.sync) :] if self.over_fields_alone else packet
         return of(body).to_bytes(size, "little" if self.byte_order == "little" else "big")

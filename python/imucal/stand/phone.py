@@ -174,7 +174,7 @@ class _Phyphox:
             self._connection = None
 
     def _requests(self) -> list[str]:
-        """The parameters of a request: buffers, each with the time after which values are requested."""
+        """Parameters of a request: for each buffer, its name and the time after which values are wanted."""
         return [
             urllib.parse.quote(name) + f"={self._last[source]!r}%7C" + urllib.parse.quote(names[0])
             for source, names in self._buffers.items()

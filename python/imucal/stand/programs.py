@@ -33,17 +33,16 @@ def program_named(name: str | os.PathLike[str], seed: int) -> Program:
 def in_another_order(program: Program, seed: int) -> Program:
     """The poses of a program in another order on the same path.
 
-    Some poses are held on the way out, the others on the way back.
-
     The motors follow the path of the program forward and then backward, because no other path is known to be
-    free of end stops and obstacles. The program ends in the pose of the first step.
+    free of end stops and obstacles. Some poses are held on the way out, and the others on the way back. The
+    program ends in the pose of the first step.
 
     seed  seed of the choice of the poses held on the way out; the motors pass the other poses without a hold
     """
     check_seed(seed)
     steps = program.steps
-    # The motors follow the path of the program out and back. Of each two neighbouring poses, one is held on
-    # the way out and the other on the way back. Moves are therefore short, which limits the attitude error
+    # Of each pair of neighbouring poses, such as those of steps 1 and 2, one is held on the way out and the
+    # other on the way back. The moves between held poses are therefore short, which limits the attitude error
     # due to gyroscope noise.
     first = np.random.default_rng(seed).random(len(steps)) < 0.5
     on_way_out = np.ones(len(steps), dtype=bool)

@@ -27,7 +27,7 @@ NEAR_DEG: Final = 30.0
 SHARE: Final = 0.2
 # Shortest time between two evaluations, s. It is the refresh interval of the live view.
 EVERY_S: Final = 0.2
-# Number of the most recent chunks of samples from which the arrival rate is computed.
+# The arrival rate is computed from this number of most recent chunks of samples.
 RATE_OVER: Final = 50
 
 

@@ -62,9 +62,10 @@ class Done:
     steps      number of steps of the program
     samples    number of samples in `output`
     output     path of the recording, None if there are no samples
-    counts     counts of received, lost and damaged data
+    counts     counts of received, lost and damaged data, by stable names
     events     events of the run
-    prospect   rests, coverage of directions, and predicted standard deviations of a calibration
+    prospect   rests, coverage of directions, and standard deviations that a calibration from the run would
+               have
     """
 
     state: str
@@ -110,8 +111,9 @@ def record(
 
     steps     number of steps of the program
     about     further fields for the header of the journal
-    targets   end the run early when a calibration would have standard deviations within these targets
-    watch     called with the state of the run in every iteration
+    targets   largest permitted standard deviations of parameters. The run ends early when a calibration from
+              the samples received so far would have smaller ones
+    watch     function that is called with the state of the run in every iteration
     silent_s  time without samples, s, after which the unit counts as lost
     resume    contents of the journal of an interrupted run, which is continued
 

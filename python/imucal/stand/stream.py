@@ -55,8 +55,9 @@ class StreamSource:
     rate_hz  sampling rate, Hz, for a unit that sends no time; with a column `sequence`, lost samples leave
              gaps in time
 
-    Counters that wrap are continued. Times in text without a checksum are checked against the host clock, and
-    rows with a damaged time are omitted. Raises InputError if the time of a sample cannot be determined.
+    Counters that wrap to zero are unwrapped. Times in text without a checksum are checked against the host
+    clock, and rows with a damaged time are omitted. Raises InputError if the time of a sample cannot be
+    determined.
     """
 
     def __init__(
@@ -245,7 +246,10 @@ class StreamSource:
             self._arrivals.append(arrived_s)
 
     def _checked(self, raw: tuple[float, ...], at_s: float) -> Sequence[Timed]:
-        """Rows now known to be undamaged, with host times of arrival. The row `raw` may be held back."""
+        """The rows that are now known to be undamaged, with their host times of arrival.
+
+        The new row `raw` may be held back until the next row confirms its time.
+        """
         if self._check is None:
             return [(raw, at_s)]
         was_void = self._check.is_void
@@ -309,7 +313,7 @@ class StreamSource:
             self._add(raw, arrived_s, rows)
 
     def _continued(self, i: int, raw: float, now_s: float) -> float:
-        """The value of a counter, continued across wraps and restarts of the unit."""
+        """The value of a counter without jumps, although it wraps to zero and the unit may restart."""
         value = raw + self._shift[i]
         if self._before is None or value >= self._before[i]:
             return value

@@ -28,7 +28,7 @@ RATE_ERROR: Final = 0.02
 # Longest time for which a row is held back, s. It is longer than the sampling interval of most units, and
 # shorter than the time for which a recording waits for its last samples.
 WAITS_S: Final = 0.1
-# If this number of rows are held back and none of the rows continues another row, the check is switched off.
+# The check is switched off if this number of rows are held back and none of them continues another row.
 MOST_WAITING: Final = 4
 
 

@@ -4,10 +4,11 @@ dead_axis           the output of an axis is constant, or contains only noise, a
 clipping            a sensor saturates during moves
 mount_slip          the unit has slipped on its mount
 loose_mount         the mount has play
-poor_calibration    a figure of the run is poor, or too many rests or moves were rejected as outliers
-poor_control        a figure of the control run is poor
-incomplete_calibration, incomplete_control   residuals of a run exceed their noise; a reason only if the
-                    verdict good is required
+poor_calibration    a figure of merit of the calibration run is poor, or too many rests or moves were rejected
+                    as outliers
+poor_control        a figure of merit of the control run is poor
+incomplete_calibration, incomplete_control   residuals of the calibration or control run exceed their noise; a
+                    reason only if the verdict good is required
 limit               a limit of the limits file is exceeded
 no_motion           all axes contain only noise: the stand did not move, or the data are frozen; no result
 stand_mismatch      the attitude differs by several degrees from the stand's angles, because of a motor or the
@@ -39,7 +40,7 @@ from imucal.simulation.simulate import simulate
 
 __all__ = ["Assessment", "Reason", "assess"]
 
-# Codes of findings that are faults of the unit, and the reason code for each.
+# Reason code for each code of a finding that means a fault of the unit.
 OF_THE_UNIT: Final = {
     "stuck_axis": "dead_axis",
     "accel_saturation": "clipping",

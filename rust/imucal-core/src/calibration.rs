@@ -6,13 +6,14 @@
 //! raw_rate  = T_G (rate  + effects) + b_G      rad/s
 //! ```
 //!
-//! Effects describe errors that sensitivity and bias do not describe. Effects on the encoders of a stand are ignored
-//! here, because the stand is not part of the unit.
+//! Effects are errors that sensitivity and bias do not describe. Effects on the encoders of a stand are ignored here,
+//! because the stand is not part of the unit.
 //!
 //! The correction is `T^-1 (raw - b)`, followed by [`EffectSet::remove`] if there are effects (`docs/model.md` (16)).
 //!
 //! The body frame is orthogonal and fixed to the accelerometer. It is the `symmetric` or the `triangular` frame of
-//! `docs/model.md` (2), depending on the sensitivities. The correction is the same computation for both frames.
+//! `docs/model.md` (2), depending on the form of the accelerometer's sensitivity. The correction is the same
+//! computation for both frames.
 
 use crate::{
     effects::{EffectSet, State, Surroundings},
@@ -42,7 +43,7 @@ impl<F: RealField + Copy> Calibration<F> {
         Self::new(Triad::identity(), Triad::identity())
     }
 
-    /// Reading `(rate, force)` of the sensors for a true state, in raw units and without noise.
+    /// The noise-free reading `(rate, force)` of the sensors in a true state, in raw units.
     pub fn measure(&self, state: &State<F>) -> (Vector3<F>, Vector3<F>) {
         let (on_rate, on_force) = self.effects.at(state);
         (
@@ -53,8 +54,8 @@ impl<F: RealField + Copy> Calibration<F> {
 
     /// Corrects one raw sample: returns the true `(rate, force)` in the body frame, rad/s and m/s^2.
     ///
-    /// Only the effects that depend only on rate and force are removed. Use [`correct_at`](Self::correct_at) to remove
-    /// all effects.
+    /// Effects that depend on other quantities, such as the temperature, are not removed. Use
+    /// [`correct_at`](Self::correct_at) to remove all effects.
     #[inline]
     pub fn correct(&self, raw_rate: Vector3<F>, raw_force: Vector3<F>) -> (Vector3<F>, Vector3<F>) {
         if self.effects.is_empty() {
@@ -64,8 +65,8 @@ impl<F: RealField + Copy> Calibration<F> {
         }
     }
 
-    /// Corrects one raw sample taken in known surroundings: returns the true `(rate, force)` in the body frame, rad/s
-    /// and m/s^2.
+    /// Corrects one raw sample for which the other quantities (temperature, time, ...) are known. Returns the true
+    /// `(rate, force)` in the body frame, rad/s and m/s^2.
     ///
     /// Both results are NaN if the effects are too large to be removed (see [`EffectSet::remove`]).
     pub fn correct_at(
@@ -213,7 +214,8 @@ mod tests {
             for times in [1.0, 3.0] {
                 let calibration = with(&[typical(effect, times)]);
                 assert_ne!(calibration.measure(&state), unit().measure(&state), "{}", effect.name);
-                // The limit 1e-14 is the relative rounding error of raw counts that have a large offset.
+                // The limit 1e-14 allows for the rounding of raw counts with a large offset, relative to the true
+                // value.
                 assert!(comes_back(&calibration, &state) < 1e-14, "{} at {times} times", effect.name);
             }
         }
@@ -232,9 +234,9 @@ mod tests {
 
     #[test]
     fn a_pass_shrinks_the_error_by_the_slope_of_the_effect() {
-        // The slope of an effect is its derivative with respect to the quantity that its sensor measures. For a
-        // gyroscope effect, the derivative with respect to force is omitted. The force converges first, because no
-        // accelerometer effect except a lever arm depends on rate.
+        // The slope of an effect is the derivative of its error with respect to the quantity that its sensor measures.
+        // For a gyroscope effect, the derivative with respect to force is omitted. The force converges first, because
+        // no accelerometer effect except a lever arm depends on rate.
         let step = 1e-6;
         let slope = |effect: &'static Effect<f64>, times: f64| {
             let (values, state) = (typical(effect, times), fast_state());
@@ -267,7 +269,8 @@ mod tests {
             let mut columns = [Vector3::zeros(); MAX_PARAMETERS];
             effect.field(&state, base.shape().unwrap_or(1.0), &mut columns);
             for (k, parameter) in effect.parameters.iter().enumerate() {
-                // The measurement is linear in the parameters, so the only error of a large step is rounding.
+                // The measurement is linear in the parameters, so the difference quotient of a large step has only
+                // rounding errors.
                 let step = 1e3 * parameter.typical;
                 let measured = |sign: f64| {
                     let mut values = [0.0; MAX_PARAMETERS];
@@ -320,8 +323,8 @@ mod tests {
 
     #[test]
     fn rest_and_zero_settle_too() {
-        // These two states are difficult for the convergence test of the correction. At rest, an effect is larger than
-        // the rate. At zero force, a change of the force cannot be compared with the magnitude of the force.
+        // These two states are difficult for the convergence test of the correction, which compares changes with the
+        // magnitude of the quantity. At rest, an effect is larger than the rate. At zero force, the magnitude is zero.
         for effect in catalogue() {
             for specific_force in [Vector3::zeros(), Vector3::new(0.0, 0.0, 9.80665)] {
                 let state = State { angular_rate: Vector3::zeros(), specific_force, ..fast_state() };

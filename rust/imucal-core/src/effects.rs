@@ -1,18 +1,18 @@
 //! Catalogue of effects. Effects are sensor errors that a sensitivity and a bias do not describe. Each effect is
-//! defined only here.
+//! defined only in this module.
 //!
 //! ```text
 //! measured = sensitivity * (true + sum_c Phi_c(state) theta_c) + bias      model.md (15)
 //! ```
 //!
 //! An [`Effect`] has a name, a sensor, parameters theta with units and typical sizes, and a function, the field Phi.
-//! Phi is the (3, p) matrix of derivatives of the measured quantity, in the body frame, with respect to the p
+//! Phi is a 3 x p matrix: the derivatives of the error that the effect adds, in the body frame, with respect to its p
 //! parameters. The simulation adds `Phi theta` to the true quantity. The correction on the device subtracts `Phi theta`
 //! ([`EffectSet::remove`]). An estimator computes every Jacobian from Phi by the chain rule.
 //!
-//! Each family of effects has its own file. To add an effect, add a row to the file of its family and a line to the
-//! family's list. The field is written only once. Both the columns of Phi and the product `Phi theta` are generated
-//! from it.
+//! Each family of effects has its own file. To add an effect, add its definition to the file of its family and a line
+//! to the family's list. The formula of the field is written only once: the columns of Phi and the product `Phi theta`
+//! are both generated from it.
 //!
 //! ```
 //! use imucal_core::effects::{Effect, EffectValues, State, Surroundings};
@@ -72,15 +72,16 @@ pub struct State<F: RealField + Copy> {
     pub surroundings: Surroundings<F>,
 }
 
-/// Quantities other than rate and force on which an effect may depend. `None` means that the quantity is unknown. Terms
-/// of an effect that depend on an unknown quantity are omitted. [`Effect::needs`] lists the quantities on which an
-/// effect depends.
+/// Quantities other than rate and force on which an effect may depend. `None` means that the quantity is unknown. If an
+/// effect has terms that depend on an unknown quantity, these terms are omitted. [`Effect::needs`] lists the quantities
+/// on which an effect depends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surroundings<F: RealField + Copy> {
     /// Derivative of the angular rate in the body frame, rad/s^2.
     pub angular_acceleration: Option<Vector3<F>>,
-    /// Mean of the angular acceleration over the delay tau of the gyroscope, `(w(t) - w(t - tau)) / tau`, rad/s^2. If
-    /// it is `None`, the angular acceleration is used instead, which neglects terms of the order tau^2.
+    /// Mean of the angular acceleration over the delay tau of the gyroscope, `(w(t) - w(t - tau)) / tau`, rad/s^2,
+    /// where w is the angular rate. If this field is `None`, the angular acceleration is used instead, which neglects
+    /// terms of the order tau^2.
     pub mean_angular_acceleration: Option<Vector3<F>>,
     /// Attitude: rotation from the body frame to the world frame, `v_w = r_wb * v_b`.
     pub rotation_world_from_body: Option<UnitQuaternion<F>>,
@@ -132,9 +133,9 @@ impl<F: RealField + Copy> Surroundings<F> {
     }
 }
 
-/// An effect, which is one row of the catalogue. Its field Phi contains the derivatives of the measured quantity with
-/// respect to the parameters theta. Firmware refers to an effect by its constant, for example
-/// `Effect::GYRO_G_SENSITIVITY`. Without the feature `catalogue`, the constant contains no text.
+/// An effect of the catalogue. Its field Phi contains the derivatives of the error that it adds with respect to the
+/// parameters theta. Firmware refers to an effect by its constant, for example `Effect::GYRO_G_SENSITIVITY`. Without
+/// the feature `catalogue`, the constant contains no text.
 #[derive(Clone, Copy, Debug)]
 pub struct Effect<F: RealField + Copy> {
     /// Number that identifies the effect in the binary form of a calibration. A number is never reused. It is 0 for an
@@ -143,14 +144,15 @@ pub struct Effect<F: RealField + Copy> {
     /// Sensor on which the effect acts.
     pub sensor: Sensor,
     /// Number of parameters of the plain form, which is the form with the fewest parameters. A form with n parameters
-    /// uses the first n of all parameters. n is a multiple of `plain`, and n = `count` in the full form.
+    /// uses the first n of the parameters. n is a multiple of `plain`; the full form has n = `count`.
     pub plain: usize,
     /// Number of parameters of the full form.
     pub count: usize,
-    /// Whether the field depends nonlinearly on a further positive parameter, called the shape, for example a time
-    /// constant.
+    /// Whether the field depends on a further, nonlinear parameter, called the shape, for example a time constant. The
+    /// shape is positive.
     pub is_shaped: bool,
-    /// Sensors on whose true values the field depends. `needs` contains the other quantities on which it depends.
+    /// `Gyroscope` if the field depends on the true angular rate, `Accelerometer` if it depends on the true specific
+    /// force. `needs` contains the other quantities on which the field depends.
     pub reads: &'static [Sensor],
     /// Quantities of [`Surroundings`] on which the field depends.
     pub needs: &'static [Need],
@@ -175,7 +177,7 @@ pub struct Effect<F: RealField + Copy> {
     /// Measurements in which the effect is observable, as text.
     #[cfg(feature = "catalogue")]
     pub observable: &'static str,
-    /// Other causes with similar effects on the data, which are easily confused with this effect.
+    /// Other effects or causes that change the data in a similar way and are easily confused with this effect.
     #[cfg(feature = "catalogue")]
     pub aliases: &'static [Alias],
 }
@@ -209,8 +211,8 @@ pub enum Sensor {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
     /// Name of the parameter, unique within its effect. It is an axis (`x`), an entry of a matrix, or a letter of the
-    /// formula. The entry `xy` acts on x and is multiplied by y. The entry `x_yz` acts on x and is multiplied by the
-    /// product of y and z.
+    /// formula. The parameter `xy` adds an error on the x axis that is proportional to the y component. The parameter
+    /// `x_yz` adds an error on the x axis that is proportional to the product of the y and z components.
     pub name: &'static str,
     /// SI unit.
     pub unit: &'static str,
@@ -235,7 +237,7 @@ pub enum Need {
     Stand,
 }
 
-/// Another cause that has a similar effect on the data.
+/// Another effect or cause that changes the data in a similar way, so that it is easily confused with an effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Alias {
     /// Name of another effect, or of another cause.
@@ -288,7 +290,7 @@ impl<F: RealField + Copy> Effect<F> {
         parameters > 0 && parameters <= self.count && parameters.checked_rem(self.plain) == Some(0)
     }
 
-    /// Whether the effect depends on a quantity of its [`Surroundings`].
+    /// Whether the effect depends on the quantity `need` of the [`Surroundings`].
     pub fn has_need(&self, need: Need) -> bool {
         // A loop is used instead of `contains`. Without optimisation, `contains` would add code that can panic.
         for own in self.needs {
@@ -341,8 +343,8 @@ impl<F: RealField + Copy> Effect<F> {
         Self::catalogue().find(|effect| effect.name == name)
     }
 
-    /// Sets the first entries of `columns` to the columns of Phi, one for each of the [`parameters`](Self::parameters).
-    /// `shape` is ignored if [`shape`](Self::shape) is `None`.
+    /// Computes the field Phi at a state: sets the first entries of `columns` to the columns of Phi, one for each of
+    /// the [`parameters`](Self::parameters). `shape` is ignored if [`shape`](Self::shape) is `None`.
     #[inline]
     pub fn field(&self, state: &State<F>, shape: F, columns: &mut Columns<F>) {
         (self.columns)(state, shape, columns);

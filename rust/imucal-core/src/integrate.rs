@@ -6,9 +6,10 @@
 //! R(t + dt) = R(t) exp(phi),   phi = (dt / 2) (w0 + w1) + (dt^2 / 12) (w0 x w1) + O(dt^5)
 //! ```
 //!
-//! w0 and w1 are the rates of the two samples. The formula is the Magnus series for a rate in the body frame. For a
-//! rate in the world frame, the cross product would have the opposite sign. If the rate is smooth but not linear
-//! between samples, the assumption of a linear rate causes an error of O(dt^3) per step.
+//! R is the rotation from the body frame to the world frame, and w0 and w1 are the rates at the two samples, in the
+//! body frame. The formula for phi is the Magnus series. For a rate in the world frame, the cross product would have
+//! the opposite sign. If the rate is smooth but not linear between the samples, the formula has an error of O(dt^3) per
+//! step.
 
 use crate::{
     so3,
@@ -37,9 +38,8 @@ pub enum Order {
 
 /// Integrates the angular rate over a move, sample by sample.
 ///
-/// In `f32`, rounding limits the resolution of one step to 6e-8 rad. At 0.01 rad/s and 8 kHz, this rounding loses about
-/// one per cent of the rotation. For slow motion at a high sampling rate, use `f64`, or push means over several
-/// samples.
+/// In `f32`, rounding limits the resolution of one step to 6e-8 rad. At 0.01 rad/s and 8 kHz, about one per cent of the
+/// rotation is lost. For slow motion at a high sampling rate, use `f64`, or push means over several samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integrator<F: RealField + Copy> {
     order: Order,
@@ -108,8 +108,8 @@ mod tests {
             turn * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), self.tilt) * turn.inverse()
         }
 
-        /// Angular rate in the body frame: `a (R^T z - z)`, with a = `turn_radps`, the rotation R at the time t and the
-        /// unit vector z.
+        /// Angular rate in the body frame at the time t: `a (R^T z - z)`, where a is `turn_radps`, R the rotation at t,
+        /// and z the unit vector along the z axis.
         fn rate(&self, t: f64) -> Vector3<f64> {
             (self.rotation(t).inverse() * Vector3::z() - Vector3::z()) * self.turn_radps
         }
@@ -133,8 +133,8 @@ mod tests {
         for pair in fourth.windows(2).chain(midpoint.windows(2)) {
             assert!((pair[0] / pair[1] - 4.0).abs() < 0.1, "not of second order: {fourth:?} {midpoint:?}");
         }
-        // Both rules have the error of linear interpolation. The midpoint rule also has the coning error, so its error
-        // must be larger.
+        // Both rules have the error of the assumption that the rate is linear between samples. The midpoint rule also
+        // has the coning error, so its error must be larger.
         for (fourth, midpoint) in fourth.iter().zip(&midpoint) {
             assert!(midpoint > fourth, "{fourth} {midpoint}");
         }
@@ -143,8 +143,8 @@ mod tests {
     #[test]
     fn a_linear_rate_is_integrated_to_fourth_order() {
         let rate = |t: f64| Vector3::new(1.0, -0.5, 0.3) + Vector3::new(-0.8, 1.5, 2.0) * t;
-        // The independent reference has a million steps with a constant rate. The rate of each step is the rate at the
-        // middle of the step.
+        // The independent reference consists of a million steps. The rate is constant in each step and equals the rate
+        // at its middle.
         let fine = 1_000_000;
         let truth = (0..fine).fold(UnitQuaternion::identity(), |r, k| {
             r * UnitQuaternion::from_scaled_axis(rate((k as f64 + 0.5) / fine as f64) / fine as f64)

@@ -53,9 +53,9 @@
 //!
 //! # What this crate does not do
 //!
-//! It does not estimate a calibration. The crate `imucal` estimates calibrations on a PC. It is not a navigation
-//! filter, because it estimates no attitude, position or bias at run time. It does not check samples, so a NaN in the
-//! input gives a NaN in the output. It reads no files and no clock; the caller passes the time steps.
+//! This crate does not estimate a calibration; the crate `imucal` does this on a PC. It is not a navigation filter,
+//! because it estimates no attitude, position or bias at run time. It does not check samples, so a NaN in the input
+//! gives a NaN in the output. It reads no files and no clock; the caller passes the time steps.
 //!
 //! # Features
 //!

@@ -1,15 +1,17 @@
 //! Rest detection on a stream of samples, with fixed memory.
 //!
-//! Samples are summed in short blocks, and a window consists of the last few blocks. A window is still if its rest
-//! statistic over the six channels ([`rest_statistic`]) is below a threshold:
+//! Samples are summed in short blocks, and a window consists of the last few blocks. The six channels are the three
+//! components of the rate and of the force. A window is still if its rest statistic ([`rest_statistic`]) is below a
+//! threshold:
 //!
 //! ```text
 //! statistic = (1 / 6) sum_c (variance_c / noise_variance_c)  <  threshold
 //! ```
 //!
-//! The index c denotes the channel. Windows advance by one block. A rest consists of all blocks in overlapping still
-//! windows. The first and the last block of a rest may contain the end of one move or the start of the next, even if
-//! the statistic is below the threshold. These two blocks are trimmed and do not contribute to the means.
+//! The index c denotes the channel. Consecutive windows are one block apart. A rest consists of all blocks of
+//! consecutive still windows that overlap. The first and the last block of a rest may contain the end of one move or
+//! the start of the next, even if the statistic is below the threshold. These two blocks are trimmed and do not
+//! contribute to the means.
 //!
 //! Samples may be raw or corrected, in any unit. The noise variances must be in the square of this unit. The detector
 //! counts samples and does not know their times, so call [`RestDetector::finish`] at a gap in the data. Sample indices
@@ -22,7 +24,7 @@ pub use block::{BlockSums, rest_statistic, statistic_of};
 use core::{error::Error, fmt};
 use nalgebra::{RealField, Vector3, Vector6};
 
-/// Maximum number of blocks in a window. The memory of the detector is proportional to it.
+/// Maximum number of blocks in a window. The memory of the detector is proportional to this number.
 pub const MAX_WINDOW_BLOCKS: usize = 10;
 
 /// Settings of a [`RestDetector`].
@@ -62,7 +64,8 @@ pub struct RestDetector<F: RealField + Copy> {
     filling: BlockSums<F>,
     /// Number of complete blocks.
     blocks: usize,
-    /// Ring buffer of the last complete blocks. It uses as many entries as a window has blocks.
+    /// Ring buffer with the sums of the last complete blocks, as many as a window has blocks. Further entries are not
+    /// used.
     ring: [BlockSums<F>; MAX_WINDOW_BLOCKS],
     /// Index of the oldest block in the ring buffer. The next complete block replaces it.
     oldest: usize,
@@ -128,8 +131,8 @@ impl<F: RealField + Copy> RestDetector<F> {
         self.open.is_some_and(|rest| rest.end_block == self.blocks)
     }
 
-    /// Ends the stream, or the part of the stream before a gap. Returns the rest in progress, if there is one. After a
-    /// gap, sample indices continue from the last index.
+    /// Ends the stream, or the part of the stream before a gap in the data. Returns the rest in progress, if there is
+    /// one. After a gap, sample indices continue from the last index.
     pub fn finish(&mut self) -> Option<Rest<F>> {
         let last = self.close();
         let samples = self.blocks.wrapping_mul(self.config.block_samples).wrapping_add(self.filling.count());
@@ -168,7 +171,7 @@ impl<F: RealField + Copy> RestDetector<F> {
         }
     }
 
-    /// Extends the current rest, or starts a new rest. The still window that starts at block `window_start` is added.
+    /// Adds the still window that starts at block `window_start` to the current rest, or starts a new rest with it.
     fn extend_rest(&mut self, window_start: usize) {
         let mut rest = self.open.unwrap_or(OpenRest {
             first_block: window_start,
@@ -176,8 +179,8 @@ impl<F: RealField + Copy> RestDetector<F> {
             sums: BlockSums::new(),
         });
         // The last block of a rest is trimmed and is therefore not in the sums. If the rest is extended, the block that
-        // was last until now must be added. The ring buffer still contains this block, because the new window overlaps
-        // it.
+        // was its last until now must be added to the sums. The ring buffer still contains this block, because the new
+        // window overlaps the rest.
         let mut block = window_start;
         for sums in self.window() {
             if block.wrapping_add(1) >= rest.end_block && block.wrapping_add(1) < self.blocks {

@@ -92,8 +92,8 @@ pub enum SensorError {
     NotFinite,
     /// The three sensor axes are in one plane, so the component perpendicular to this plane is not measured.
     Singular {
-        /// Volume spanned by the three sensor axes after each is scaled to length one. It is 1 for orthogonal axes and
-        /// 0 for axes in one plane.
+        /// Volume of the parallelepiped that the three sensor axes span after each is scaled to length one: 1 for
+        /// orthogonal axes and 0 for axes in one plane.
         volume: f64,
     },
 }
@@ -133,8 +133,8 @@ fn invert<F: RealField + Copy>(m: &Matrix3<F>) -> Result<Matrix3<F>, SensorError
         c.z / determinant,
     );
 
-    // The determinant divided by the product of the row lengths is zero if the axes are in one plane. It does not
-    // depend on the raw unit.
+    // The determinant divided by the product of the row lengths is zero if the axes are in one plane. This quotient
+    // does not depend on the raw unit.
     let lengths = dot(&x, &x).sqrt() * dot(&y, &y).sqrt() * dot(&z, &z).sqrt();
     let rounding: F = nalgebra::convert::<f64, F>(64.0) * F::default_epsilon();
     if magnitude(determinant) > rounding * lengths && is_finite(&inverse) {

@@ -1,8 +1,8 @@
 //! Rotations. All conventions about rotations are defined here.
 //!
-//! 1. `r_wb` maps the components of a vector in the body frame to its components in the world frame. The letters of
-//!    adjacent frames in a product are equal: `v_w = r_wb * v_b`, `r_wb = r_ws * r_sb`. As an operator, a rotation is
-//!    active: it rotates a vector.
+//! 1. `r_wb` maps the components of a vector in the body frame to its components in the world frame. In a product,
+//!    adjacent letters are equal: `v_w = r_wb * v_b`, `r_wb = r_ws * r_sb`. As an operator on vectors, a rotation is
+//!    active: it rotates the vector and not the frame.
 //! 2. A quaternion follows Hamilton's convention (`i j = k`) and is written `[w, x, y, z]` in every array. nalgebra
 //!    *stores* x, y, z, w; only [`to_wxyz`] and [`from_wxyz`] convert between the two orders. `q` and `-q` are the same
 //!    rotation.
@@ -16,16 +16,16 @@
 //! J_r(phi) = I - ((1 - cos t) / t^2) [phi]x + ((t - sin t) / t^3) [phi]x^2,   t = |phi|
 //! ```
 //!
-//! `[phi]x` is the matrix of the cross product with phi ([`hat`]). The errors of all functions are of the order of
-//! rounding errors, in f32 and in f64. This also holds for the angle zero, for tiny angles and for angles near pi.
+//! `[phi]x` is the matrix of the cross product with phi ([`hat`]). All functions are accurate to about a rounding
+//! error, in f32 and in f64, also for the angle zero, for tiny angles and for angles near pi.
 
 use crate::vector::{dot, scaled};
 use nalgebra::{Matrix3, Quaternion, RealField, UnitQuaternion, Vector3, convert};
 
 /// Rotation for the rotation vector `phi`, rad: a rotation by the angle `|phi|` about the axis `phi`.
 ///
-/// For angles up to half a radian, the function uses polynomials instead of trigonometric functions. This range covers
-/// any step between two samples.
+/// For angles up to half a radian, the function uses polynomials instead of trigonometric functions. The rotation
+/// between two samples is practically always smaller than this.
 #[inline]
 pub fn exp<F: RealField + Copy>(phi: &Vector3<F>) -> UnitQuaternion<F> {
     let (cosine, sinc) = cos_and_sinc(dot(phi, phi) * convert(0.25));
@@ -35,8 +35,8 @@ pub fn exp<F: RealField + Copy>(phi: &Vector3<F>) -> UnitQuaternion<F> {
 
 /// The product `a b` of two rotations, normalised to length one.
 ///
-/// Rounding changes the length of a product of quaternions. Without normalisation, the deviation would become
-/// significant after millions of products.
+/// Rounding changes the length of a product of quaternions. Without normalisation, the length would deviate noticeably
+/// from one after millions of products.
 #[inline]
 pub(crate) fn product<F: RealField + Copy>(a: &UnitQuaternion<F>, b: &UnitQuaternion<F>) -> UnitQuaternion<F> {
     let w = a.w * b.w - a.i * b.i - a.j * b.j - a.k * b.k;
@@ -55,7 +55,7 @@ pub(crate) fn product<F: RealField + Copy>(a: &UnitQuaternion<F>, b: &UnitQuater
 /// of them.
 #[inline]
 pub fn log<F: RealField + Copy>(rotation: &UnitQuaternion<F>) -> Vector3<F> {
-    // atan2 of the imaginary part and the real part is accurate at all angles. acos(w) would lose digits at small
+    // atan2(length of the imaginary part, real part) is accurate at all angles. acos(w) would lose digits at small
     // angles.
     let sign = if rotation.w < F::zero() { -F::one() } else { F::one() };
     let (real, imaginary) = (rotation.w * sign, rotation.imag() * sign);
@@ -76,7 +76,7 @@ pub fn hat<F: RealField + Copy>(a: &Vector3<F>) -> Matrix3<F> {
 pub fn right_jacobian<F: RealField + Copy>(phi: &Vector3<F>) -> Matrix3<F> {
     let t2 = phi.norm_squared();
     let (_, sinc) = cos_and_sinc(t2 * convert(0.25));
-    // (1 - cos t)/t^2 = (sin(t/2)/(t/2))^2 / 2. The right side avoids the subtraction of nearly equal numbers.
+    // (1 - cos t)/t^2 = (sin(t/2)/(t/2))^2 / 2. The right-hand side avoids the subtraction of nearly equal numbers.
     let first = sinc * sinc * convert(0.5);
     let second = if t2 < F::one() {
         polynomial(t2, T_MINUS_SIN)
@@ -147,8 +147,8 @@ mod tests {
     use super::*;
     use core::f64::consts::PI;
 
-    /// Test angles, rad. They have all orders of magnitude, and include both sides of the branch points of the
-    /// functions (0.5 and 1) and values near pi.
+    /// Test angles, rad, of all orders of magnitude. They include values near pi, and values just below and above 0.5
+    /// and 1, where the functions switch from polynomials to trigonometric functions.
     const ANGLES: [f64; 16] = [
         0.0,
         1e-200,
@@ -211,7 +211,7 @@ mod tests {
         for angle in ANGLES.iter().map(|&a| a as f32).filter(|&a| a == 0.0 || a > 1e-15) {
             let phi = Vector3::new(1.0f32, 2.0, -2.0) / 3.0 * angle;
             let back = log(&exp(&phi));
-            // Rounding to f32 moves the largest angles beyond pi. `log` then returns the rotation vector of opposite
+            // Rounding to f32 makes the largest angles exceed pi. `log` then returns the rotation vector of opposite
             // direction for the same rotation.
             let off = (back - phi).norm().min((back + phi).norm());
             assert!(off <= 6e-7 * angle, "angle {angle}: off by {off}");

@@ -45,8 +45,8 @@ pub struct StoredCalibration<F: RealField + Copy> {
     pub rate_in_counts: bool,
     /// Whether the raw force is in counts. Otherwise it is in m/s^2.
     pub force_in_counts: bool,
-    /// Number of effects of the calibration that the binary form omits, for example user-defined formulas. The errors
-    /// described by these effects are not corrected.
+    /// Number of effects of the calibration that the binary form does not contain, for example user-defined formulas.
+    /// The errors that these effects describe are not corrected.
     pub omitted_effects: u8,
     /// Lowest and highest temperature of the calibration recordings, degC; `None` if unknown.
     pub temperature_range_degc: Option<[F; 2]>,
@@ -116,8 +116,8 @@ impl<F: RealField + Copy> StoredCalibration<F> {
     }
 
     /// Corrects one raw sample: returns the true `(rate, force)`, rad/s and m/s^2, along the axes specified in the
-    /// binary form. The effects are unknown outside the temperature range of the calibration recordings. A temperature
-    /// outside this range is therefore replaced by the nearest end of the range.
+    /// binary form. The values of temperature effects are unknown outside the temperature range of the calibration
+    /// recordings. A temperature outside this range is therefore replaced by the nearest end of the range.
     pub fn correct(
         &self,
         raw_rate: Vector3<F>,
@@ -139,7 +139,7 @@ impl<F: RealField + Copy> StoredCalibration<F> {
         (self.along_axes(&rate), self.along_axes(&force))
     }
 
-    /// The correction of [`correct`](Self::correct) for the 16-bit counts that a sensor outputs. `None` if the
+    /// Like [`correct`](Self::correct), but for the 16-bit counts that the sensors output. Returns `None` if the
     /// calibration is not for raw data in counts.
     pub fn correct_counts(
         &self,
@@ -183,7 +183,7 @@ fn axes(codes: [u8; 3]) -> Result<[Axis; 3], StoredError> {
     Ok([x, y, z])
 }
 
-/// The bytes that have not been read so far.
+/// The bytes that have not been read yet. Each method reads a value and removes its bytes from the start.
 struct Bytes<'a>(&'a [u8]);
 
 impl Bytes<'_> {

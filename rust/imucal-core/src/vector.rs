@@ -2,8 +2,8 @@
 //!
 //! The operators of nalgebra compare the sizes of vectors at run time unless the optimiser removes the comparisons. At
 //! `opt-level = "z"`, the comparisons and their panics remain, and a product of a matrix and a vector takes several
-//! times as many instructions. The functions of this module have no branch that panics at any optimisation level. They
-//! round exactly as the operators of nalgebra do.
+//! times as many instructions. The functions of this module cannot panic at any optimisation level, and they round
+//! exactly as the operators of nalgebra do.
 
 use nalgebra::{Matrix3, RealField, Vector3};
 

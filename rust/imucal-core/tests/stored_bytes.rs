@@ -20,8 +20,8 @@ impl Random {
     }
 }
 
-/// A valid calibration without its check sum. It has identity matrices, and contains a temperature effect `effects`
-/// times.
+/// The bytes of a valid calibration without the check sum. Its matrices are identities, and it contains the same
+/// temperature effect `effects` times.
 fn valid(effects: u8) -> Vec<u8> {
     let mut all = Vec::from(*b"IMUC\x01\x07\0\0\0\0\x01\x02\x03\0\0\0");
     all[8] = effects;

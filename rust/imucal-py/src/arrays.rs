@@ -1,8 +1,8 @@
 //! Conversion of arrays between Python and Rust.
 //!
-//! `as_slice` of rust-numpy accepts Fortran-ordered arrays as contiguous and returns them column by column. Therefore
-//! this module verifies that all arrays are in C order. The Python package converts arrays beforehand, and other
-//! callers get an error.
+//! `as_slice` of rust-numpy accepts Fortran-ordered arrays as contiguous and returns them column by column. This module
+//! therefore verifies that all arrays are in C order. The Python package converts its arrays beforehand; other callers
+//! get an error for an array in another order.
 
 use imucal::calibrate::{MeanNoise, MeanReadings, UserField};
 use imucal::check::sensor_missing;
@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 
 use crate::error::ToPython;
 
-/// Columns of an `imucal.Recording`, converted from its attributes.
+/// Arrays, name and units of an `imucal.Recording`, read from its attributes.
 #[derive(FromPyObject)]
 pub(crate) struct RecordingColumns<'py> {
     name: String,
@@ -30,8 +30,8 @@ pub(crate) struct RecordingColumns<'py> {
 }
 
 impl RecordingColumns<'_> {
-    /// The recordings in the form that the library uses, without a copy of the columns. For functions that need both
-    /// sensors: InputError with the finding `sensor_missing` is raised for a recording with only one sensor.
+    /// The recordings in the form that the library uses, without a copy of the arrays. For functions that need both
+    /// sensors: raises InputError with the finding `sensor_missing` for a recording with only one sensor.
     pub(crate) fn views<'a>(py: Python<'_>, recordings: &'a [Self]) -> PyResult<Vec<Recording<'a>>> {
         let views = Self::views_of_any(py, recordings)?;
         let missing: Vec<_> = views.iter().filter_map(sensor_missing).collect();
@@ -70,7 +70,7 @@ impl RecordingColumns<'_> {
     }
 }
 
-/// Columns of an `imucal.Means`, converted from its attributes.
+/// Arrays, name and units of an `imucal.Means` (a table of mean readings at rests), read from its attributes.
 #[derive(FromPyObject)]
 pub(crate) struct MeanColumns<'py> {
     name: String,
@@ -82,7 +82,8 @@ pub(crate) struct MeanColumns<'py> {
 }
 
 impl MeanColumns<'_> {
-    /// The table in the form that the library uses, without a copy of the columns.
+    /// The table in the form that the library uses, without a copy of the arrays. `noise_mps2` is the standard
+    /// deviation of all means; it is used if the table contains no standard deviations.
     pub(crate) fn view(&self, py: Python<'_>, noise_mps2: Option<f64>) -> PyResult<MeanReadings<'_>> {
         Ok(MeanReadings {
             name: &self.name,
@@ -120,18 +121,19 @@ impl SampleArray<'_> {
     }
 }
 
-/// Field of a user-defined effect at each sample.
+/// A user-defined effect, evaluated at each sample of each recording.
 #[derive(FromPyObject)]
 pub(crate) struct UserFieldArrays<'py> {
     name: String,
     sensor: String,
     typical: Vec<f64>,
-    /// Columns of the field: for each recording, an array (N, 3, p) for N samples and p parameters.
+    /// For each recording, an array (N, 3, p): the error of each of N samples on the three axes, per unit of each of
+    /// the p parameters of the effect.
     columns: Vec<PyReadonlyArray3<'py, f64>>,
 }
 
 impl UserFieldArrays<'_> {
-    /// The field in the form that the library uses, without a copy.
+    /// The effect in the form that the library uses, without a copy of the arrays.
     pub(crate) fn view(&self, py: Python<'_>) -> PyResult<UserField<'_>> {
         let sensor = match self.sensor.as_str() {
             "accelerometer" => Ok(Sensor::Accelerometer),
@@ -196,7 +198,7 @@ pub(crate) fn vector(py: Python<'_>, array: &PyReadonlyArray1<'_, f64>, name: &s
     }
 }
 
-/// A new (N, W) array from rows.
+/// A new NumPy array (N, W) from N rows of W numbers.
 pub(crate) fn to_rows<const W: usize>(py: Python<'_>, values: Vec<[f64; W]>) -> PyResult<Bound<'_, PyArray2<f64>>> {
     let shape = [values.len(), W];
     numpy::PyArrayMethods::reshape(&numpy::PyArray1::from_vec(py, values.into_flattened()), shape)

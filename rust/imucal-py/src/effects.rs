@@ -1,4 +1,5 @@
-//! The catalogue of effects for Python: its rows, the fields of the effects, and the conversion of effects with values.
+//! The catalogue of effects for Python: definitions of the effects, evaluation of their fields, and conversion of
+//! effects with values.
 
 use imucal::calibrate::EffectChoice;
 use imucal::correct::temperature_history_of;
@@ -19,11 +20,11 @@ use crate::error::ToPython;
 /// Name, unit and typical size of a parameter.
 type ParameterTuple = (&'static str, &'static str, f64);
 
-/// One row of the catalogue.
+/// One effect of the catalogue.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Effect {
     name: &'static str,
-    /// Number of the effect in the binary form of a calibration; 0 if the effect has no number.
+    /// Number of the effect in the binary form of a calibration; 0 if the binary form cannot store the effect.
     number: u8,
     sensor: &'static str,
     parameters: Vec<ParameterTuple>,
@@ -32,8 +33,8 @@ pub(crate) struct Effect {
     needs: Vec<&'static str>,
     formula: &'static str,
     observable: &'static str,
-    /// Other causes with which the effect is easily confused, and the measurements that distinguish them from the
-    /// effect.
+    /// Other effects or causes with which this effect is easily confused; for each, the measurements that distinguish
+    /// it from this effect.
     aliases: Vec<(&'static str, &'static str)>,
 }
 
@@ -70,7 +71,7 @@ fn need(need: &library::Need) -> &'static str {
     }
 }
 
-/// All rows of the catalogue.
+/// All effects of the catalogue.
 #[pyfunction]
 pub(crate) fn effects() -> Vec<Effect> {
     library::Effect::<f64>::catalogue().map(Effect::from).collect()
@@ -106,7 +107,8 @@ impl EffectArrays<'_> {
     }
 }
 
-/// An `imucal.effects.State`, converted from its attributes. Rows are samples. None means that a quantity is unknown.
+/// An `imucal.effects.State`, read from its attributes. Each array has one row for each sample. None means that a
+/// quantity is unknown.
 #[derive(FromPyObject)]
 pub(crate) struct StateArrays<'py> {
     angular_rate: PyReadonlyArray2<'py, f64>,
@@ -121,7 +123,7 @@ pub(crate) struct StateArrays<'py> {
 }
 
 impl StateArrays<'_> {
-    /// The states. `shape` is the time constant of temperature lags, s.
+    /// The true state at each sample. `shape` is the time constant of the lag effects of temperature, s.
     fn states(&self, py: Python<'_>, shape: Option<f64>) -> PyResult<Vec<State<f64>>> {
         let rate = rows(py, &self.angular_rate, "angular_rate")?;
         let force = rows(py, &self.specific_force, "specific_force")?;
@@ -191,7 +193,8 @@ fn quaternions<'a>(py: Python<'_>, array: &'a PyReadonlyArray2<'_, f64>, name: &
     }
 }
 
-/// The field of an effect, (N, 3, p), at each sample of a state.
+/// The field of an effect, (N, 3, p): the derivatives of the error on the three axes with respect to the p parameters,
+/// at each of the N samples of `state`.
 #[pyfunction]
 pub(crate) fn effect_field<'py>(
     py: Python<'py>,
@@ -201,7 +204,7 @@ pub(crate) fn effect_field<'py>(
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let effect = find(name).to_python(py)?;
     let count = effect.parameters.len();
-    // Only the match of effect and shape parameter is checked here, so the values have no influence.
+    // This call only checks whether `shape` is given if and only if the effect has a shape. The zeros are not used.
     let checked = library::EffectValues::try_new(effect, &[0.0; MAX_PARAMETERS][..count], shape);
     checked.map_err(|error| Error::Input(error.to_string())).to_python(py)?;
     let states = state.states(py, shape)?;
@@ -217,11 +220,11 @@ pub(crate) fn effect_field<'py>(
     field.into_pyarray(py).reshape([states.len(), 3, count])
 }
 
-/// Rate, K/s, direction and lag, K, of a temperature column at each sample.
+/// For each sample: the rate of the temperature, K/s, the direction of its last change, from -1 to 1, and its lag, K.
 type History<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
-/// The temperature history at each sample: the rate, the direction, and the lag. The lag is the output of a low-pass
-/// with the time constant `tau_s` minus the temperature.
+/// The temperature history at each sample: the rate of change of the temperature, the direction of its last change, and
+/// its lag. The lag is the temperature after a low-pass with the time constant `tau_s` minus the temperature.
 #[pyfunction]
 pub(crate) fn temperature_history<'py>(
     py: Python<'py>,
@@ -241,7 +244,7 @@ pub(crate) fn temperature_history<'py>(
     Ok((array(|own| own.rate_kps), array(|own| own.direction), array(|own| own.gyroscope_lag_k)))
 }
 
-/// Effects by name, each with the number of parameters of its form.
+/// The effects for pairs of a name and the number of parameters of the form.
 pub(crate) fn choices(candidates: &[(String, usize)]) -> Result<Vec<EffectChoice>, Error> {
     candidates.iter().map(|(name, parameters)| choice(name, *parameters)).collect()
 }

@@ -19,7 +19,7 @@ impl<T> ToPython<T> for Result<T, Error> {
 
 fn python_error(py: Python<'_>, error: &Error) -> PyResult<PyErr> {
     let class = match error {
-        // The cause is an exception of a Python function that the library called.
+        // The library called a Python function, which raised an exception (`cause`).
         Error::Caller(cause) => {
             return Ok(match cause.downcast_ref::<PyErr>() {
                 Some(exception) => exception.clone_ref(py),

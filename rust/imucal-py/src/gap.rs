@@ -21,7 +21,7 @@ use crate::options::CalibrateOptions;
 use crate::results::{EffectEstimate, Evaluation, Outcome};
 use crate::user_effects::PythonEffects;
 
-/// Score of an effect relative to a model without it; see `imucal::gap::Score`.
+/// Evidence for an effect: comparison of the model with the effect and the model without it; see `imucal::gap::Score`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct EffectScore {
     name: String,
@@ -40,12 +40,12 @@ pub(crate) struct GenericFinding {
     log_bayes_factor: f64,
     axis: usize,
     rests: Vec<usize>,
-    /// Rms variation of the parameter on `axis`, SI units.
+    /// Rms variation of the bias or scale (`block`) on the sensor axis `axis`, SI units.
     rms: f64,
     p_value: f64,
 }
 
-/// The residuals that the accepted effects do not explain; see `imucal::gap::Remainder`.
+/// Test of the residuals that the accepted effects do not explain; see `imucal::gap::Remainder`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Remainder {
     kind: &'static str,
@@ -62,40 +62,43 @@ pub(crate) struct SessionStep {
     gyroscope_radps: Option<[f64; 3]>,
     p_value: f64,
     temperature_change_k: Option<f64>,
-    /// chi2 per degree of freedom of the control recordings without effects. The first value is with the biases of the
-    /// calibration, the second with biases estimated from the control recordings.
+    /// Two values of chi2 per degree of freedom of the control recordings under the model without effects. The first
+    /// uses the biases of the calibration, the second uses biases estimated from the control recordings.
     chi2: (f64, f64),
 }
 
-/// Name of an effect and two measures of the residuals that it causes. The first measure lists the name of each kind of
-/// residual, and the rms of residual / standard deviation from noise. The second measure is the share of chi2 that a
-/// refit of the model without the effect removes.
+/// Name of an effect, and two measures of the residuals that it causes at its typical size. The first measure lists,
+/// for each kind of residual, its name and the rms of residual / standard deviation from noise. The second measure is
+/// the share of chi2 that disappears if the parameters of the model without the effect are refitted to these residuals.
 type Trace = (String, Vec<(&'static str, f64)>, f64);
 
-/// Result of a search for effects: the score of each candidate effect, the variations of biases and scales that no
-/// effect describes (`generic`), and the detection limits. See `imucal::gap::Search`.
+/// Result of a search for effects: the score of each candidate effect, the detection limits, and `generic`, a variation
+/// of a bias or scale that no effect of the catalogue describes. See `imucal::gap::Search`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Search {
     path: Vec<Py<EffectScore>>,
     ranking: Vec<Py<EffectScore>>,
     generic: Option<Py<GenericFinding>>,
-    /// Name of an effect, its log Bayes factor, the increase of the log predictive density of held-out rests and moves,
-    /// and the standard deviation of this increase. All numbers are in nats.
+    /// Effects that fit the calibration data but do not improve the prediction of held-out rests and moves. For each,
+    /// its name, its log Bayes factor, the increase of the log predictive density of these rests and moves, and the
+    /// standard deviation of this increase. All numbers are in nats.
     not_predictive: Vec<(String, f64, f64, f64)>,
-    /// Name of an effect that is not observable, and the data that it requires.
+    /// For each effect that is not observable in the recordings: its name, and the data that would make it observable.
     not_observable: Vec<(String, String)>,
-    /// Name of an effect, its detection limit as rms size per parameter, and the unit.
+    /// For each effect: its name, its detection limit (smallest detectable rms size per parameter), and the unit.
     smallest_visible: Vec<(String, f64, String)>,
     traces: Vec<Trace>,
-    /// Kind of residual, ratio of its scatter to noise, and the p-value of this ratio.
+    /// The kind of residual whose scatter exceeds noise most: its name, the ratio of its scatter to noise, and the
+    /// p-value of this ratio. None if no ratio is significant.
     scattering_rests: Option<(&'static str, f64, f64)>,
     is_hand_moved: bool,
 }
 
-/// Name of a rejected effect, and the reason for its rejection. Exactly one reason is given, and the other three are
-/// None: the message of the failed fit with the effect; chi2 per degree of freedom of unseen data without and with the
-/// effect; the p-value of the effect's parameters; for a gyroscope that is not only delayed, the delay (s), half of the
-/// variance of the filter's impulse response (s^2), and the standard deviation of this half (s^2).
+/// Name of a rejected effect, followed by four possible reasons for its rejection, of which three are None. Reason 1 is
+/// the message of a failed fit with the effect. Reason 2 is chi2 per degree of freedom of unseen data without and with
+/// the effect. Reason 3 is the p-value of the effect's parameters. Reason 4 is that a pure delay does not describe the
+/// gyroscope. It contains the estimated delay (s), half of the variance of the impulse response of the gyroscope's
+/// filter (s^2), and the standard deviation of this half (s^2).
 type RefusalTuple = (String, Option<String>, Option<[f64; 2]>, Option<f64>, Option<[f64; 3]>);
 
 /// A model fitted to the recordings of a unit, with its evaluation on the control recordings if there are any.
@@ -113,38 +116,40 @@ pub(crate) struct GapAnalysis {
     /// The fit with the accepted effects; None if no effect was accepted.
     after: Option<Py<GapFit>>,
     effects: Vec<Py<EffectScore>>,
-    /// Name of an accepted effect, and the shares of the excess chi2 that it removes. The three shares are for the
-    /// norms at rest, the gravity directions after moves, and the mean rates at rest. A share is None if the residuals
-    /// hardly exceed noise.
+    /// For each accepted effect: its name, and the share of the excess chi2 of unseen data (chi2 beyond noise) that it
+    /// removes. The three shares are for the norms at rest, the gravity directions after moves, and the mean rates at
+    /// rest. A share is None if these residuals hardly exceed noise.
     shares: Vec<(String, [Option<f64>; 3])>,
-    /// Name of an accepted effect, name of a rival, and estimated parameters of the rival in a fit in which it replaces
-    /// the effect; None if this fit fails.
+    /// Name of an accepted effect, name of a rival (an effect that explains nearly the same residuals), and the
+    /// estimated parameters of the rival in a fit in which it replaces the effect. The parameters are None if this fit
+    /// fails.
     rivals: Vec<(String, String, Option<Py<EffectEstimate>>)>,
     refused: Vec<RefusalTuple>,
-    /// The constant rate estimated for the effect `earth_rate`, if it cannot be attributed to the Earth: its magnitude
-    /// and standard deviation, rad/s. None otherwise.
+    /// Magnitude and its standard deviation, rad/s, of an estimated constant rate that is not attributed to the Earth:
+    /// the magnitude differs from the Earth's rate, or the recordings do not determine it. None if there is no such
+    /// rate.
     not_the_earth: Option<(f64, f64)>,
     not_confirmed: Vec<Py<EffectScore>>,
     /// Names of effects that unseen data contradict, and chi2 per degree of freedom of these data without and with the
-    /// effects.
+    /// effects; None if there is no contradiction.
     contradiction: Option<(Vec<String>, f64, f64)>,
     remainder: Py<Remainder>,
     /// Change of the biases from the calibration recordings to the control recordings; None if it is not significant.
     session: Option<Py<SessionStep>>,
-    /// Name of the figure of merit on unseen data (data that the fit does not use), its values without and with
-    /// effects, and its expected value from noise.
+    /// Name of the figure of merit on unseen data (data that the fit does not use), its values without and with the
+    /// accepted effects, and the value that noise alone would cause.
     unseen: (&'static str, f64, f64, f64),
-    /// chi2 per degree of freedom of the given calibration, of the fit without effects, and of the fit with the
-    /// accepted effects.
+    /// Three values of chi2 per degree of freedom on the same recordings: for the given calibration, for the fit
+    /// without effects, and for the fit with the accepted effects. None if no calibration was given.
     chi2_of_given: Option<[f64; 3]>,
     /// Residuals of the fit without effects by kind, rest and move.
     residuals: Fields,
-    /// Predicted errors of corrected signals; None if no effect was accepted.
+    /// Predicted rms errors of the corrected angular rate and specific force; None if no effect was accepted.
     corrected_errors: Option<Fields>,
     search: Py<Search>,
 }
 
-/// Result of a search; see `imucal::gap::Gap`.
+/// Result of a search for missing effects: its verdict, faults of the data, and the fits; see `imucal::gap::Gap`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct GapResult {
     verdict: &'static str,
@@ -241,7 +246,8 @@ impl Sets<'_> {
     }
 }
 
-/// Change of the biases between the sessions in the fit without effects.
+/// Change of the biases from the calibration recordings to the control recordings, from the fit without effects; None
+/// if it is not significant or if there are no control recordings.
 fn session_of(before: &library::Fit) -> Option<SessionStep> {
     let control = before.control.as_ref()?;
     let library::SessionStep { accelerometer_mps2, gyroscope_radps, p_value, temperature_change_k } = control.step?;
@@ -250,7 +256,8 @@ fn session_of(before: &library::Fit) -> Option<SessionStep> {
 }
 
 /// A calibration for comparison, and the local gravity with which it was made, m/s^2. If the calibration has
-/// user-defined effects, the third entry contains the evaluation recordings corrected by it.
+/// user-defined effects, the third entry contains the recordings of the comparison after correction by this
+/// calibration.
 type Given<'py> = (CalibrationArrays<'py>, f64, Option<Vec<RecordingColumns<'py>>>);
 
 /// Input of a search, read from the attributes of a Python object.
@@ -265,9 +272,10 @@ pub(crate) struct GapQuestion<'py> {
     given: Option<Given<'py>>,
 }
 
-/// Finds missing effects. `stage(effects, candidates)` is called before each step. Before a fit, `effects` contains the
-/// names of the effects. Before a search, `candidates` is the number of candidates. Before the prediction of errors,
-/// both are None.
+/// Finds missing effects. The Python function `stage(effects, candidates)` is called before each step to report
+/// progress. Before a fit, `effects` contains the names of the fitted effects. Before a search, `candidates` is the
+/// number of candidate effects. An argument that does not apply is None; before the prediction of errors, both
+/// arguments are None.
 #[pyfunction]
 pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAny>) -> PyResult<GapResult> {
     let GapQuestion { recordings, control, options, candidates, user_effects, given } = question;
@@ -314,11 +322,11 @@ pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAn
     })
 }
 
-/// A rest: index of the first sample; index of the last sample plus one; start time, s; mean accelerometer reading, raw
-/// units; whether the fit used the rest.
+/// A rest of a recording on a stand: index of its first sample, index of its last sample plus one, start time (s), mean
+/// accelerometer reading (raw units), and whether the fit used the rest.
 type RestTuple = (usize, usize, f64, [Option<f64>; 3], bool);
 
-/// Slips of the unit on its mount in one recording. If there are no slips, play of the mount.
+/// Findings about the mount of the unit on the stand in one recording: slips, or, if there are none, play of the mount.
 #[pyfunction]
 pub(crate) fn mount_faults(
     py: Python<'_>,
@@ -352,20 +360,20 @@ pub(crate) fn stand_mismatch_deg(py: Python<'_>, recording: RecordingColumns<'_>
     Ok(py.detach(|| library::stand_mismatch_deg(&recordings[0])))
 }
 
-/// Whitened residuals (uncorrelated, with variance 1) of the model without effects, and their Jacobian; see
+/// Residuals of the model without effects, divided by their standard deviation from noise, and their Jacobian; see
 /// `imucal::gap::Linearised`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct GapDesign {
     residual: Py<PyArray1<f64>>,
     base: Py<PyArray2<f64>>,
-    /// Name of each effect, and its Jacobian columns (m, p) for m residuals and p parameters.
+    /// For each effect: its name, and the derivatives (m, p) of the m residuals with respect to its p parameters.
     effects: Vec<(String, Py<PyArray2<f64>>)>,
     groups: Py<PyArray1<usize>>,
     items: Py<PyArray1<usize>>,
 }
 
-/// Linearises the model without effects. The result has columns for the candidate effects and for the user-defined
-/// fields in the options.
+/// Linearises the residuals about the model without effects. The result also contains the derivatives with respect to
+/// the parameters of the candidate effects and of the user-defined effects in the options.
 #[pyfunction]
 #[pyo3(signature = (recordings, options, candidates, is_hand_moved = None))]
 pub(crate) fn gap_design(

@@ -68,7 +68,8 @@ mod _core {
     #[pymodule_export]
     const TEMPERATURE_SMOOTHING_S: f64 = imucal_core::temperature_memory::SMOOTHING_S;
 
-    /// Half of the temperature change that completely reverses the direction of the temperature history, K.
+    /// Half of the temperature change that reverses the direction of the temperature history from cooling (-1) to
+    /// heating (1), K.
     #[pymodule_export]
     const TEMPERATURE_REVERSAL_K: f64 = imucal_core::temperature_memory::REVERSAL_K;
 
@@ -86,7 +87,7 @@ mod _core {
     const GRAVITY_ON_EARTH_MPS2: (f64, f64) =
         (library::calibrate::GRAVITY_ON_EARTH_MPS2[0], library::calibrate::GRAVITY_ON_EARTH_MPS2[1]);
 
-    /// Maximum number of iterations of a correction.
+    /// Maximum number of iterations in which the effects are removed from a sample.
     #[pymodule_export]
     const MAX_PASSES: usize = imucal_core::effects::MAX_PASSES;
 
@@ -98,11 +99,12 @@ mod _core {
     #[pymodule_export]
     const MAX_ITERATIONS: u64 = library::calibrate::MAX_ITERATIONS;
 
-    /// Number of cross-validation folds of rests and moves in a search without control recordings.
+    /// Number of cross-validation folds of a search for effects. A search without control recordings divides the rests
+    /// and moves into these folds.
     #[pymodule_export]
     const GAP_FOLDS: usize = library::gap::FOLDS;
 
-    /// Bias of the gyroscope, x, y and z, and its standard deviation, in raw units.
+    /// Bias of the gyroscope on the axes x, y and z, and its standard deviations, in raw units.
     type RestBias = ([f64; 3], [f64; 3]);
     type Rows<'py> = Bound<'py, PyArray2<f64>>;
 
@@ -151,8 +153,8 @@ mod _core {
     }
 
     /// Calibrates an accelerometer from a table of mean readings. Returns the result, and the bias of the gyroscope
-    /// with its standard deviation (None without a gyroscope). `noise_mps2` is the noise of all means if the table
-    /// contains no noise.
+    /// with its standard deviation (None without a gyroscope). `noise_mps2` is the standard deviation of all means; it
+    /// is used if the table contains no standard deviations.
     #[pyfunction]
     fn calibrate_means(
         py: Python<'_>,
@@ -167,8 +169,8 @@ mod _core {
         Ok((outcome, bias.map(|bias| (bias.value.into(), bias.std.into()))))
     }
 
-    /// Evaluates an accelerometer, `(sensitivity, bias)`, on recordings. The gyroscope columns are not used.
-    /// `uncertainty` consists of the covariance of its nine parameters, by rows, and their body frame.
+    /// Evaluates a calibrated accelerometer on recordings. The gyroscope columns are not used. `uncertainty` consists
+    /// of the covariance of the nine parameters of the accelerometer, by rows, and their body frame.
     #[pyfunction]
     fn evaluate_accelerometer(
         py: Python<'_>,
@@ -192,8 +194,8 @@ mod _core {
         Evaluation::new(py, evaluation, &recordings)
     }
 
-    /// Predicts, before any fit, which parameters the recordings of one unit determine, and their standard deviations.
-    /// The result also names the parameters that the recordings do not determine.
+    /// Predicts, before any fit, which parameters the recordings of one unit determine, and the standard deviations of
+    /// the estimates. The result also names the parameters that the recordings do not determine.
     #[pyfunction]
     fn prospect(
         py: Python<'_>,
@@ -207,7 +209,7 @@ mod _core {
 
     /// Evaluates a calibration on recordings. If the calibration has user-defined effects, `corrected` contains the
     /// recordings after correction by the caller, because the library cannot correct user-defined effects.
-    /// `uncertainty` consists of the covariance of the parameters, by rows, and their body frame.
+    /// `uncertainty` consists of the covariance of the parameters of both triads, by rows, and their body frame.
     #[pyfunction]
     fn evaluate(
         py: Python<'_>,
@@ -243,8 +245,9 @@ mod _core {
         Evaluation::new(py, evaluation, &recordings)
     }
 
-    /// Raises an error if a control recording is a part or an altered copy of a calibration recording. `rests` and
-    /// `control_rests` are the index ranges, first and end, of the rests of each recording.
+    /// Raises an error if a control recording is a part or an altered copy of a calibration recording. For each
+    /// recording, `rests` and `control_rests` contain, for each rest, the index of its first sample and the index of
+    /// its last sample plus one.
     #[pyfunction]
     fn require_independent(
         py: Python<'_>,
@@ -284,14 +287,14 @@ mod _core {
         reason.map(|reason| reason.to_string())
     }
 
-    /// The finding about implausible temperatures of a recording; None if all temperatures are plausible.
+    /// The finding that the temperatures of a recording are implausible in degC; None if they are plausible.
     #[pyfunction]
     fn check_temperature(py: Python<'_>, recording: RecordingColumns<'_>) -> PyResult<Option<Py<PyAny>>> {
         let views = RecordingColumns::views_of_any(py, std::slice::from_ref(&recording))?;
         check::check_temperature(&views[0]).map(|found| finding(py, &found)).transpose()
     }
 
-    /// Findings of all checks that need no fit, and the rests of the recording.
+    /// Runs all checks of a recording that need no fit, and detects its rests.
     ///
     /// `grows` states that the recording is still being written. It is then not reported as too short.
     #[pyfunction]
@@ -373,8 +376,8 @@ mod _core {
         if findings.is_empty() { Ok(()) } else { Err(Error::Data(findings)).to_python(py) }
     }
 
-    /// Corrects a recording with its time, temperature and angular acceleration. If the recording is a part of a longer
-    /// recording, `start_s` is the time of the first sample of the longer recording.
+    /// Corrects a recording, including effects that depend on time, temperature or angular acceleration. If the
+    /// recording is a part of a longer recording, `start_s` is the time of the first sample of the longer recording.
     #[pyfunction]
     #[pyo3(signature = (calibration, recording, start_s = None))]
     fn correct_recording<'py>(
@@ -393,7 +396,7 @@ mod _core {
         Ok((to_rows(py, rate)?, to_rows(py, force)?))
     }
 
-    /// Derivative of angular rate with respect to time, rad/s^2, (N, 3). It has no rows for a single sample.
+    /// Time derivative of the angular rate at each sample, rad/s^2, (N, 3). The result is empty for a single sample.
     #[pyfunction]
     fn angular_acceleration<'py>(
         py: Python<'py>,

@@ -1,5 +1,5 @@
-//! Conversion of parts of a result to mappings, which JSON documents contain unchanged. Values that are not finite
-//! become None, for example NaN, which the library uses for a value that does not exist.
+//! Conversion of parts of a result to mappings, which are written to JSON documents unchanged. Values that are not
+//! finite become None. The library uses NaN for a value that does not exist.
 
 use imucal::Termination;
 use imucal::calibrate;
@@ -53,7 +53,8 @@ impl From<evaluate::Figures> for Figures {
     }
 }
 
-/// Goodness of fit of residuals, relative to noise. All fields are None if no joint fit used the residuals.
+/// chi2 test of the residuals of a rest, a move or a whole fit against noise. All fields are None if no joint fit used
+/// these residuals.
 #[derive(IntoPyObject)]
 pub(crate) struct Misfit {
     chi2: Option<f64>,
@@ -71,7 +72,7 @@ impl From<Option<calibrate::Misfit>> for Misfit {
     }
 }
 
-/// A held parameter with its prior and its estimate.
+/// A held parameter (a parameter with a prior), with its prior and its estimate.
 #[derive(IntoPyObject)]
 pub(crate) struct HeldParameter<'a> {
     name: &'a str,
@@ -81,8 +82,8 @@ pub(crate) struct HeldParameter<'a> {
     estimate: f64,
     sigma: f64,
     prior_share: f64,
-    /// Difference between prior and recordings in standard deviations of this difference; None if the recordings hardly
-    /// determine the parameter.
+    /// Difference between the prior value and the estimate from the recordings alone, in standard deviations of this
+    /// difference; None if the recordings hardly determine the parameter.
     contradiction: Option<f64>,
 }
 
@@ -101,7 +102,7 @@ impl<'a> From<&'a calibrate::HeldEstimate> for HeldParameter<'a> {
     }
 }
 
-/// Errors due to the uncertainty of the priors of held parameters.
+/// Errors of the corrected samples that are due to the uncertainty of the priors of held parameters.
 #[derive(IntoPyObject)]
 pub(crate) struct PriorCost {
     gravity_direction_deg: f64,
@@ -184,7 +185,7 @@ impl<'a> Move<'a> {
     }
 }
 
-/// The threshold of rest detection for one recording, and the range from which the threshold was chosen.
+/// The threshold of rest detection for one recording, and the range of thresholds that detect the same number of rests.
 #[derive(IntoPyObject)]
 pub(crate) struct Threshold {
     factor: Option<f64>,
@@ -207,7 +208,7 @@ impl From<&rests::Threshold> for Threshold {
     }
 }
 
-/// Report of a fit: chi-square, number of iterations and termination.
+/// Report of a fit: chi2 of its residuals, number of iterations, and why the iteration ended.
 #[derive(IntoPyObject)]
 pub(crate) struct FitReport {
     chi2: Option<f64>,
@@ -252,7 +253,7 @@ impl From<calibrate::ResidualScales> for ResidualScales {
     }
 }
 
-/// Goodness of fit of one kind of residual. Values are in the units of datasheets.
+/// The residuals of one kind, compared with noise. `rms` and `noise` are in the unit `unit`, as datasheets use it.
 #[derive(IntoPyObject)]
 pub(crate) struct GroupMisfit {
     kind: &'static str,
@@ -280,7 +281,7 @@ impl From<&verdict::GroupMisfit> for GroupMisfit {
     }
 }
 
-/// A weakness of a calibration, with the recommended action.
+/// Parameters that the recordings determine only poorly, with the motion to add.
 #[derive(IntoPyObject)]
 pub(crate) struct Diagnosis {
     code: &'static str,

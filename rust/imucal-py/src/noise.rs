@@ -23,7 +23,7 @@ pub(crate) struct NoiseEstimate {
     high: f64,
 }
 
-/// Noise of one axis.
+/// Identified noise of one sensor axis, and its Allan deviations.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct AxisNoise {
     noise_density: Py<NoiseEstimate>,
@@ -42,14 +42,15 @@ pub(crate) struct AxisNoise {
     model: Py<PyArray1<f64>>,
 }
 
-/// Change of the mean of one axis of a unit at rest: index of the axis, size and standard deviation of the change, and
-/// increase of 2 ln L due to the change. L is the likelihood.
+/// Change of the mean reading of one axis of a unit at rest. The values are: index of the axis (0 to 2 for the
+/// accelerometer, 3 to 5 for the gyroscope); size of the change; its standard deviation; and increase of 2 ln L if the
+/// change is modelled, where L is the likelihood.
 type Departure = (usize, f64, f64, f64);
-/// A step of the mean: its time (s), the index of the first sample after the step, and the changes of all affected
-/// axes.
+/// A step of the mean readings: its time (s), the index of the first sample after the step, and the change of each
+/// affected axis.
 type Step = (f64, usize, Vec<Departure>);
-/// A drift of the mean of one axis: its start (s), its end (s), its time constant (s, None for a change at a constant
-/// rate), and the change of the mean.
+/// A slow drift of the mean reading of one axis: its start (s), its end (s), its time constant (s, None for a change at
+/// a constant rate), and the change.
 type Drift = (f64, f64, Option<f64>, Departure);
 
 fn departure(axis: &library::Departure) -> Departure {
@@ -60,14 +61,14 @@ fn steps(steps: &[library::Step]) -> Vec<Step> {
     steps.iter().map(|step| (step.time_s, step.sample, step.axes.iter().map(departure).collect())).collect()
 }
 
-/// Noise of both triads.
+/// Noise of both sensors, identified in one interval of rest.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Noise {
     start_s: f64,
     end_s: f64,
     samples: usize,
     rate_hz: f64,
-    /// Axes x, y, z; None if the recording does not have the sensor.
+    /// Noise on the axes x, y and z; None if the recording does not have the sensor.
     accelerometer: Option<Vec<Py<AxisNoise>>>,
     gyroscope: Option<Vec<Py<AxisNoise>>>,
     steps: Vec<Step>,
@@ -137,7 +138,7 @@ pub(crate) fn identify_noise(
     })
 }
 
-/// A single series, or a table in which each column is one series, in any memory order.
+/// One series of samples, or a two-dimensional array in any memory order, each column of which is one series.
 #[derive(FromPyObject)]
 pub(crate) enum Series<'py> {
     One(PyReadonlyArray1<'py, f64>),
@@ -156,7 +157,8 @@ impl Series<'_> {
     }
 }
 
-/// Overlapping Allan deviations of each series at averaging times of `factors` samples, without copying the series.
+/// Overlapping Allan deviations of each series. Each entry of `factors` is an averaging time, in samples. The series
+/// are not copied.
 #[pyfunction]
 pub(crate) fn allan_deviations<'py>(
     py: Python<'py>,
@@ -176,7 +178,8 @@ pub(crate) fn allan_deviations<'py>(
     Ok(deviations.into_iter().map(|series| PyArray1::from_vec(py, series)).collect())
 }
 
-/// Averaging factors for `samples` samples, with the spacing "octave" or "decade".
+/// Averaging times, in samples, of the Allan deviations of a series of `samples` samples, with the spacing "octave" or
+/// "decade".
 #[pyfunction]
 pub(crate) fn allan_factors(py: Python<'_>, samples: usize, spacing: &str) -> PyResult<Vec<usize>> {
     match spacing {

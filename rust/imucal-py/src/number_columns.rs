@@ -4,16 +4,17 @@ use imucal::number_columns::{Column, Form, NotPlain, NumberColumns as Library};
 use numpy::{IntoPyArray, PyArrayMethods, PyUntypedArray};
 use pyo3::prelude::*;
 
-/// The columns of a text table of plain numbers, given in blocks of bytes.
+/// Reads the columns of a text table that contains only numbers. The text is passed in blocks of bytes.
 #[pyclass]
 pub(crate) struct NumberColumns {
-    /// None after a block that is not a plain table of numbers, and after `finish`.
+    /// None after a block that contains anything but plain numbers, and after `finish`.
     table: Option<Library>,
 }
 
 #[pymethods]
 impl NumberColumns {
-    /// `separator` and `decimal` are bytes. `used` states for each field whether it is a column of the result.
+    /// `separator` and `decimal` are the bytes of the field separator and of the decimal point. `used` states for each
+    /// field of a line whether it becomes a column of the result.
     #[new]
     fn new(separator: u8, decimal: u8, used: Vec<bool>) -> Self {
         let form = Form { separator, decimal, used };

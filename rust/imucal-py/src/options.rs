@@ -42,10 +42,10 @@ pub(crate) struct CalibrateOptions<'py> {
     exclude_saturated: bool,
     accel_nominal: Option<f64>,
     gyro_nominal: Option<f64>,
-    /// Name of the parameter model.
+    /// Which parameters are estimated without a prior: "full", "orthogonal" or "bias".
     model: String,
     hold: Vec<HeldTuple>,
-    /// Standard deviations from the unit's profile, for each group of parameters.
+    /// For each group of parameters: its name, and the standard deviations that the profile of the unit states for it.
     profile: Vec<(String, Vec<f64>)>,
     joint: bool,
     /// Bias instability and random walk of the accelerometer and of the gyroscope.
@@ -55,12 +55,14 @@ pub(crate) struct CalibrateOptions<'py> {
     partly: Vec<String>,
     user_fields: Vec<UserFieldArrays<'py>>,
     folds: Option<usize>,
-    /// Nine parameters of a calibrated accelerometer in the symmetric frame, and their covariance by rows.
+    /// Nine parameters of a calibrated accelerometer in the symmetric frame, and their covariance by rows. They are a
+    /// prior.
     accelerometer: Option<([f64; 9], [[f64; 9]; 9])>,
     max_iterations: u64,
 }
 
-/// Name, mean and standard deviation of the prior of a parameter or group.
+/// The prior of a parameter or group of parameters: the name of the parameter or group, and the mean and the standard
+/// deviation of the prior. None stands for the default.
 pub(crate) type HeldTuple = (String, Option<f64>, Option<f64>);
 
 pub(crate) fn priors(model: &str, hold: &[HeldTuple], profile: &[(String, Vec<f64>)]) -> Result<Priors, Error> {

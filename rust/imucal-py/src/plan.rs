@@ -29,8 +29,8 @@ pub(crate) struct PlanSensors<'py> {
 /// Limits of a stand, converted from the attributes of a Python object. Angles are in rad.
 #[derive(FromPyObject)]
 pub(crate) struct PlanLimits {
-    /// Maximum rate, maximum acceleration and range of angles of each axis. None for a missing axis. The range is None
-    /// if it is not limited.
+    /// For each motor, outermost first: maximum rate, maximum acceleration, and range of angles; None for a missing
+    /// motor. The range is None for a motor without end stops.
     axes: [Option<AxisTuple>; 3],
     settle_s: f64,
     min_rest_s: f64,
@@ -72,8 +72,7 @@ impl From<PlanLimits> for Limits {
     }
 }
 
-/// Names and units of the effects' parameters. They are in the order in which they follow the 21 parameters of the
-/// triads.
+/// Names and units of the effects' parameters, in the order in which they follow the 21 parameters of the triads.
 #[pyfunction]
 pub(crate) fn plan_effect_parameters(
     py: Python<'_>,
@@ -82,8 +81,8 @@ pub(crate) fn plan_effect_parameters(
     Ok(sensors.sensors(py)?.effect_parameters())
 }
 
-/// Predicted standard deviation of every parameter after the motions, in SI units. The second result is the number of
-/// rests.
+/// Predicted standard deviation, in SI units, of every parameter in a calibration from these motions. The second result
+/// is the number of rests.
 #[pyfunction]
 pub(crate) fn predict_sigma(
     py: Python<'_>,
@@ -99,8 +98,9 @@ pub(crate) fn predict_sigma(
     Ok((found.sigma, found.rests))
 }
 
-/// Steps of the best program, and whether the program reaches the standard deviations `sigma`. The best program is the
-/// shortest program that reaches `sigma`. Without `sigma`, it is the program with the most information in `duration_s`.
+/// Steps of the best program, and whether it reaches the target standard deviations `sigma`. With `sigma`, the best
+/// program is the shortest one that reaches the targets. Without `sigma`, it is the program of at most `duration_s`
+/// that gives the most information about all parameters.
 #[pyfunction]
 #[pyo3(signature = (sensors, limits, duration_s, sigma, seed, proposals))]
 pub(crate) fn optimal_program(
@@ -119,8 +119,8 @@ pub(crate) fn optimal_program(
     Ok((steps(&found.program), found.reached))
 }
 
-/// Name, detection limit and unit of each observable effect. The second list contains the name of each effect that is
-/// not observable, and the data that it requires.
+/// The first list contains the name, the detection limit and its unit of each observable effect. The second list
+/// contains the name of each effect that is not observable, and the data that would make it observable.
 type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
 /// Detection limit of each effect in `candidates`: the smallest size that is significant in the recordings.

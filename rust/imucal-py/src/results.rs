@@ -49,7 +49,7 @@ fn ranges(rests: &[evaluate::RestReport], recordings: &[Recording<'_>]) -> Vec<V
     calibrate::rest_ranges(rests, recordings.len()).into_iter().map(of_recording).collect()
 }
 
-/// An estimated effect.
+/// An estimated effect. `statistic` is the Wald statistic for the hypothesis that all its parameters are zero.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct EffectEstimate {
     name: String,
@@ -65,8 +65,8 @@ impl EffectEstimate {
     }
 }
 
-/// Triads and effects of a calibration. They are passed to the Python functions that correct recordings for
-/// user-defined effects.
+/// Triads and effects of a calibration. The library passes them to the Python functions that evaluate user-defined
+/// effects or correct recordings for them.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Estimate {
     accel_sensitivity: Rows,
@@ -97,7 +97,7 @@ pub(crate) struct Outcome {
     gyro_bias: Option<Vector>,
     names: Vec<String>,
     covariance: Rows,
-    /// Evaluation of each rest, with the goodness of fit of its residuals relative to noise.
+    /// Report on each rest, with a chi2 test of its residuals against noise.
     rests: Vec<Fields>,
     moves: Vec<Fields>,
     /// Index ranges, first and end, of the rests of each recording.
@@ -116,9 +116,10 @@ pub(crate) struct Outcome {
     effects: Vec<Py<EffectEstimate>>,
     /// Parameters with a prior (held parameters), with their priors and estimates; empty if there are none.
     held: Vec<Fields>,
-    /// Share of each parameter's variance that is due to the priors; empty if no parameter is held.
+    /// For each parameter of the calibration, the share of its variance that is due to the priors of held parameters;
+    /// empty if no parameter is held.
     prior_shares: Vec<f64>,
-    /// Errors due to the uncertainty of the priors; None if no parameter is held.
+    /// Errors of the corrected samples that are due to the uncertainty of the priors; None if no parameter is held.
     prior_cost: Option<Fields>,
     figures: Fields,
     /// Verdict on the calibration recordings: good, incomplete or poor.
@@ -132,7 +133,8 @@ pub(crate) struct Outcome {
     diagnosis: Vec<Fields>,
 }
 
-/// Cross-validation: prediction errors at moves and rests. Each is predicted by a fit that does not use it.
+/// Prediction errors of the moves and rests in a cross-validation. Each move or rest is predicted by a fit that does
+/// not use it.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct HeldOut {
     gravity_direction_rms_deg: f64,
@@ -269,8 +271,8 @@ impl Outcome {
     }
 }
 
-/// Gravity at the rests of one recording: measured by the accelerometer, and propagated from the first rest by the
-/// uncalibrated and by the calibrated gyroscope.
+/// Gravity at the rests of one recording, m/s^2 in the body frame: measured by the calibrated accelerometer, and
+/// propagated from the first rest by the uncalibrated and by the calibrated gyroscope.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Carried {
     time_s: Vector,
@@ -333,7 +335,8 @@ impl Evaluation {
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Inspection {
     findings: Vec<Py<PyAny>>,
-    /// Start and end of each rest, s, and the number of epochs (parts with their own means) into which it is divided.
+    /// For each rest: its start and end, s, and the number of epochs into which it is divided. Each epoch of a long
+    /// rest has a separate mean.
     rests: Vec<(f64, f64, usize)>,
     threshold: Option<Fields>,
     /// Explanation of the chosen threshold, or the reason why there are no rests.
@@ -364,9 +367,11 @@ impl Inspection {
 /// Prediction, before any fit, of the parameters that the recordings determine.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Prospect {
-    /// Predicted standard deviation of each parameter in its unit; None if it is not determined.
+    /// Predicted standard deviation of each of the 21 parameters, in raw units; None if the recordings do not determine
+    /// the parameter.
     predicted_sigma: Vec<Option<f64>>,
-    /// Names of the accelerometer parameters that the rests do not determine without the moves.
+    /// Names of the accelerometer parameters that the rests alone do not determine, but the rests together with the
+    /// moves do.
     through_moves: Vec<String>,
     missing: Option<String>,
 }

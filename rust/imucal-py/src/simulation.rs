@@ -17,8 +17,8 @@ use crate::effects::EffectArrays;
 use crate::error::ToPython;
 use crate::interrupt::interruptible;
 
-/// Angles by which the three motors turn, rad, the duration of the turn, s, and the duration of the hold after the
-/// turn, s.
+/// One step of a program: the angles by which the three motors turn (rad), the duration of the turn (s), and the
+/// duration of the hold after the turn (s).
 pub(crate) type StepTuple = ([f64; 3], f64, f64);
 
 /// A simulated run with its true values.
@@ -28,7 +28,7 @@ pub(crate) struct Simulation {
     specific_force: Py<PyArray2<f64>>,
     angular_rate: Py<PyArray2<f64>>,
     temperature_degc: Py<PyArray1<f64>>,
-    /// Motor angles read by the encoders, rad; None without a stand.
+    /// Motor angles as the encoders read them, rad; None without a stand.
     stand_rad: Option<Py<PyArray2<f64>>>,
     true_specific_force: Py<PyArray2<f64>>,
     true_angular_rate: Py<PyArray2<f64>>,
@@ -60,7 +60,7 @@ pub(crate) struct SetupArrays<'py> {
     threads: Option<NonZeroUsize>,
 }
 
-/// A motion. The attributes of the Python object determine its variant.
+/// A motion of the unit. It is the first variant whose fields are all attributes of the Python object.
 #[derive(FromPyObject)]
 pub(crate) enum Motion {
     Stand { steps: Vec<StepTuple>, stand: Stand },
@@ -141,7 +141,7 @@ impl Motion {
 }
 
 impl UnitArrays<'_> {
-    /// Errors and noise of the unit's sensors, without effects.
+    /// The simulated unit: errors and noise of its two sensors, without effects.
     pub(crate) fn unit(&self, py: Python<'_>) -> PyResult<Unit> {
         Ok(Unit {
             accelerometer: self.accelerometer.sensor(py, "accelerometer")?,

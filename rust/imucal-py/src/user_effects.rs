@@ -1,4 +1,4 @@
-//! User-defined effects: Python functions that the library calls during a fit.
+//! User-defined effects, which are evaluated by Python functions that the library calls during a fit.
 
 use std::sync::Arc;
 
@@ -87,8 +87,8 @@ fn sampled(py: Python<'_>, fields: &[UserFieldArrays<'_>]) -> PyResult<Vec<Sampl
     fields.iter().map(of_field).collect()
 }
 
-/// The library's error that corresponds to an exception of a Python function. Exceptions of other classes, and an
-/// InputError with findings, are passed through unchanged.
+/// Converts an exception of a Python function to an error of the library. FitError, NotEnoughMotionError and an
+/// InputError without findings have a corresponding error. The user receives any other exception unchanged.
 pub(crate) fn library_error(py: Python<'_>, error: PyErr) -> Error {
     let message = error.value(py).to_string();
     let is = |name: &str| {

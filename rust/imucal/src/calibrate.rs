@@ -63,7 +63,7 @@ pub const MAX_ITERATIONS: u64 = 1000;
 pub struct Options<'a> {
     /// Local gravity, m/s^2. The estimated scale of every accelerometer axis is inversely proportional to this value.
     pub gravity_mps2: f64,
-    /// Standard deviations of local gravity and of the rate error of the clock.
+    /// Standard deviations of local gravity and of the clock rate. They do not change the estimated parameters.
     pub references: References,
     /// Body frame of the result.
     pub frame: Frame,
@@ -72,16 +72,16 @@ pub struct Options<'a> {
     /// Whether rests and moves with saturated samples are excluded. If false, a recording with saturated samples is an
     /// error.
     pub exclude_saturated: bool,
-    /// Nominal sensitivity of an accelerometer in counts, lsb per m/s^2. If `None`, the start values are estimated from
-    /// the data.
+    /// Nominal sensitivity of an accelerometer that outputs counts, lsb per m/s^2. If `None`, the start values of the
+    /// fit are estimated from the data.
     pub accel_nominal: Option<f64>,
-    /// Nominal sensitivity of a gyroscope in counts, lsb per rad/s. If `None`, the start values are estimated from the
-    /// data.
+    /// Nominal sensitivity of a gyroscope that outputs counts, lsb per rad/s. If `None`, the start values of the fit
+    /// are estimated from the data.
     pub gyro_nominal: Option<f64>,
     /// Priors of parameters. Priors require the joint fit, so any prior sets `joint`.
     pub priors: Priors,
-    /// Whether all parameters are estimated in a joint fit. If false, the result is from the two-stage fit, which does
-    /// not support effects.
+    /// Whether all parameters are estimated in a joint fit. If false, the result is from the two-stage fit: first the
+    /// accelerometer from the rests, then the gyroscope from the moves. The two-stage fit does not support effects.
     pub joint: bool,
     /// Known bias instability and random walk of the biases. If `None`, the accelerometer biases are assumed to be
     /// constant, and the bias instability of the gyroscope is estimated from the scatter of its mean rates at the
@@ -89,8 +89,8 @@ pub struct Options<'a> {
     pub wander: Option<UnitWander>,
     /// Effects of the catalogue that are estimated together with the base parameters.
     pub effects: Vec<EffectChoice>,
-    /// Names of effects whose parameters may be partly unobservable. A prior determines their unobservable
-    /// directions.
+    /// Names of effects that are estimated even if the data determine only some combinations of their parameters. A
+    /// prior determines the other combinations.
     pub partly: Vec<String>,
     /// User-defined effects. Each is given by its field at every sample: the derivatives of the sensor reading with
     /// respect to the parameters of the effect.
@@ -108,8 +108,8 @@ pub struct Options<'a> {
 pub struct ModelOptions<'a> {
     /// Effects of the catalogue that are estimated together with the base parameters.
     pub effects: Vec<EffectChoice>,
-    /// Names of effects whose parameters may be partly unobservable. A prior determines their unobservable
-    /// directions.
+    /// Names of effects that are estimated even if the data determine only some combinations of their parameters. A
+    /// prior determines the other combinations.
     pub partly: Vec<String>,
     /// User-defined effects. Each is given by its field at every sample: the derivatives of the sensor reading with
     /// respect to the parameters of the effect.
@@ -120,7 +120,8 @@ pub struct ModelOptions<'a> {
 }
 
 impl<'a> Options<'a> {
-    /// All options except those of the model. Effects require the joint fit, so any effect sets `joint`.
+    /// A copy of these options without the model options (effects and folds). Effects require the joint fit, so `joint`
+    /// is set if there is any effect.
     fn without_model(&self) -> Options<'static> {
         let Self {
             gravity_mps2,
@@ -234,7 +235,7 @@ pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     Checked::try_new(recordings, options)?.calibrate(&options.model(), None)
 }
 
-/// Checks the recordings and calls [`Checked::prepare`], for recordings that are used only once.
+/// For tests: checks the recordings, and then calls [`Checked::prepare`] with their own temperatures.
 #[cfg(test)]
 pub(crate) fn prepare<T>(
     recordings: &[Recording<'_>],
@@ -263,8 +264,8 @@ fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     }
     options.references.check()?;
     options.wander.as_ref().map_or(Ok(()), UnitWander::check)?;
-    // The data cannot distinguish a wrong gravity from a wrong scale, so a gravity that does not occur on Earth is an
-    // error.
+    // The data cannot distinguish a wrong value of gravity from a wrong accelerometer scale. A value that does not
+    // occur on Earth is therefore an error.
     let [least, most] = GRAVITY_ON_EARTH_MPS2;
     if !(options.gravity_mps2 >= least && options.gravity_mps2 <= most) {
         return Err(Error::Input(format!(

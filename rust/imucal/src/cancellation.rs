@@ -31,8 +31,8 @@ use std::time::{Duration, Instant};
 
 use crate::error::Error;
 
-/// Time between two calls of the poll function. A user does not notice a delay of this length. The calls take much less
-/// than one percent of the computing time.
+/// Minimum time between two calls of the poll function. A user does not notice a delay of this length. The calls take
+/// much less than one percent of the computing time.
 pub(crate) const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 type Poll = dyn Fn() -> bool + Send + Sync;
@@ -47,7 +47,7 @@ pub struct Cancellation {
 /// Panic payload with which a cancelled calculation unwinds.
 struct Cancelled;
 
-/// The cancellation of the calculation that runs on this thread.
+/// The cancellation of the calculation that runs on this thread, and the time of the last call of its poll function.
 struct Current {
     cancellation: Cancellation,
     last_poll: Instant,
@@ -58,14 +58,14 @@ thread_local! {
 }
 
 impl Cancellation {
-    /// Creates a cancellation that has not been requested.
+    /// Creates a cancellation on which [`cancel`](Self::cancel) has not been called yet.
     #[must_use]
     pub fn new() -> Self {
         Self { is_requested: Arc::default(), poll: None }
     }
 
-    /// Creates a cancellation that is also requested when `poll` returns true. A calculation calls `poll` about every
-    /// 50 ms, on the thread that has called [`Cancellation::run`].
+    /// Creates a cancellation that is also requested as soon as `poll` returns true. A calculation calls `poll` about
+    /// every 50 ms, on the thread that has called [`Cancellation::run`].
     #[must_use]
     pub fn with_poll(poll: impl Fn() -> bool + Send + Sync + 'static) -> Self {
         Self { is_requested: Arc::default(), poll: Some(Arc::new(poll)) }
@@ -89,8 +89,8 @@ impl Cancellation {
     /// [`Error::Cancelled`] if the calculation was cancelled before it returned. Otherwise, the error that `work`
     /// returns.
     pub fn run<T>(&self, work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
-        // A cancelled calculation returns no result, so its data are never used in an intermediate state. Asserting
-        // unwind safety is therefore valid.
+        // A cancelled calculation returns no result, so data in an intermediate state are never used. Therefore,
+        // `AssertUnwindSafe` is valid here.
         catch_unwind(AssertUnwindSafe(|| self.enter(work))).unwrap_or_else(|payload| {
             if is_cancellation(&*payload) { Err(Error::Cancelled) } else { resume_unwind(payload) }
         })
@@ -103,8 +103,8 @@ impl Cancellation {
         work()
     }
 
-    /// The cancellation for a worker thread of the current calculation. It has no poll function, because only the first
-    /// thread polls.
+    /// The cancellation for a worker thread of the calculation that runs on this thread; `None` if no calculation runs.
+    /// It has no poll function, because only the first thread polls.
     pub(crate) fn for_helper() -> Option<Self> {
         let of_current = |current: &Current| Self { poll: None, ..current.cancellation.clone() };
         CURRENT.with_borrow(|current| current.as_ref().map(of_current))

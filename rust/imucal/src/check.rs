@@ -4,8 +4,8 @@
 //! The checks run in stages. Each stage runs as soon as its inputs are available. [`check_columns`] uses a single
 //! recording, [`check_shared`] uses all recordings, and [`check_rests`] uses the detected rests. [`check_kinematics`]
 //! uses a first linear fit of the gyroscope, and [`check_gains`] uses the resulting calibration. Several faults of one
-//! kind are combined in one finding, with their number and the location of the first fault. Samples that are not finite
-//! are reported once and ignored by all other checks.
+//! kind give one finding, which states their number and the location of the first fault. Samples that are not finite
+//! (NaN or infinity) are reported once, and all other checks ignore them.
 
 mod axes;
 mod bursts;
@@ -59,7 +59,7 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     sensor_missing(recording).into_iter().chain(check_one_or_both(recording)).collect()
 }
 
-/// The finding for a recording that lacks a sensor; `None` if it has both.
+/// The finding `sensor_missing` for a recording of only one sensor; `None` if the recording has both sensors.
 pub fn sensor_missing(recording: &Recording) -> Option<Finding> {
     let (absent, present, columns) = match (recording.specific_force.is_absent(), recording.angular_rate.is_absent()) {
         (false, false) => return None,
@@ -146,8 +146,9 @@ impl Place {
     }
 }
 
-/// Counts of the samples in which a check finds a fault: their number, the number of runs (intervals of consecutive
-/// faulty samples), and the first run. Samples must be added in ascending order.
+/// Counter of the samples in which a check finds a fault. It contains the number of these samples, the number of runs
+/// (intervals of consecutive faulty samples), and the first and last sample of the first run. Samples must be added in
+/// ascending order.
 #[derive(Clone, Copy, Default)]
 struct Tally {
     samples: usize,
@@ -174,13 +175,13 @@ impl Tally {
         self.first.map(|(start, end)| Place::new(recording, start, end))
     }
 
-    /// Location of the first run: "at 3.20 s" or "from 3.20 s to 3.40 s".
+    /// Text that states the time of the first run of faulty samples: "at 3.20 s" or "from 3.20 s to 3.40 s".
     fn first_place(&self, recording: &Recording) -> String {
         self.place(recording).map_or_else(String::new, |place| place.to_string())
     }
 }
 
-/// Name of the unit of a triad's raw data, as used in messages.
+/// Name of the unit of the raw data of a sensor, as used in messages: "lsb" for counts, otherwise `si`.
 pub(crate) fn unit_name(unit: RawUnit, si: &'static str) -> &'static str {
     match unit {
         RawUnit::Si => si,

@@ -6,7 +6,8 @@
 //! ```
 //!
 //! T is the sensitivity and b the bias of a triad. `seen` is the true value plus the effects. Phi_c is the field of
-//! effect c and theta_c its parameters. The second line is iterated until it converges.
+//! effect c and theta_c its parameters. The second line is repeated until `true` converges, because the fields depend
+//! on `true`.
 //!
 //! Effects may depend on other quantities in addition to rate and force. A recording provides the time since its first
 //! sample. If it has a temperature column, it provides the temperature minus [`REFERENCE_TEMPERATURE_DEGC`] and its
@@ -85,7 +86,7 @@ pub fn require_surroundings(recording: &Recording<'_>, calibration: &Calibration
 }
 
 /// Corrects a part of a longer recording, as [`correct`] does. `start_s` is the time of the first sample of the longer
-/// recording. It is `None` if the part starts with this sample.
+/// recording. `start_s` is `None` if the part starts with this sample.
 pub fn correct_from(
     start_s: Option<f64>,
     recording: &Recording<'_>,
@@ -109,8 +110,8 @@ pub fn correct_from(
 
 /// Corrects every sample with the given angular accelerations, rad/s^2. The first slice contains the derivatives of the
 /// corrected rate. The second contains the derivatives of the measured rate, which is delayed if the gyroscope has a
-/// delay. Their mean is the mean angular acceleration over the delay, to the second order of the delay. Both slices are
-/// empty if the angular acceleration is unknown.
+/// delay. The mean of both derivatives approximates the mean angular acceleration over the delay. Its error is
+/// proportional to the square of the delay. Both slices are empty if the angular acceleration is unknown.
 fn correct_with(
     start_s: f64,
     recording: &Recording<'_>,
@@ -141,8 +142,8 @@ fn correct_with(
     corrected.unzip()
 }
 
-/// The temperature history at each sample, from the first sample on; empty if no effect depends on it, or if the
-/// recording has no temperature.
+/// The temperature history (lag, rate and direction of the temperature) at each sample, computed from the first sample
+/// on; empty if no effect depends on it, or if the recording has no temperature.
 pub(crate) fn temperature_history(recording: &Recording<'_>, effects: &EffectSet<f64>) -> Vec<TemperatureHistory<f64>> {
     let needs_history = effects.iter().any(|member| member.effect().has_need(Need::TemperatureHistory));
     match recording.temperature_degc {
@@ -153,7 +154,8 @@ pub(crate) fn temperature_history(recording: &Recording<'_>, effects: &EffectSet
     }
 }
 
-/// The temperature history at each sample. `memory` must not have received a temperature before.
+/// The temperature history (lag, rate and direction of the temperature) at each sample. `memory` contains the filters
+/// that compute it, and must not have received a temperature before.
 pub fn temperature_history_of<'t>(
     mut memory: TemperatureMemory<f64>,
     time_s: &'t [f64],
@@ -295,8 +297,8 @@ mod tests {
 
     #[test]
     fn the_derivative_of_a_quartic_is_exact_at_every_sample() {
-        // The narrowest trial boxes (groups of averaged samples) contain one sample with time steps of 10 ms, and five
-        // samples with time steps of 0.4 ms.
+        // The derivative averages samples over intervals and tries several widths. The narrowest interval contains one
+        // sample with time steps of 10 ms, and five samples with time steps of 0.4 ms.
         for stretch in [1.0, 0.04] {
             let time_s: Vec<f64> = uneven_time(60).iter().map(|t| stretch * (t - 70.0)).collect();
             let rate: Vec<[f64; 3]> = time_s.iter().map(|t| [2.0, t - 3.0 * t * t, t.powi(4)]).collect();

@@ -63,9 +63,9 @@ pub struct RestReport {
     pub end_s: f64,
     /// Number of epochs of the rest. Each epoch has its own mean. The number is 1 if one mean describes the rest.
     pub epochs: usize,
-    /// Unsteadiness (model.md (11)): the larger of two ratios, both near 1 on a table and larger in a hand. The first
-    /// is the variance of the samples within half a second divided by the noise variance. The second measures the drift
-    /// of the mean force.
+    /// Unsteadiness (model.md (11)): the larger of two ratios, which are near 1 for a unit on a table and larger for a
+    /// unit in a hand. The first ratio is the variance of the samples within half a second divided by the noise
+    /// variance. The second ratio measures the drift of the mean force.
     pub unsteadiness: f64,
     /// Mean accelerometer reading in raw units. If effects were removed beforehand, it is in m/s^2.
     pub mean_specific_force: Vector3<f64>,
@@ -114,8 +114,9 @@ pub struct MoveReport {
     pub excluded: Option<&'static str>,
 }
 
-/// Gravity at the rests of a recording, as measured by the accelerometer and as propagated from the first rest by the
-/// gyroscope. Figures 2 to 4 of the paper cited in docs/model.md show these two directions.
+/// Gravity vector at the rests of a recording, as measured by the accelerometer and as propagated from the first rest
+/// by the gyroscope. Figures 2 to 4 of the paper cited in docs/model.md show both vectors, the measured and the
+/// propagated one.
 #[derive(Clone, Debug)]
 pub struct CarriedGravity {
     /// Time of the middle of each rest, s.
@@ -139,7 +140,7 @@ pub struct Evaluation {
     pub rests: Vec<RestReport>,
     /// All moves: the intervals between consecutive rests.
     pub moves: Vec<MoveReport>,
-    /// Gravity propagated through each recording.
+    /// For each recording: gravity at its rests, measured and propagated from the first rest.
     pub carried: Vec<CarriedGravity>,
     /// Findings of the checks of the recordings.
     pub findings: Vec<Finding>,
@@ -196,8 +197,8 @@ pub fn evaluate(
     with_nominal((calibration, uncertainty), recordings, Some(&corrected), gravity_mps2, min_rest_s)
 }
 
-/// The evaluation of [`evaluate`] with recordings that the caller has already corrected, in SI units. It is intended
-/// for effects that are not in the catalogue.
+/// Evaluates `calibration` as [`evaluate`] does, but on recordings that the caller has already corrected (`corrected`,
+/// in SI units). It is intended for effects that are not in the catalogue.
 ///
 /// # Errors
 /// As [`evaluate`]; [`Error::Input`] if `corrected` does not contain a recording of the same length for each recording.
@@ -216,7 +217,7 @@ pub fn evaluate_corrected(
     with_nominal((calibration, uncertainty), recordings, Some(corrected), gravity_mps2, min_rest_s)
 }
 
-/// Evaluates both the sensors with nominal sensitivity and the sensors with the calibration.
+/// Evaluates the calibration and, for comparison, the uncalibrated sensors with their nominal sensitivity.
 fn with_nominal(
     (calibration, uncertainty): (&Calibration<f64>, Option<&Uncertainty>),
     recordings: &[Recording<'_>],
@@ -237,8 +238,8 @@ fn with_nominal(
 }
 
 /// Evaluates one calibration. The checks and the rest detection use the recordings as measured. The figures use the
-/// corrected samples, if they are given. The verdict does not contain reasons from the comparison with the uncalibrated
-/// unit.
+/// corrected samples, if `corrected` contains them. The verdict does not contain reasons from the comparison with the
+/// uncalibrated unit.
 fn judge(
     (calibration, uncalibrated): (&Calibration<f64>, &Triad<f64>),
     uncertainty: Option<&Uncertainty>,
@@ -405,8 +406,8 @@ pub(crate) fn unusable_report(m: &Move, reason: &'static str) -> MoveReport {
     }
 }
 
-/// Gravity propagated from the first rest through the whole recording. Later rests do not correct it, so errors
-/// accumulate as in an application.
+/// Gravity propagated from the first rest through the whole recording. Later rests do not correct the propagated
+/// gravity, so errors accumulate as in an application.
 fn carried_gravity(
     index: usize,
     [recorded, judged]: [&Recording<'_>; 2],

@@ -16,7 +16,7 @@ pub enum Severity {
 pub struct Finding {
     /// Reason code for scripts, in lower case; it does not change between versions.
     pub code: &'static str,
-    /// Severity, which determines whether the calibration is refused.
+    /// Whether the calibration continues or is refused because of the fault.
     pub severity: Severity,
     /// Name of the recording.
     pub recording: String,
@@ -102,8 +102,8 @@ impl Finding {
         ["clock_irregular", "samples_missing", "samples_duplicated"].contains(&self.code)
     }
 
-    /// A finding for which the calibration is refused. The caller sets all fields except the code and the name of the
-    /// recording.
+    /// A finding for which the calibration is refused. It has only a code, a severity and the name of the recording;
+    /// the caller sets all other fields.
     pub(crate) fn error(code: &'static str, recording: &str) -> Self {
         Self {
             code,
@@ -119,7 +119,8 @@ impl Finding {
         }
     }
 
-    /// A finding with which the calibration continues. The caller sets the other fields as for [`Finding::error`].
+    /// A finding that is only reported, so that the calibration continues. The caller sets the other fields as for
+    /// [`Finding::error`].
     pub(crate) fn warning(code: &'static str, recording: &str) -> Self {
         Self { severity: Severity::Warning, ..Self::error(code, recording) }
     }

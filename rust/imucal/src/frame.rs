@@ -1,8 +1,8 @@
 //! Body frames, and the exact conversion between them (`docs/model.md` (2)).
 //!
-//! Both frames are orthogonal and fixed to the accelerometer. They differ by a rotation Q. The sensitivities T of both
-//! triads therefore change from `T_from` to `T_to = T_from Q^T`. The norm |f| of the specific force and all residuals
-//! are the same in both frames.
+//! There are two body frames, symmetric and triangular ([`Frame`]). Both are orthogonal and fixed to the accelerometer,
+//! and they differ by a rotation Q. In a conversion, the sensitivity of each triad changes from `T_from` to `T_to =
+//! T_from Q^T`. The norm |f| of the specific force and all residuals are the same in both frames.
 
 use faer::Mat;
 use nalgebra::{Matrix3, SymmetricEigen};
@@ -116,8 +116,8 @@ pub(crate) fn parameter_jacobian(from: &Sensitivities, to: &Sensitivities, frame
     Ok(jacobian)
 }
 
-/// The sensitivity R in the body frame `frame`, with `R R^T = T T^T` for the sensitivity T in any body frame. R is
-/// symmetric or lower triangular, depending on the frame.
+/// The accelerometer's sensitivity R in the body frame `frame`, computed from its sensitivity T in any body frame. R is
+/// the symmetric or the lower triangular matrix, depending on the frame, with `R R^T = T T^T`.
 fn root(t: &Matrix3<f64>, frame: Frame) -> Result<Matrix3<f64>, Error> {
     let product = t * t.transpose();
     match frame {

@@ -2,23 +2,27 @@
 //! to the model. This step is repeated until no remaining candidate improves the fit significantly (docs/model.md (23),
 //! (24)).
 //!
-//! * `evidence`: evidence (marginal likelihood) of a model. The prior width of each effect is a multiple of its typical
-//!   size. The noise scale (chi2 per degree of freedom) of each kind of residual is estimated.
+//! * `evidence`: evidence (marginal likelihood) of a model. The standard deviation of an effect's prior (its width) is
+//!   a multiple of the typical size of the effect. The noise scale (chi2 per degree of freedom) of each kind of
+//!   residual is estimated.
 //! * `forward_search`, `score`, `revise`: steps of the forward search.
-//! * `generic`, `pattern`: hypotheses about variations of a bias or scale that no effect of the catalogue describes.
-//!   These hypotheses compete with the selected effects.
-//! * `time_course`: whether a variation in time is a random walk, smooth, or a switch between two levels.
+//! * `generic`, `pattern`: generic hypotheses. A generic hypothesis is a variation of a bias or scale that no effect of
+//!   the catalogue describes. It is compared with the selected effects.
+//! * `time_course`: type of a variation in time: random walk, smooth variation, switching between two levels, or
+//!   independent deviations.
 //! * `predict`: cross-validation of a candidate on held-out rests and moves.
-//! * `earth`: test of `earth_rate` against the known magnitude of the Earth's rate.
+//! * `earth`: test whether the rate estimated as the effect `earth_rate` has the known magnitude of the Earth's rate.
 //! * `forward_search::beside_patterns`: scores effects of the catalogue with generic hypotheses in the model. Effects
 //!   are therefore found even if an unknown variation is also present.
-//! * `detect`: detection limit of each effect.
+//! * `detect`: detection limit of each effect, which is the smallest size that is detected with 90 % probability.
 //! * `fits`, `acceptance`: an effect is accepted unless it makes the prediction of unseen data significantly worse.
 //!   Unseen data are control recordings or, without them, held-out rests and moves.
-//! * `mount`, `clock`: faults of the data that prevent conclusions about effects.
+//! * `mount`, `clock`: faults of the unit's mount on a stand, and faults of the clock. They prevent conclusions about
+//!   effects.
 //! * `verdict`, `remainder`: conclusion of a search, and the residuals that the accepted effects do not explain.
 //! * `session`: biases that changed between the calibration recordings and the control recordings.
-//! * `residuals_by_place`, `predicted_error`: residuals by kind, rest and move, and errors of corrected signals.
+//! * `residuals_by_place`: residuals by kind of residual, by rest and by move.
+//! * `predicted_error`: expected errors of the corrected signals.
 //!
 //! [`find_gap()`] performs the complete search. [`search()`] selects effects without validation on unseen data.
 
@@ -94,8 +98,9 @@ pub struct Search {
     /// Effects that were not selected although their log Bayes factor on these recordings is large. They do not improve
     /// the prediction of held-out rests and moves.
     pub not_predictive: Vec<NotPredictive>,
-    /// Magnitude and standard deviation, rad/s, of an estimated constant rate that differs significantly from the
-    /// Earth's rate. `None` if no such rate was found; otherwise `earth_rate` was removed from the candidates.
+    /// Magnitude and standard deviation, rad/s, of a constant rate that the search estimated as the effect `earth_rate`
+    /// and that differs significantly from the Earth's rate. In this case, `earth_rate` was removed from the
+    /// candidates. `None` if no such rate was found.
     pub not_the_earth: Option<(f64, f64)>,
     /// Name of each effect that is not observable in these recordings, and the data that would make it observable.
     pub not_observable: Vec<(String, String)>,
@@ -103,12 +108,13 @@ pub struct Search {
     /// probability, and the unit of this size. The limit is computed relative to the final model. If the final model
     /// already contains the effect, the limit is computed relative to the model without effects.
     pub smallest_visible: Vec<(String, f64, String)>,
-    /// For each effect, the residuals that it would cause at its typical size.
+    /// For each effect, the residuals that an effect of typical size would cause in a model without it.
     pub traces: Vec<Trace>,
     /// The kind of residual with the largest ratio of scatter to noise under the final model. Only residuals at rests
     /// and residuals relative to the stand's angles are tested. `None` if no ratio is significant. If effects were
-    /// selected, only residuals of their sensors and of the stand are tested. The name is `stand_and_sensors` if the
-    /// effects estimated with and without the stand's angles differ significantly.
+    /// selected, only residuals of their sensors and of the stand are tested. If the effects estimated with and without
+    /// the stand's angles differ significantly, this contradiction is reported instead, with the name
+    /// `stand_and_sensors`.
     pub scattering_rests: Option<Scattering>,
     /// Whether the search ignores accelerometer samples inside moves. It ignores them if the unit was moved by hand,
     /// because the specific force then contains accelerations in addition to gravity. It also ignores them if the
@@ -133,12 +139,14 @@ pub struct Score {
     /// Likelihood ratio statistic 2 ln(L_with / L_without): maximum likelihoods of the models with and without the
     /// effect.
     pub statistic: f64,
-    /// Number of observable directions of the effect's parameters.
+    /// Degrees of freedom of `statistic`: the number of observable directions in the space of the effect's parameters.
     pub dof: usize,
-    /// p-value of `statistic` under a chi2 distribution with `dof` degrees of freedom.
+    /// p-value of `statistic` under a chi2 distribution with `dof` degrees of freedom. A candidate with a time constant
+    /// has one degree of freedom more.
     pub p_value: f64,
     /// For a selected effect: names of the effects that could have been selected instead, because their log evidence
-    /// differed by less than three nats. Empty for effects that were not selected.
+    /// differed from the log evidence of the selected effect by less than three nats. Empty for effects that were not
+    /// selected.
     pub rivals: Vec<String>,
 }
 
@@ -151,7 +159,8 @@ pub struct Trace {
     /// For each kind of residual: its name, and the rms of residual / sigma. Sigma is the standard deviation of a
     /// residual from sensor noise.
     pub times_noise: Vec<(&'static str, f64)>,
-    /// Share, 0 to 1: decrease of chi2 of these residuals by the refit / chi2 before the refit.
+    /// Share of these residuals that the refit removes, 0 to 1: decrease of chi2 by the refit, divided by chi2 before
+    /// the refit.
     pub taken_up: f64,
 }
 
@@ -183,7 +192,8 @@ pub struct GenericFinding {
     pub p_value: f64,
     /// Sensor axis with the largest variation: 0, 1 or 2.
     pub axis: usize,
-    /// Indices of the rests with the largest deviations, in descending order of the deviation.
+    /// Indices of the rests with the largest deviations, in descending order of the deviation. For a variation that is
+    /// observable only in moves: indices of the rests before the moves with the largest deviations.
     pub rests: Vec<usize>,
     /// Rms deviation of the parameter on the sensor axis `axis`, SI units.
     pub rms: f64,
@@ -194,7 +204,8 @@ pub struct GenericFinding {
 pub struct Linearised {
     /// Residuals divided by their standard deviation from sensor noise.
     pub residual: Vec<f64>,
-    /// Derivatives with respect to the base parameters. Each row is one residual, and each column is one parameter.
+    /// Derivatives of `residual` with respect to the base parameters (sensitivities and biases) and, if the stand's
+    /// angles are used, the stand parameters. Each row is one residual, and each column is one parameter.
     pub base: Vec<Vec<f64>>,
     /// For each effect: its name, and the derivatives with respect to the parameters of its largest form (for example
     /// quadratic), in the layout of `base`. An effect with a time constant has one list entry for each trial value of

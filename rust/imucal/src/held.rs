@@ -24,7 +24,7 @@ use crate::parameters::BASE;
 pub use known::KnownAccelerometer;
 pub use priors::{Hold, ParameterModel, Priors};
 
-/// Names of the groups of parameters whose members can be held together.
+/// Names of the groups of parameters. A prior can be requested for all parameters of a group together.
 pub const GROUPS: [&str; 6] =
     ["accel_bias", "accel_scale", "accel_misalignment", "gyro_bias", "gyro_scale", "gyro_misalignment"];
 
@@ -61,14 +61,15 @@ pub struct HeldParameter {
     pub sigma: f64,
     /// Origin of the standard deviation.
     pub source: PriorSource,
-    /// Default standard deviation for MEMS sensors, in the unit of `value`; `None` for a bias in counts without a
-    /// nominal sensitivity.
+    /// Default standard deviation of the prior for MEMS sensors, in the unit of `value`. `None` for a bias in counts if
+    /// the nominal sensitivity is not known.
     pub usual: Option<f64>,
     quantity: Quantity,
 }
 
-/// Errors due to the uncertainty of the held parameters. Each is a standard deviation, averaged (rms) over the
-/// directions to the faces, edges and corners of a cube.
+/// Errors of a measured gravity direction and of a measured rotation that are due to the uncertainty of the held
+/// parameters. Each is a standard deviation, averaged (rms) over the directions to the faces, edges and corners of a
+/// cube.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PriorCost {
     /// Error of the direction of gravity from the accelerometer, deg.
@@ -77,7 +78,7 @@ pub struct PriorCost {
     pub rotation_deg: f64,
 }
 
-/// Function h of the parameters. The prior applies to the value of h.
+/// Function h of the parameters. The prior of a held parameter applies to the value of h.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Quantity {
     /// A parameter divided by a constant.
@@ -93,13 +94,13 @@ enum Quantity {
 /// Residual of the prior of a held parameter, with its derivatives.
 pub(crate) struct HeldRow {
     pub(crate) residual: f64,
-    /// Nonzero derivatives of the residual, each with the index of the parameter.
+    /// Nonzero derivatives of the residual, each with the index of its parameter.
     pub(crate) derivatives: Vec<(usize, f64)>,
 }
 
 impl HeldParameter {
-    /// A prior that keeps the parameter with index `parameter` near a start value. It is used only inside a fit and is
-    /// not part of a result.
+    /// A prior that keeps the parameter with the index `parameter` near a start value. It is used only inside a fit and
+    /// is not part of a result.
     pub(crate) fn near(parameter: usize, value: f64, sigma: f64) -> Self {
         let quantity = Quantity::Entry { parameter, nominal: 1.0 };
         Self { name: String::new(), value, sigma, source: PriorSource::Given, usual: None, quantity }
@@ -149,7 +150,7 @@ impl HeldParameter {
     }
 }
 
-/// The held parameters in one stage of the two-stage fit.
+/// The held parameters in one stage (accelerometer or gyroscope) of the two-stage fit.
 pub(crate) struct StageRows<'a> {
     held: Vec<&'a HeldParameter>,
     /// Indices of the stage's parameters among the 21 base parameters.
@@ -157,7 +158,7 @@ pub(crate) struct StageRows<'a> {
 }
 
 impl<'a> StageRows<'a> {
-    /// The held parameters of the stage whose parameters have the indices `stage`.
+    /// The parameters in `held` that belong to the stage. `stage` contains the indices of the stage's parameters.
     pub(crate) fn new(held: &'a [HeldParameter], stage: Range<usize>) -> Self {
         Self { held: held.iter().filter(|held| stage.contains(&held.parameter())).collect(), stage }
     }
@@ -167,13 +168,13 @@ impl<'a> StageRows<'a> {
         self.held.len()
     }
 
-    /// Indices of the parameters with a prior, counted from the first parameter of the stage.
+    /// Indices of the held parameters, counted from the first parameter of the stage.
     pub(crate) fn columns(&self) -> Vec<usize> {
         self.held.iter().map(|held| held.parameter() - self.stage.start).collect()
     }
 
-    /// The calibrated parameters of an accelerometer that was calibrated earlier; `None` if the stage has no prior of
-    /// such an accelerometer.
+    /// The calibrated parameters of an accelerometer that was calibrated earlier; `None` if no prior in this stage is
+    /// from such an accelerometer.
     pub(crate) fn known(&self) -> Option<[f64; 9]> {
         self.held.iter().find_map(|held| match held.quantity {
             Quantity::Combination { at, .. } => Some(at),
@@ -193,7 +194,8 @@ impl<'a> StageRows<'a> {
         })
     }
 
-    /// Writes the residuals and their derivatives from row `first` on. `parameters` are the parameters of the stage.
+    /// Writes the residuals of the priors and their derivatives to `residuals` and `jacobian`, from row `first` on.
+    /// `parameters` are the parameters of the stage.
     pub(crate) fn write(&self, parameters: &[f64], first: usize, residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>) {
         let all: Vec<f64> = std::iter::repeat_n(0.0, self.stage.start).chain(parameters.iter().copied()).collect();
         for (row, held) in (first..).zip(&self.held) {

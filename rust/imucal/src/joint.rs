@@ -14,8 +14,9 @@
 //! rows of E_k span the plane perpendicular to u_(k+1).
 //!
 //! The quantities f, u and R are corrected for the effects. An error of the mean force at a rest changes the residuals
-//! of both adjacent moves, so these residuals are correlated; `whiten` accounts for their covariance. The attitude
-//! error inside a move is a random walk; the innovations of a Kalman filter whiten it (`inside`). The weights are
+//! of both adjacent moves, so these residuals are correlated. `whiten` divides them by the Cholesky factor of their
+//! covariance. The attitude error grows inside a move as a random walk, so the residuals inside a move are correlated,
+//! too. A Kalman filter replaces them by its normalised innovations, which are white (`inside`). The weights are
 //! estimated from the residuals of a fit, and the next fit uses the new weights. Fits are repeated until the parameters
 //! converge.
 
@@ -88,15 +89,15 @@ use reweighting::Reweighting;
 use start::Prior;
 use weights::Weights;
 
-/// Observability limit of an effect: the norm of the change of the whitened residuals if the parameters change by one
-/// typical size (`Term::typical`) in their least observable direction. At 0.1, a change of ten typical sizes changes
-/// chi2 by one (model.md (18)).
+/// Observability limit of an effect. If the parameters of the effect change by one typical size (`Term::typical`) in
+/// their least observable direction, the whitened residuals must change by at least this norm. At 0.1, a change of ten
+/// typical sizes changes chi2 by one (model.md (18)).
 const LEAST_CHANGE: f64 = 0.1;
-/// Observability limit of an effect with a prior, for the same norm as in `LEAST_CHANGE`, but in the most observable
-/// direction of the parameters. At 0.01, a change of a hundred typical sizes changes chi2 by one.
+/// Observability limit of an effect with a prior. It applies to the same norm as `LEAST_CHANGE`, but for a change of
+/// the parameters in their most observable direction. At 0.01, a change of a hundred typical sizes changes chi2 by one.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
-/// Initial standard deviation of the prior of an effect that is determined only partly, in typical sizes of its
-/// parameters.
+/// Initial standard deviation of the prior of an effect, in typical sizes of its parameters. Only effects that may be
+/// determined in some directions only (`Term::partly`) have such a prior.
 const WIDE: f64 = 100.0;
 /// Convergence limit of the repeated fits: largest change of a parameter between two fits, in standard deviations
 /// (model.md (18)).
@@ -112,10 +113,11 @@ const MAX_ROUNDS: usize = 16;
 /// If the residuals at the start of a search scatter by more than this multiple of their noise, the weights estimated
 /// from them are too small. The fit is then repeated with new weights.
 const MISLEADING: f64 = 10.0;
-/// The repeated fits of a search end when no ratio of scatter to noise changes by more than this factor. There is one
-/// ratio for each kind of residuals.
+/// The repeated fits of a search end if the ratio of scatter to noise changes by less than this factor from one fit to
+/// the next, for every kind of residuals.
 const FAR: f64 = 1.5;
-/// Relative tolerance of the solver in a search and in the first round of a fit, in which the weights are preliminary.
+/// Relative tolerance of the solver in a search for effects and in the first round of a fit, in which the weights are
+/// preliminary.
 const SEARCH: f64 = 1e-5;
 /// Start values of the time constant of a warm-up, as fractions of the duration of the longest recording (model.md
 /// (23)).
@@ -179,10 +181,10 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
-/// Joint fit for a search. It starts from the model `start` and has a relative tolerance of 1e-5. The fit is repeated
-/// with new weights if the residuals at the start were far above noise, and once if encoders are used. `width` returns
-/// the standard deviation of the prior of an effect, in typical sizes, or `None` without a prior. Returns the
-/// linearisation at the estimate.
+/// Joint fit for a search of effects. It starts from the model `start` and has a relative tolerance of 1e-5. The fit is
+/// repeated with new weights if the residuals at the start were far above noise, and once if encoders are used. `width`
+/// returns the standard deviation of the prior of an effect, in typical sizes, or `None` without a prior. Returns the
+/// residuals at the estimate and their derivatives.
 pub(crate) fn fit_for_search(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -223,7 +225,7 @@ fn minimize_within(problem: &Joint<'_>, start: &[f64], tolerance: f64, iteration
     Ok(found)
 }
 
-/// Gravity directions and rotations of the moves for a known model.
+/// For each move, computed with the known model `model`: the gravity directions at its ends, and its rotation.
 pub(crate) fn predict(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -240,8 +242,8 @@ pub(crate) fn predict(
 ///
 /// With weights from noise only, the large residuals at the start could move an effect far from its true value. For
 /// example, if all axes have the same g-sensitivity, it adds a rate parallel to gravity at rest. This rate rotates the
-/// attitude about gravity, and the moves do not observe this rotation. If the g-sensitivity is very large, the fitted
-/// rotations are so fast that all other errors average out.
+/// attitude about gravity, and the moves do not observe this rotation. The fit could end at a very large g-sensitivity.
+/// The attitude then rotates about gravity so fast that the effects of all other errors average out.
 fn begin(
     problem: &mut Joint<'_>,
     terms: &Terms<'_>,
@@ -317,8 +319,8 @@ fn check_determined(
     // A prior of 100 typical sizes hardly changes the estimate in observable directions. Therefore, the result does not
     // depend on the exact value of the observability limit.
     for term in &terms.all {
-        // Columns of zeros are omitted. While an effect is zero, the derivative with respect to its time constant is
-        // zero, and the QR decomposition would give this column an arbitrary direction.
+        // Jacobian columns of zeros are omitted. While an effect is zero, the derivative with respect to its time
+        // constant is zero, and the QR decomposition would give this column an arbitrary direction.
         let own = BASE + term.first..BASE + term.first + term.linear;
         let others = (BASE..terms.total()).filter(|p| !own.contains(p)).filter(|&p| jacobian.col(p).norm_l2() > 0.0);
         let order: Vec<usize> = (0..BASE).chain(others).chain(own.clone()).collect();
@@ -375,7 +377,7 @@ fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Ve
             start[place] = shape;
             problem.fixed = vec![place];
             // A coarse tolerance would end the fit before the first step, because the parameters of an effect are small
-            // beside the sensitivities. The values of chi2 would then be equal.
+            // compared with the sensitivities. The values of chi2 would then be equal.
             let found = lsq::minimize(&*problem, &start, lsq::EXACT)?;
             if best.as_ref().is_none_or(|(chi2, _)| found.chi2 < *chi2) {
                 best = Some((found.chi2, found.parameters));

@@ -8,13 +8,14 @@
 //! quantisation         Q^2 (2 pi f)^2 / rate          sqrt(3) Q / tau              quantisation, v s
 //! ```
 //!
-//! N, B, K and Q are the coefficients of the kinds of noise. f is the frequency, Hz, rate is the sampling rate, Hz, and
-//! tau is the averaging time, s.
+//! N, B, K and Q are the coefficients of the four kinds of noise. f is the frequency in Hz, rate is the sampling rate
+//! in Hz, and tau is the averaging time in s.
 //!
-//! v is the unit of the sensor. The definitions agree with [`crate::simulate`] and with IEEE Std 952. For a gyroscope,
-//! N is the angle random walk. Quantisation here is the rounding of an angle or a velocity, in a sensor whose output is
-//! an increment of angle or velocity. Rounding a rate to counts is a different process. The error of this process is
-//! white noise, and its variance per sample is the square of a count divided by 12. N does not include this variance.
+//! In the column "figure", v is the unit of the sensor's output. The definitions agree with [`crate::simulate`] and
+//! with IEEE Std 952. For a gyroscope, N is the angle random walk. Quantisation here is the rounding of an angle or a
+//! velocity, in a sensor whose output is an increment of angle or velocity. Rounding a rate to counts is a different
+//! process, with a white error. The variance of this error per sample is (size of a count)^2 / 12, and N does not
+//! include it.
 //!
 //! The values are maximum-likelihood estimates from the power spectrum of a cosine transform, `docs/model.md` (31) and
 //! (32). Their variance reaches the Cramer-Rao bound. The Allan deviations are only for display, and their confidence
@@ -50,8 +51,8 @@ use stretch::Stretch;
 /// Minimum number of samples of a noise identification. Fewer samples would determine only the white noise, with poor
 /// accuracy.
 const FEWEST_SAMPLES: usize = 1000;
-/// A finding reports the length of the longest rest if the rest covers less than this share of the examined interval.
-/// The examined interval is the longest interval without lost or repeated samples.
+/// A finding reports the longest rest if it covers less than this share of the examined interval. The examined interval
+/// is the longest interval without lost or repeated samples.
 const WHOLE_SHARE: f64 = 0.9;
 
 /// The noise of both triads of a unit.
@@ -71,7 +72,7 @@ pub struct Noise {
     pub gyroscope: Option<[AxisNoise; 3]>,
     /// Steps of the mean within the used samples. The noise figures include them.
     pub steps: Vec<Step>,
-    /// Steps that were cut out. The used samples contain none of them.
+    /// Steps of the mean that were cut out, so that the used samples contain none of them.
     pub cut_steps: Vec<Step>,
     /// Drifts of the mean, for example while the unit warms up. The noise figures include the drifts.
     pub drifts: Vec<Drift>,
@@ -82,7 +83,7 @@ pub struct Noise {
 /// Options of a noise identification.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Minimum duration of a rest, s, for rest detection.
+    /// Minimum duration of an interval that counts as a rest, s.
     pub min_rest_s: f64,
     /// Whether steps of the mean are cut out. If so, only the longest part of the rest in which no channel has a step
     /// is used.
@@ -140,13 +141,14 @@ pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUs
     result.noise(recording, findings)
 }
 
-/// Noise, steps and drifts in one range of samples.
+/// Result of the analysis of one range of samples: the noise, the steps and the drifts.
 struct Analysis {
     samples: Range<usize>,
     rate_hz: f64,
     /// Noise of the six channels, accelerometer first; `None` for the channels of a missing sensor.
     axes: [Option<AxisNoise>; 6],
     steps: Vec<Step>,
+    /// Steps that were cut out before the analysis of the remaining samples.
     cut: Vec<Step>,
     drifts: Vec<Drift>,
 }
@@ -173,7 +175,8 @@ fn analyse(recording: &Recording<'_>, samples: Range<usize>, threads: NonZeroUsi
 }
 
 impl Analysis {
-    /// The result of the identification, with the findings about the noise of the axes.
+    /// Converts the analysis to the result of the identification. The findings about the noise of the axes are added to
+    /// `findings`.
     fn noise(self, recording: &Recording<'_>, mut findings: Vec<Finding>) -> Result<Noise, Error> {
         let Self { samples, rate_hz, axes, steps, cut, drifts } = self;
         let (start_s, end_s) = (recording.time_s[samples.start], recording.time_s[samples.end - 1]);
@@ -358,8 +361,8 @@ mod tests {
         Sensor { noise_density: 1e-3, bias_instability: 5e-4, random_walk: Vector3::repeat(1e-4), ..Sensor::ideal() }
     }
 
-    /// z = (estimate - truth) / reported standard deviation. Over all runs, the mean of z^2 must be inside its 99.9 %
-    /// interval.
+    /// The error of each estimate is divided by its reported standard deviation. Over all runs and axes, the mean
+    /// square of these ratios must be in its 99.9 % interval.
     #[test]
     fn standard_deviations_are_those_of_the_errors() {
         let mut squares = [0.0; 3];

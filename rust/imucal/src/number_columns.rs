@@ -12,7 +12,7 @@ use cursor::{Cursor, Number};
 
 use crate::numerics::workers::{in_order, processors};
 
-/// The lines of a block are distributed among threads if the block has at least this size, bytes.
+/// Minimum size of a block, in bytes, whose lines are read by several threads.
 const WORTH_THREADS: usize = 1 << 20;
 /// Number of values for which a column reserves memory. Their size exceeds 32 MB, so the allocator of Linux maps the
 /// memory directly from the system. Only used pages then count as memory. The column can grow without being copied,
@@ -80,7 +80,7 @@ impl NumberColumns {
         Ok(())
     }
 
-    /// The columns.
+    /// Reads the last line and returns the columns.
     ///
     /// # Errors
     ///
@@ -162,7 +162,7 @@ impl Growing {
         }
     }
 
-    /// The column, converted to reals if necessary.
+    /// The numbers of the column as reals. A column of integers is converted first.
     fn reals(&mut self) -> &mut Vec<f64> {
         if let Column::Whole(values) = &self.numbers {
             let mut reals: Vec<f64> = Vec::with_capacity(values.capacity());
@@ -186,7 +186,7 @@ impl Form {
         self.used.iter().filter(|&&is_used| is_used).map(|_| column()).collect()
     }
 
-    /// Adds all lines to the columns.
+    /// Reads the numbers of all lines and appends them to the columns.
     fn read(&self, lines: &[u8], columns: &mut [Growing]) -> Result<(), NotPlain> {
         let mut cursor = Cursor { text: lines, at: 0 };
         let is_spaced = self.separator == b' ';

@@ -41,12 +41,14 @@ pub(crate) const WORDS: [&str; 18] = [
 ];
 pub(crate) const ACCELEROMETER: usize = 9;
 
-/// Names in words of the nine parameters of the accelerometer, or of the nine entries of the gyroscope sensitivity.
+/// Names in words of the nine parameters of the accelerometer or, if `gyroscope` is true, of the nine entries of the
+/// gyroscope sensitivity.
 pub(crate) fn words(gyroscope: bool) -> &'static [&'static str] {
     if gyroscope { &WORDS[ACCELEROMETER..] } else { &WORDS[..ACCELEROMETER] }
 }
 
-/// The names of [`words`] whose parameters affect the readings of the selected axes.
+/// Names in words of those accelerometer parameters (or entries of the gyroscope sensitivity) that affect the readings
+/// of the selected axes.
 pub(crate) fn of_axes(gyroscope: bool, axes: [bool; 3]) -> Vec<&'static str> {
     let acts = |j: usize| match j {
         _ if gyroscope => axes[j / 3],

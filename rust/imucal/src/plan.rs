@@ -4,7 +4,7 @@
 //! * [`Sensors`]: derivatives of the sensor readings with respect to the parameters, and the white noise of the
 //!   sensors.
 //! * [`predict()`]: predicted standard deviation of every parameter after any [`Motion`](crate::simulate::Motion), from
-//!   the model only.
+//!   the model of the sensors only, without any data.
 //! * [`Limits`]: limits of the motors' angles, rates and accelerations.
 //! * [`optimal()`]: the program with the most information in a given time, or the shortest program that reaches given
 //!   standard deviations.
@@ -42,6 +42,6 @@ pub use predict::{Prediction, predict};
 pub use search::{Found, Search, optimal};
 pub use sensors::Sensors;
 
-/// Number of angles that describe the direction of gravity. The derivatives with respect to these angles are the first
-/// entries of every row, and the derivatives with respect to the parameters follow.
+/// Number of angles that describe the direction of gravity. In the row of derivatives of a measurement, the derivatives
+/// with respect to these angles come first, and those with respect to the parameters follow.
 pub(crate) const DIRECTION: usize = 2;

@@ -13,11 +13,12 @@
 //! d_delta_d_b_i  = -R^T G_b T^-1 e_i,   G_b = integral of R dt
 //! ```
 //!
-//! The integrals are trapezoidal sums over the samples. Because of `R' = R [w]x`, a third of the entries of the G_j can
-//! be computed from the rotation of the whole move. With the columns R_x, R_y, R_z of R, the integral of
-//! `R_y w_z - R_z w_y` is the change of R_x. If the move does not start and end at rest, the relative error of this
-//! relation is a twelfth of the squared rotation per step. Short steps are summed in groups of sixteen, which does not
-//! change the result (see `preintegration/sums.rs`).
+//! Inside the integrals, R is the rotation from the frame at a sample to the frame at the start of the move. In front
+//! of them, R is the rotation over the whole move. The integrals are trapezoidal sums over the samples. Because of `R'
+//! = R [w]x`, a third of the entries of the G_j can be computed from the rotation of the whole move. With the columns
+//! R_x, R_y, R_z of R, the integral of `R_y w_z - R_z w_y` is the change of R_x. If the move does not start and end at
+//! rest, the relative error of this relation is a twelfth of the squared rotation per step. Short steps are summed in
+//! groups of sixteen, which does not change the result (see `preintegration/sums.rs`).
 
 mod attitudes;
 mod interpolation;
@@ -46,8 +47,8 @@ pub(crate) use interpolation::{Interpolation, are_equal_steps};
 pub(crate) use rate_segment::STEPS_TAKEN;
 pub use rate_segment::{RateSegment, SampleTimes};
 
-/// Rotation over one move, and the sums for its derivatives. R is the rotation from the frame at a sample to the frame
-/// at the first sample.
+/// Rotation over one move, and the sums from which its derivatives with respect to the parameters are computed. In the
+/// sums, R is the rotation from the frame at a sample to the frame at the first sample.
 #[derive(Clone, Copy, Debug)]
 pub struct Preintegrated {
     /// Rotation from the frame at the last sample to the frame at the first sample: `v_start = rotation * v_end`.
@@ -58,8 +59,8 @@ pub struct Preintegrated {
     pub bias_sum: Matrix3<f64>,
 }
 
-/// Rotation from sample `first` to sample `last` of a recording. The rate is interpolated with cubics where possible
-/// (`docs/model.md` (17)).
+/// Rotation from sample `first` to sample `last` of a recording. Between samples, the rate is a cubic polynomial if the
+/// time steps permit it, otherwise linear (`docs/model.md` (17)).
 pub(crate) fn integrate_rotation(
     recording: &Recording<'_>,
     first: usize,
@@ -70,7 +71,8 @@ pub(crate) fn integrate_rotation(
     paths.fold(Matrix3::identity(), |rotation, path| rotation * path.rotation(gyroscope))
 }
 
-/// Rotation of [`integrate_rotation`] from sample `first` to sample `last`, and the sums for its derivatives.
+/// Rotation of [`integrate_rotation`] from sample `first` to sample `last`, and the sums from which its derivatives are
+/// computed.
 pub(crate) fn preintegrate(
     time_s: &[f64],
     rates: Samples<'_>,
@@ -136,14 +138,15 @@ impl Sums {
         self.bias += weight;
     }
 
-    /// Adds the contribution of effects over an interval. It is needed because the sensitivity multiplies the sum of
-    /// the true rate and the effects. `beyond` is the rate of the effects, rad/s. `weight` is the integral of R over
-    /// the interval, s.
+    /// Adds the contribution of effects over an interval to the sums of R times the rate. It is needed because the
+    /// sensitivity multiplies the sum of the true rate and the effects. `beyond` is the rate error due to the effects,
+    /// rad/s. `weight` is the integral of R over the interval, s.
     pub(crate) fn add_beyond(&mut self, weight: &Matrix3<f64>, beyond: &Vector3<f64>) {
         self.sensitivity.iter_mut().zip(beyond).for_each(|(sum, part)| *sum += weight * *part);
     }
 
-    /// Adds the sums of an interval. `before` is the rotation from the start of the move to the start of the interval.
+    /// Adds the sums `other` of an interval. `before` is the rotation from the frame at the start of the interval to
+    /// the frame at the start of the move.
     pub(crate) fn add_after(&mut self, before: &Matrix3<f64>, other: &Self) {
         for (sum, term) in self.sensitivity.iter_mut().zip(&other.sensitivity) {
             *sum += before * term;

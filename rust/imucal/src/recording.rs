@@ -1,4 +1,4 @@
-//! A recording: the measurements of one unit, as borrowed columns.
+//! A recording: the measurements of one unit. The columns are borrowed arrays of the caller.
 //!
 //! Each row is one sample. Time is in seconds. Each triad is in SI units (m/s^2, rad/s) or in raw counts (`lsb`). A
 //! sensor at rest reads +g on the axis that points up.
@@ -182,9 +182,9 @@ pub struct Recording<'a> {
     pub specific_force: Samples<'a>,
     /// Samples of the gyroscope, in `gyro_unit`; [`Samples::Absent`] for an accelerometer alone.
     pub angular_rate: Samples<'a>,
-    /// Temperature, degC; `None` if unknown.
+    /// Temperature of the unit at each sample, degC; `None` if unknown.
     pub temperature_degc: Option<&'a [f64]>,
-    /// Motor angles of the stand from its encoders, rad; `None` without a stand.
+    /// Motor angles that the encoders of the stand read at each sample, rad; `None` without a stand.
     pub stand_rad: Option<&'a [[f64; 3]]>,
     /// Unit of `specific_force`.
     pub accel_unit: RawUnit,

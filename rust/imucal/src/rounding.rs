@@ -27,10 +27,11 @@ use statrs::function::erf::erfc;
 /// 12.
 pub(crate) const LEAST_SCATTER: f64 = 0.65;
 /// Distance D between two readings, in steps, at which the factor exp(-2 D^2) in cov(d_k, d_l) is exp(-1/2). The factor
-/// is small for readings more than a step apart, because the phase of the cosine is then not known accurately.
+/// makes the covariance small for readings more than a step apart, because the phase of the cosine is then not known
+/// accurately.
 const CORRELATED: f64 = 0.5;
-/// Smallest and largest trial standard deviation of the noise, in steps. With the smallest, nearly all samples of a
-/// rest are equal. With the largest, rounding causes no error of the mean.
+/// Smallest and largest trial value of the standard deviation of the noise, in steps. With the smallest value, nearly
+/// all samples of a rest are equal. With the largest value, rounding causes no error of the mean.
 const NOISE: [f64; 2] = [0.02, 1.0];
 /// Number of trial standard deviations of the noise. Consecutive values differ by 14 %.
 const NOISES: usize = 31;
@@ -55,7 +56,7 @@ pub struct Rounding {
     pub step: f64,
     /// Standard deviation of the noise of one sample before rounding.
     pub noise: f64,
-    /// Variance of the error of the mean of a rest due to rounding. It does not depend on the duration of the rest.
+    /// Variance of the rounding error of the mean of a rest. It does not depend on the duration of the rest.
     pub error_variance: f64,
     /// Whether the reading of a rest determines its rounding error. Equal readings then have equal errors. False for a
     /// force whose samples all have one level, because the true force may be anywhere within half a step of this level.
@@ -63,7 +64,7 @@ pub struct Rounding {
     pub is_determined: bool,
 }
 
-/// Number of samples at each level, for readings with nearly equal means.
+/// Number of samples at each quantisation level, for a group of rests with nearly equal mean readings.
 #[derive(Clone, Debug)]
 pub(crate) struct Levels {
     /// Mean of the readings, steps.
@@ -73,8 +74,8 @@ pub(crate) struct Levels {
 }
 
 impl Rounding {
-    /// Rounding for noise of known standard deviation `noise`; used in predictions. `None` if rounding causes no error
-    /// of the mean.
+    /// Rounding for known noise with the standard deviation `noise`; used in predictions. `None` if rounding causes no
+    /// error of the mean of a rest.
     pub(crate) fn of_noise(step: f64, noise: f64) -> Option<Self> {
         let coarse = step > 0.0 && (noise / step).hypot(1.0 / 12f64.sqrt()) < LEAST_SCATTER;
         coarse.then(|| Self {
@@ -86,7 +87,7 @@ impl Rounding {
     }
 
     /// Rounding of the three axes of a sensor. For each axis, `axes` contains the quantisation step and the numbers of
-    /// samples at each level at the rests. It contains `None` if the noise of the axis is not below its step.
+    /// samples at each level at the rests, or `None` if the noise of the axis is not below its step.
     ///
     /// The noise of each axis is estimated from the levels that occur at rest. The estimate of the variance of this
     /// noise is the mean of a grid of trial variances, weighted by their likelihood. The unknown true means are
@@ -128,7 +129,7 @@ impl Rounding {
         })
     }
 
-    /// Whether rounding causes an error of the means.
+    /// Whether rounding causes an error of the means of the rests.
     pub fn is_coarse(&self) -> bool {
         self.error_variance > 0.0
     }
@@ -139,13 +140,13 @@ impl Rounding {
         self.error_variance > (0.03 * self.step).powi(2)
     }
 
-    /// Variance of one sample while the true value passes through many steps. Noise and rounding errors are then
-    /// independent. `colour` is the factor c for coloured noise (model.md (10)).
+    /// Variance of the error of one sample while the true value passes through many quantisation steps. Noise and
+    /// rounding errors are then independent. `colour` is the factor c for coloured noise (model.md (10)).
     pub(crate) fn sweeping_variance(&self, colour: f64) -> f64 {
         self.noise * self.noise * colour + self.step * self.step / 12.0
     }
 
-    /// Covariance of the rounding errors of two readings.
+    /// Covariance of the rounding errors of two mean readings.
     pub(crate) fn covariance(&self, reading: f64, other: &Self, other_reading: f64) -> f64 {
         let product = self.error_variance * other.error_variance;
         // Recordings with different measurement ranges have independent errors.
@@ -191,8 +192,8 @@ fn ln_share(distance: f64, noise: f64) -> f64 {
 impl Levels {
     /// Log-likelihood of the levels for noise of this standard deviation. Let L be the likelihood for a given true
     /// mean. The true mean is unknown, so it is eliminated in two ways: ln of the maximum of L, and ln of the average
-    /// of L, both over the true mean. The result is the mean of these two values. With two levels, the maximum is equal
-    /// for all small noise, and the average is proportional to the noise.
+    /// of L, both over the true mean. The result is the mean of these two values, because both are biased if only two
+    /// levels occur. The maximum is then equal for all small noise, and the average is proportional to the noise.
     fn log_likelihood(&self, noise: f64) -> f64 {
         let of_mean = |mean: f64| -> f64 {
             let term = |(level, count): &(i64, f64)| count * ln_share((mean - *level as f64).abs(), noise);

@@ -155,7 +155,7 @@ impl Simulation {
         }
     }
 
-    /// A run whose time stamps and rests are set. All other columns are zero.
+    /// A run of which only the time stamps and rests are set. All other values are zero; [`block::fill`] computes them.
     fn blank(samples: usize, setup: &Setup, clock: &Clock) -> Self {
         let on_a_stand = matches!(setup.motion, Motion::Stand { .. });
         let rests = setup.motion.rests().into_iter();

@@ -101,7 +101,7 @@ def _beyond(unit: Calibration, seen: tuple[float, float] | None) -> list[str]:
 
 
 class _Empty:
-    """The number of samples without a correction for one reason, and the index of the first such sample."""
+    """For one reason: how many samples could not be corrected, and the index of the first of them."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -122,7 +122,7 @@ class _Empty:
 
 
 class _Corrected:
-    """Corrects the pieces of a recording, and counts samples without a valid result.
+    """Corrects the pieces of a recording, and counts the samples that cannot be corrected.
 
     missing         samples whose rate or force is missing in the recording
     no_temperature  samples without a result because their temperature is missing

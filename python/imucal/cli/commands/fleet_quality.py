@@ -32,7 +32,7 @@ LEAST_CATEGORIES = 5
 
 
 class By(str, Enum):
-    """Factor of the reproducibility."""
+    """Whose differences the reproducibility describes."""
 
     operator = "operator"
     station = "station"

@@ -32,8 +32,8 @@ class Ageing:
     units           number of units
     slope, std      mean slope over the units, per month, and its standard deviation
     spread          standard deviation of the slope over the units, without measurement noise
-    p_value         p-value under the null hypothesis that the mean slope is zero (all units), or equal to the
-                    mean slope of all other units (group)
+    p_value         p-value. For all units, the null hypothesis is that the mean slope is zero. For a group,
+                    it is that the mean slope of the group equals that of all other units
     q_value         p-value corrected for the number of parameters and groups
     is_significant  whether q_value is at most 1 %
     """

@@ -44,7 +44,7 @@ class Capability:
     out_true            share of the units whose true value is outside, computed from `spread`; None for
                         figures
     out_low, out_high   95 % interval of `out_true`, computed from the interval of the spread
-    proposed_low, proposed_high   mean -+ 4 standard deviations of a measured value
+    proposed_low, proposed_high   proposed limits: mean -+ 4 standard deviations of a measured value
     """
 
     name: str
@@ -68,7 +68,7 @@ class CapabilityResult:
 
     units     number of units; the first calibration of each unit is used
     poor      number of units omitted because their calibration is poor
-    rows      one per parameter and limit
+    rows      one for each limit of a parameter or figure, and one for each parameter without limits
     """
 
     units: int
@@ -129,7 +129,7 @@ def proposed_limits(result: CapabilityResult, measurements: Measurements) -> Lim
 
 
 def _ranges(limits: Limits | None, name: str, unit: str) -> list[tuple[float | None, float | None]]:
-    """The range of each limit of a parameter."""
+    """The minimum and maximum (None if absent) of every limit that applies to a parameter."""
     found = [] if limits is None else [limit for limit in limits.parameters if limit.covers(name)]
     for limit in found:
         if limit.unit != unit:
@@ -200,7 +200,10 @@ def _outside(values: FloatArray, low: float | None, high: float | None) -> float
 
 
 def _tails(spread: Spread, std: float, low: float | None, high: float | None) -> float:
-    """Share of true values outside the limits, from the distributions of normal units and of outliers."""
+    """Share of true values outside the limits, from the distributions of normal units and of outliers.
+
+    std   standard deviation of the true values of normal units
+    """
     norm = scipy_part("stats").norm
 
     def outside(width: float) -> float:
@@ -212,5 +215,5 @@ def _tails(spread: Spread, std: float, low: float | None, high: float | None) ->
 
 
 def _rounded(number: float, scale: float) -> float:
-    """`number` rounded to three significant digits of `scale`."""
+    """`number` rounded to the decimal place of the third significant digit of `scale`."""
     return round(number, 2 - int(np.floor(np.log10(scale)))) if scale > 0 else number

@@ -37,9 +37,10 @@ def clusters_of(effect: str, serials: tuple[str, ...], values: FloatArray) -> li
 
     values   (n, k) coefficients
 
-    The number of clusters minimises the Bayesian information criterion of normal clusters of equal widths. If
-    a single normal group were split into halves, the term of the criterion for the labels of the units would
-    grow by more than the term for the widths would decrease. Such a group is therefore not split.
+    The number of clusters minimises the Bayesian information criterion of normal clusters of equal widths.
+    The criterion includes a term for the assignment of the units to clusters. Splitting a single normal group
+    into halves increases this term by more than the smaller widths decrease the term of the fit. Such a group
+    is therefore not split.
     """
     if len(values) < 2 * FEWEST_UNITS:
         return []

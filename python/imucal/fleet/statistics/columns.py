@@ -21,19 +21,19 @@ LOG_FIGURES: Final = tuple(
     for of in ("", "control_")
     for name in ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
 )
-# A quantity becomes a column only if at least this number of units have a value of it. An estimate of the
-# repeatability needs at least this number of pairs of measurements.
+# A parameter or figure becomes a column only if at least this number of units have a value of it. An estimate
+# of the repeatability needs at least this number of pairs of measurements of one unit.
 FEWEST: Final = 10
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Columns of n measurements.
+    """Parameters and figures of n measurements as the c columns of a matrix.
 
-    names, units   names and units of the parameters, then of the figures, whose unit is "ln" (logarithm)
+    names, units   (c,) names and units of the parameters, then of the figures, whose unit is "ln" (logarithm)
     values         (n, c), NaN for a missing value
-    variances      (n, c) of the measurement noise: the stated variance, plus an excess variance, which is
-                   estimated from repeated calibrations
+    variances      (n, c) variances of the measurement noise: the stated variance, plus an excess variance,
+                   which is estimated from repeated calibrations
     """
 
     names: tuple[str, ...]
@@ -82,7 +82,9 @@ def columns_of(measurements: Measurements, *, figures: bool = True) -> Columns:
 
 
 def repeatability(numbers: np.ndarray, values: FloatArray, sigmas: FloatArray) -> float:
-    """Excess standard deviation of repeats: square root of (variance of a unit's repeats - stated variance).
+    """Excess standard deviation of the repeated measurements of one unit over the stated standard deviation.
+
+    It is the square root of (variance of the repeats - stated variance).
 
     The result is 0 if there are few repeats, or if the excess is not significant. It is computed from the
     differences of consecutive measurements, so a steady drift common to all units has no effect. The caller

@@ -35,8 +35,8 @@ FALSE_DISCOVERIES: Final = 0.002
 # A parameter of a drifting unit is reported if its p-value, corrected for the number of parameters, is below
 # this threshold.
 NAMED_BELOW: Final = 0.01
-# A step is reported instead of a slope if chi2(fit with a slope) - chi2(fit with a step) is at least this
-# number.
+# A step is reported instead of a slope if the chi2 of the fit with a slope exceeds the chi2 of the fit with a
+# step by at least this number.
 STEP_IS_BETTER: Final = 6.0
 
 
@@ -45,11 +45,11 @@ class ParameterDrift:
     """The drift of one parameter of one unit.
 
     name, unit               name and unit of the parameter
-    change, change_std       last minus first value, and its standard deviation
+    change, change_std       last value minus first value, and the standard deviation of this difference
     slope, slope_std         change per month of 30.4 days, and its standard deviation
     p_value                  p-value of the slope or of the step, corrected for the number of parameters and
                              steps
-    step, step_date          change between two values and date of the second one, if a step explains the
+    step, step_date          size of the step and date of the first value after it, if a step explains the
                              values better than a slope; None otherwise
     dates, values, sigmas    the measurements, without shifts of stations
     """
@@ -73,9 +73,10 @@ class UnitDrift:
     """The drift of one unit.
 
     serial, station, batch   serial number, station and batch of the first calibration
-    dates         number of calibrations
+    dates         number of calibrations with a date
     days          number of days from the first to the last calibration
-    chi2, dof     joint test of all slopes; chi2 is None without covariances
+    chi2, dof     chi2 and its degrees of freedom in the joint test that all slopes are zero; chi2 is None
+                  without covariances of the calibrations
     p_value       combined p-value of the joint test and of the single parameters
     q_value       smallest false discovery rate at which the unit is reported
     is_drifting   whether q_value is at most 0.2 %

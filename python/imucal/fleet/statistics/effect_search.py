@@ -68,7 +68,7 @@ class EffectEvidence:
     """The evidence for one effect over all units.
 
     units            number of units in which the effect is determined
-    alone            number of units in which the effect is significant by the data of the unit alone
+    alone            number of units whose own data are sufficient to make the effect significant
     statistic        2 ln(likelihood ratio). Its `dof` degrees of freedom are the mean and the spread of each
                      parameter
     p_value          p-value corrected for the number of effects
@@ -96,7 +96,8 @@ class FleetGap:
 
     units      number of units whose recordings were searched
     unread     number of units in which no effect could be fitted
-    inflation  factor on the stated variances, estimated from the chi2 of all effects; 1 if they are right
+    inflation  factor by which the stated variances are multiplied, estimated from the chi2 of all effects; 1
+               if the stated variances are right
     effects    significant effects, in the order in which they were accepted
     ranking    all effects of the first round, the most significant first
     clusters   groups of units with different coefficients, for each temperature effect with such groups
@@ -169,7 +170,10 @@ def _ranked(
     inflation: float | None = None,
     beside: tuple[str, ...] = (),
 ) -> tuple[float, tuple[EffectEvidence, ...]]:
-    """The factor on the stated variances, and the evidence for each effect that enough units determine."""
+    """The factor by which the stated variances are multiplied, and the evidence for each effect.
+
+    Effects that too few units determine are omitted.
+    """
     of_effect = {}
     for name in effects:
         own = [of_unit[name] for of_unit in fits.values() if name in of_unit]

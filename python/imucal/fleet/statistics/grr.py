@@ -35,7 +35,7 @@ NDC_FACTOR: Final = 1.41
 
 @dataclass(frozen=True)
 class AnovaRow:
-    """A line of the table of the analysis of variance; `f` and `p_value` are None for repeats and total."""
+    """A source of variation in the analysis of variance; `f` and `p_value` are None for repeats and total."""
 
     source: str
     dof: int
@@ -96,7 +96,8 @@ class GaugeStudy:
     pooled         whether the interaction is not significant and therefore pooled with the repeats
     components     repeatability, operator, interaction, reproducibility, grr, units, total
     ndc            number of distinct categories, truncated to an integer; at least 5 is usually required
-    tolerance      ratio of 6 standard deviations `grr` to the width of the limits; None without limits
+    tolerance      six times the standard deviation `grr`, divided by the width of the limits; None without
+                   limits
     sigma          test of the stated standard deviations by the repeatability; None if there are none
     """
 
@@ -118,9 +119,9 @@ class GaugeStudy:
 class GrrResult:
     """A gauge study of each parameter.
 
-    by          factor of the reproducibility: operator or station
+    by          whose differences the reproducibility describes: "operator" or "station"
     units, operators, repeats   size of the balanced study
-    left_out    number of measurements beyond the balanced study
+    left_out    number of measurements that the balanced study does not use
     studies     one per parameter
     """
 
@@ -318,7 +319,10 @@ def _components(stats: Any, variances: dict[str, float], error_dof: int) -> tupl
 
 
 def _sigma_test(stats: Any, residuals: FloatArray, sigmas: FloatArray) -> SigmaTest:
-    """Test of the stated standard deviations: chi2 of repeats of a unit and operator about their mean."""
+    """Chi-square test of the stated standard deviations.
+
+    The residuals are the repeats of one unit by one operator, relative to the mean of these repeats.
+    """
     units, operators, repeats = residuals.shape
     dof = units * operators * (repeats - 1)
     # The stated variances differ little between the repeats of one unit by one operator (a cell), so the mean

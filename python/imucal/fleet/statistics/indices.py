@@ -2,8 +2,9 @@
 
     Cp = (high - low) / (6 s)      Cpk = min(high - mean, mean - low) / (3 s)
 
-Confidence intervals are those of chi-square for Cp and of Bissell's normal approximation for Cpk
-(NIST/SEMATECH e-Handbook of Statistical Methods, section 6.1.6).
+Here low and high are the limits, and s is the standard deviation of the values. The confidence intervals are
+those of chi-square for Cp and of Bissell's normal approximation for Cpk (NIST/SEMATECH e-Handbook of
+Statistical Methods, section 6.1.6).
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ def moving_range_std(values: ArrayLike) -> float:
 def capability_indices(
     values: ArrayLike, low: float | None, high: float | None, *, confidence: float = 0.95
 ) -> Indices:
-    """Indices of values in order of time, for one or two limits.
+    """Capability indices for one or two limits. The values are in order of time.
 
     Raises InputError without a limit, and for values without a spread.
     """

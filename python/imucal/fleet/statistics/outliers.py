@@ -34,7 +34,7 @@ SCHEMA: Final = "imucal.fleet-outliers/1"
 FALSE_DISCOVERIES: Final = 0.002
 # Maximum number of parameters that are listed for an outlying unit.
 MOST_DECIDING: Final = 3
-# Minimum number of units per column.
+# Minimum number of units per column (parameter or figure). A smaller fleet is refused.
 UNITS_PER_COLUMN: Final = 2
 # Number of units whose covariances are inverted at once, which limits the memory.
 CHUNK: Final = 4000
@@ -44,8 +44,8 @@ CHUNK: Final = 4000
 class Deciding:
     """A parameter or figure of an outlying unit.
 
-    value, expected   measured value without shifts of the station, and mean of the fleet; for a figure,
-                      natural logarithms
+    value, expected   measured value after removal of the shifts of its station, and mean of the fleet; for a
+                      figure, their natural logarithms
     z                 deviation in standard deviations of a measured value
     removed           decrease of d^2 if this parameter is omitted
     """
@@ -205,7 +205,7 @@ def _noise(
 def _distances(
     residuals: FloatArray, noise: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Squared Mahalanobis distance d^2, its decrease if a column is omitted, and standardised deviations."""
+    """For each unit: d^2, the decrease of d^2 if each column is omitted, and the standardised deviations."""
     total = spread + noise
     inverse = np.linalg.inv(total)
     weighted = np.einsum("nij,nj->ni", inverse, residuals)
@@ -221,17 +221,17 @@ def _p_values(squared: FloatArray, removed: FloatArray, marginal: FloatArray) ->
     marginal   squared deviation in each column, without using other columns
 
     The first test compares d^2 / c, for c columns, with an F distribution that is scaled to the median of the
-    units. The second degrees of freedom of this distribution are chosen to give the observed ratio of the
-    upper 5 % point to the median, so that a fleet with wide tails has few false alarms. For a normally
-    distributed fleet, they are infinite, and the distribution is chi-square.
+    units. The denominator degrees of freedom of this distribution are chosen such that the ratio of its upper
+    5 % point to its median is the observed ratio. A fleet with wide tails therefore has few false alarms. For
+    a normally distributed fleet, these degrees of freedom are infinite, and the distribution is chi-square.
 
     The second test detects a deviation in a single column, which is small compared with the sum over many
     columns. It uses the largest deviation of a unit in any column, and a distribution with the same tail.
 
     If more than 5 % of the units of a small fleet are outliers, the outliers themselves widen this tail. A
-    third test therefore compares the marginal deviations of a unit with the tail of the marginal deviations
-    of all units in all columns, of which those of outlying units are a small part. All p-values are corrected
-    for the number of tests.
+    third test therefore compares the marginal deviations of a unit with the marginal deviations of all units
+    in all columns. Only a small part of these deviations belongs to outlying units, so the outliers hardly
+    widen the tail of this distribution. All p-values are corrected for the number of tests.
     """
     columns = marginal.shape[1]
     largest = np.maximum(removed, marginal).max(axis=1)
@@ -246,7 +246,9 @@ def _p_values(squared: FloatArray, removed: FloatArray, marginal: FloatArray) ->
 
 
 def _tail_of(squared: FloatArray, dof: int, widened: float = 1.0) -> tuple[float, float]:
-    """Degrees of freedom of the tail of squared distances, and their scale; an infinite tail is chi-square.
+    """Denominator degrees of freedom and scale of the F distribution that fits the squared distances.
+
+    If the degrees of freedom are infinite, the distribution is chi-square.
 
     widened   factor on the ratio of the upper 5 % point to the median
     """
@@ -260,7 +262,7 @@ def _tail_of(squared: FloatArray, dof: int, widened: float = 1.0) -> tuple[float
 
 
 def _scatter(squared: FloatArray) -> float:
-    """1 + relative sampling error of the ratio (upper 5 % point) / median of these values."""
+    """1 + the relative sampling error of (upper 5 % point) / median, for this number of values."""
     return 1.0 + 2.0 / float(np.sqrt(len(squared)))
 
 

@@ -20,7 +20,7 @@ MOST_UNITS: Final = 4000
 # distribution.
 HALF: Final = 0.5
 KEPT: Final = 0.975
-# Number of iterations that use the share HALF, and number of further iterations that use the quantile KEPT.
+# This number of iterations use the share HALF. Then the same number of iterations use the quantile KEPT.
 STEPS: Final = 8
 
 
@@ -36,7 +36,8 @@ def robust_location(values: FloatArray, noise: FloatArray) -> tuple[FloatArray, 
     noise    (n, c, c) covariances of the measurements
 
     The iteration starts from medians, median absolute deviations and rank correlations. The first steps use
-    the nearest half of the units, and the last steps all units within the 97.5 % point of the distances.
+    the half of the units with the smallest distances. The last steps use all units within the 97.5 % point of
+    the distribution of the distances.
     """
     stats: Any = scipy_part("stats")
     columns = values.shape[1]
@@ -57,8 +58,8 @@ def robust_location(values: FloatArray, noise: FloatArray) -> tuple[FloatArray, 
         else:
             scale = np.median(distances) / stats.chi2.ppf(0.5, columns)
             kept = distances <= max(scale, 1.0) * stats.chi2.ppf(KEPT, columns)
-        # The covariance of those normal values that lie inside an ellipsoid is smaller than the covariance of
-        # all values by this factor.
+        # The selected units lie inside an ellipsoid, so their covariance is smaller than that of all units.
+        # For normally distributed values, multiplication by this factor corrects the difference.
         inside = share / stats.chi2.cdf(stats.chi2.ppf(share, columns), columns + 2)
         centre = values[kept].mean(axis=0)
         measured = inside * np.cov(values[kept], rowvar=False).reshape(columns, columns)

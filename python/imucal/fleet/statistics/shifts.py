@@ -68,7 +68,7 @@ class Shift:
 
 @dataclass(frozen=True, eq=False)
 class Shifts:
-    """The common shifts, and the sum of the shifts that each value contains, (n, c)."""
+    """The common shifts; and for each of n measurements and c columns, the sum of the shifts in the value."""
 
     found: tuple[Shift, ...]
     added: FloatArray
@@ -110,7 +110,7 @@ def days_of(measurements: Measurements) -> TextArray:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """The group of a partition whose common shift is the most significant."""
+    """The group of measurements, of one station or one station and day, with the most significant shift."""
 
     name: tuple[str, str]
     rows: np.ndarray
@@ -122,7 +122,7 @@ class _Group:
 class _Partition:
     """A partition of rows into disjoint groups.
 
-    names   station and day of each group
+    names   station and day of each group; the day is empty if the group is a station on all days
     labels  index of the group of each row; -1 for a row without a group
     """
 
@@ -181,7 +181,7 @@ def _partitions(stations: TextArray, days: TextArray) -> list[_Partition]:
 
 
 class _Column:
-    """One column of the matrix. Each value is predicted from other values of its unit and batch."""
+    """The values of one parameter or figure. Each is predicted from other values of its unit and batch."""
 
     def __init__(
         self,
@@ -213,8 +213,8 @@ class _Column:
         information = np.maximum(sum_weight, 0.0) + 1.0 / spread**2
         residual = np.where(known, y - mean - sum_weighted / information, np.nan)
         std = np.sqrt(variances + 1.0 / information)
-        # If residuals scatter more than predicted, for example because the distribution of the fleet has wide
-        # tails, their standard deviations are increased.
+        # If the residuals scatter more than their standard deviations predict, for example because the fleet
+        # has a distribution with wide tails, these standard deviations are increased.
         scale = float(np.nanmedian(np.abs(residual / std))) / MEDIAN_DEVIATION
         return residual, std * max(scale, 1.0)
 

@@ -21,15 +21,16 @@ CHUNK: Final = 4000
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """Slopes of u units with two or more dates in c columns, per month.
+    """Slopes per month of the c columns (parameters) of u units with two or more dates.
 
     rows          row indices of each unit, in order of time
     first         (u,) first row of each unit
     slopes, stds  (u, c), NaN for a column with fewer than two dates
-    chi2, dof     (u,) joint test of the slopes; chi2 is None without covariances, and NaN for a unit whose
-                  covariances cannot be inverted
+    chi2, dof     (u,) chi2 and its degrees of freedom in the joint test that all slopes of a unit are zero.
+                  chi2 is None without covariances of the calibrations, and NaN for a unit whose covariances
+                  cannot be inverted
     parameter_p   (u, c) p-value of slope or step, corrected for the number of columns and of steps
-    p_values      (u,) combined p-value of joint test and single columns
+    p_values      (u,) combined p-value of the joint test and of the tests of the single columns
     """
 
     rows: tuple[np.ndarray, ...]

@@ -62,7 +62,7 @@ class Signal:
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """The chart of one column at one station.
+    """The control chart of one parameter or figure at one station.
 
     station        name of the station
     name, unit     name and unit of the parameter or figure
@@ -72,8 +72,8 @@ class Chart:
     noise          rms of the standard deviations of the measurements
     signals        violated rules, in order of time
     serials, dates serial numbers and dates of the units
-    values         measured values; `limits` is 3 standard deviations of each value, computed from spread and
-                   noise together
+    values         measured values. For each value, `limits` is 3 standard deviations, computed from the
+                   spread of the units and the measurement noise of this value
     ewma           exponentially weighted moving average of z, with the limits `ewma_limits`
     """
 
@@ -95,12 +95,12 @@ class Chart:
 
 @dataclass(frozen=True, eq=False)
 class SpcResult:
-    """Control charts of all stations and columns.
+    """Control charts of all parameters and figures at all stations.
 
     units    number of units; the first calibration of each unit is used
     poor     number of calibrations omitted because they are poor
     shifts   shifts of a station, or of a station on one day, which are the alarms
-    charts   one chart for each station and column
+    charts   one chart for each station and each parameter or figure
     """
 
     units: int

@@ -11,12 +11,12 @@ __all__ = ["Curve", "Law"]
 
 @dataclass(frozen=True)
 class Curve:
-    """A law of one variable over the range that the recordings cover, relative to its mean over this range.
+    """The error that a law of one variable describes, as a curve over the range that the recordings cover.
 
     variable  name of the variable, as formulas write it
     at        values of the variable
-    value     the error of the sensor by axis, rad/s or m/s^2
-    std       standard deviations of the error by axis, propagated from the parameters
+    value     the error of the sensor minus its mean over this range, by axis, rad/s or m/s^2
+    std       standard deviations of the error by axis, from those of the parameters
     """
 
     variable: str
@@ -35,8 +35,10 @@ class Law:
     variables         variables on which the formula depends
     parameters        name, value, std and unit of each parameter
     log_bayes_factor  log Bayes factor, nats, minus the penalty for the number of candidates
-    stability         share of random halves of the rests and moves that select the same variables
-    closed            share of the gap on control or held-out data that the law closes, by kind of residual
+    stability         share of random halves of the rests and moves in which the selection gives the same
+                      variables
+    closed            by kind of residual on control or held-out data: share of the excess chi2 (chi2 beyond
+                      noise) that the law removes
     nearest           effects of the catalogue with the largest log Bayes factors
     curve             curve of the law; None if the law depends on several variables
     """

@@ -1,9 +1,9 @@
 """The candidate forms of laws: one-line formulas of one input variable, in groups by sensor and variable.
 
 The input variables are observed quantities: the rate or force along an axis, temperature, time, time since
-the last motion, angles of a stand, and further columns. The forms of a variable are powers, a limiter (a dead
-zone or a saturation in combination with the linear scale), steps, harmonics and decays, each with trial
-values of its constant.
+the last motion, angles of a stand, and further columns. The forms of a variable are powers, a limiter, steps,
+harmonics and decays, each with trial values of its constant. A limiter together with the linear scale
+describes a dead zone or a saturation.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ __all__ = ["Form", "further_forms", "library", "refined"]
 # law's input variable. For a rate, the quantiles are taken over the samples in motion, and for all other
 # variables over all samples.
 SHARES: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9)
-# Trial positions of a step in the dependence of a bias or scale on a column, as shares of the range of the
-# column.
+# Trial values of a column at which a bias has a step, and of the temperature at which the slope of a bias
+# changes, as shares of the range of the column or temperature.
 STEPS: Final = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 # Trial periods of sine and cosine forms, as multiples of the range of the input variable.
 PERIODS: Final = (1.0, 0.8, 0.65, 0.5, 0.4, 0.33, 0.26)
@@ -57,7 +57,8 @@ class Form:
     pattern    the expression, with {c} for the constant
     constant   value of the constant; None if the expression has none
     variables  all variables of the expression
-    cost       complexity; of two equally good forms, the form with the smaller cost is chosen
+    cost       measure of complexity; of equally good forms with the same variables, the one with the smallest
+               cost is chosen
     """
 
     sensor: str
@@ -69,7 +70,7 @@ class Form:
 
     @property
     def expression(self) -> str:
-        """The expression, with the number of its constant inserted."""
+        """The expression, with the value of the constant inserted."""
         return self.pattern if self.constant is None else self.pattern.format(c=f"{self.constant:.4g}")
 
     @property
@@ -130,7 +131,7 @@ def _of_sensor(sensor: str, recordings: Sequence[Recording]) -> Iterator[Form]:
 
 
 def further_forms(recordings: Sequence[Recording]) -> list[Form]:
-    """The forms whose input variables are angles of a stand or further columns."""
+    """The forms whose input variables are angles of a stand or auxiliary columns."""
     return [form for sensor in ("gyro", "accel") for form in _of_further(sensor, recordings)]
 
 

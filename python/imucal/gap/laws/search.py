@@ -32,22 +32,24 @@ from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["columns_of", "with_laws"]
 
-# If the p-value of the residuals on unseen data is below this threshold, the named effects do not explain the
-# gap.
+# If the p-value of the residuals on control or held-out data is below this threshold, the named effects do
+# not explain these data.
 CONTRADICTED: Final = 1e-3
-# The excess of a model is the amount by which its residuals on unseen data exceed the noise. A law replaces
-# the named effects only if its excess is at most this share of the excess with the named effects.
+# The excess of a model is its figure of merit on control or held-out data minus the value from noise alone. A
+# law replaces the named effects only if its excess is less than this share of the excess with the named
+# effects.
 LEAST_BETTER: Final = 0.5
-# Minimum share of the gap that a law must close in one kind of control or held-out residuals.
+# A law is kept if it removes more than this share of the excess chi2 (chi2 beyond noise) of one kind of
+# residual on control or held-out data.
 LEAST_CLOSED: Final = 0.3
-# No law is searched if the remainder has one of these patterns, because a missing law does not cause them: a
-# change of the biases between sessions, or a contradiction between the stand and the sensors or between the
-# recordings and the model.
+# No law is searched if the unexplained residuals have one of these patterns, because a missing law does not
+# cause them. The biases changed between sessions; or the stand contradicts the sensors, or the recordings the
+# model.
 NO_LAW: Final = ("between_sessions", "contradiction")
-# Maximum number of values in one linearisation, 18 for each sample and formula. With this number, the values
-# take 400 MB of memory.
+# Maximum number of values in one linearisation, which has 18 values for each sample and formula. This number
+# of values takes 400 MB of memory.
 MOST_VALUES: Final = 5e7
-# Number of points of the curve of a law. With this number, corners of the curve are visible.
+# Number of points of the curve of a law, large enough for corners of the curve to be visible.
 POINTS: Final = 201
 
 
@@ -64,7 +66,7 @@ def with_laws(question: Question, first: Gap) -> Gap:
         return first
     names = [str(effect["name"]) for effect in first.effects if effect["parameters"]]
     is_contradicted = remainder.p_value < CONTRADICTED
-    # The named effects may be an approximation of the law. Laws are therefore also searched without the named
+    # The named effects may only approximate the true law. Laws are therefore also searched without the named
     # effects.
     trials = [names, []] if names and is_contradicted else [names]
     if remainder.kind == "nothing" and not (names and is_contradicted):
@@ -86,8 +88,8 @@ def _found(question: Question, first: Gap, names: Sequence[str]) -> Gap | None:
     """The result with laws in addition to the named effects; None if no law is confirmed."""
     calibration = first.fits["after"].calibration if names else first.fits["before"].calibration
     recordings = [calibration.apply_recording(recording) for recording in question.recordings]
-    # A smooth function of any slow variable resembles a random walk. If the remainder is a random walk, only
-    # further columns and stand angles are therefore tried as drivers.
+    # A smooth function of any slow variable resembles a random walk. If the unexplained residuals are a
+    # random walk, only auxiliary columns and stand angles are therefore tried as variables.
     is_random = first.remainder is not None and first.remainder.kind == "stochastic"
     forms = further_forms(recordings) if is_random else library(recordings)
     selected = _selected(question, recordings, names, forms, first)
@@ -138,7 +140,7 @@ def columns_of(
     *,
     is_hand_moved: bool,
 ) -> Columns:
-    """Whitened residuals of corrected recordings, and their derivatives for the named effects and the forms.
+    """Residuals of corrected recordings, divided by their noise, and their derivatives for effects and forms.
 
     named  number of parameters of each named effect, without a time constant
     """
@@ -179,7 +181,7 @@ def _state(recording: Recording) -> State:
 
 
 def _field(form: Form, name: str, columns: Collection[str], states: Sequence[State]) -> UserField | None:
-    """The field of a form at each sample of the recordings; None if the field is constant or not finite."""
+    """The form evaluated at each sample of the recordings; None if it is constant or not finite."""
     try:
         effect = FormulaEffect.of(form.text(name), columns=columns)
         fields = tuple(effect.columns(state) for state in states)
@@ -302,7 +304,7 @@ def _values_of(variable: str, state: State) -> FloatArray:
 
 
 def _sweep(variable: str, at: FloatArray) -> State:
-    """A state in which one variable has these values."""
+    """A state with these values of one variable; other quantities are zero, unknown or arbitrary."""
     count = len(at)
     alike = np.repeat(at[:, None], 3, axis=1)
     still = np.zeros((count, 3))

@@ -1,10 +1,10 @@
-"""Selection of laws on whitened residuals.
+"""Selection of laws from whitened residuals (residuals divided by their standard deviation from noise).
 
-The columns of the base parameters and of the named effects are projected out of the residuals and of all
-candidates. The candidate with the largest log evidence is selected under three conditions. Its log evidence,
-minus the logarithm of the number of candidates, is at least `LEAST_NATS`. No formula of another
-input variable explains the residuals equally well. Random halves of the rests and moves select the same
-input variable (stability selection, Meinshausen and Buhlmann 2010).
+The Jacobian columns of the base parameters and of the named effects are projected out of the residuals and of
+the Jacobian columns of all candidates. The candidate with the largest log evidence is selected under three
+conditions. Its log evidence, minus the logarithm of the number of candidates, is at least `LEAST_NATS`. No
+formula of another input variable explains the residuals equally well. Random halves of the rests and moves
+select the same input variable (stability selection, Meinshausen and Buhlmann 2010).
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ RIVAL_NATS: Final = 3.0
 # least the share LEAST_STABLE of the halves select the same sensor and input variable.
 HALVES: Final = 50
 LEAST_STABLE: Final = 0.8
-# Number of candidates with the largest evidence that are compared in the random halves.
+# In the random halves, only this number of candidates, those with the largest evidence, are compared.
 FINALISTS: Final = 16
 # Maximum number of laws that are selected.
 MOST_LAWS: Final = 3
-# The Jacobian columns of the model are projected out of the column of a form. If less than this share of the
-# norm remains, the column of the form is a linear combination of the model's columns, and the remainder
-# consists of rounding errors.
+# The Jacobian columns of the model are projected out of those of a form. If less than this share of the norm
+# remains, the columns of the form are linear combinations of the columns of the model, and only rounding
+# errors remain.
 LEAST_LEFT: Final = 1e-3
 SEED: Final = 20240
 
@@ -50,7 +50,7 @@ class Columns:
     residual      (m,)
     model         (m, n), base parameters and named effects
     groups, items (m,), kind of each residual, and the rest or move to which it belongs
-    candidates    forms with their columns, (m, p)
+    candidates    forms with their Jacobian columns, (m, p)
     """
 
     residual: FloatArray
@@ -65,7 +65,7 @@ class Selected:
     """A selected law.
 
     form     its formula
-    nats     log evidence minus penalty
+    nats     log evidence minus the logarithm of the number of candidates
     stable   share of the random halves that select the same sensor and input variable
     """
 
@@ -118,7 +118,7 @@ def settled(given: Columns, variants: Sequence[Sequence[int]]) -> list[int]:
 
 
 def _weights(given: Columns, model: FloatArray) -> FloatArray:
-    """Weight of each residual. Kinds of residuals that scatter more than their noise have smaller weights."""
+    """Weight of each residual; less than 1 for kinds of residuals that scatter more than their noise."""
     weights = np.ones(len(given.residual))
     for _ in range(3):
         left = (
@@ -168,7 +168,7 @@ def _stability(
     nats: FloatArray,
     group: tuple[str, tuple[str, ...]],
 ) -> float:
-    """Share of random halves of the rests and moves whose best form belongs to the given group."""
+    """Share of random halves of the rests and moves in which the best form belongs to the given group."""
     finalists = _finalists(given, nats)
     blocks = [_scaled(given.candidates[place][1] * weights[:, None]) for place in finalists]
     whole = np.hstack([_scaled(model * weights[:, None]), *blocks, (given.residual * weights)[:, None]])

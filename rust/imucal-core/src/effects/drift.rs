@@ -6,8 +6,8 @@
 //! gyro_scale_drift    k_i t w_i
 //! ```
 //!
-//! k_i is the parameter of axis i, and w_i the angular rate about this axis. t is the time since the reference instant
-//! of the calibration, s. For a warm-up, the reference instant is power-on.
+//! k_i is the parameter of axis i, and w_i the angular rate about this axis. t is the time, s, since an instant that
+//! the calibration defines. For a warm-up, this instant is power-on.
 
 use super::{AXES, Alias, DEGREE, Effect, Need, Parameter, Sensor, State, Terms, effect, parameters, same};
 use crate::{STANDARD_GRAVITY_MPS2, vector::scaled};

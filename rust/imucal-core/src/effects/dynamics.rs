@@ -11,9 +11,9 @@
 //!
 //! w is the angular rate. The parameters are the matrix D, the delay tau, the Earth rate Omega in the world frame, and
 //! the positions r, r_y and r_z. R_wb is the attitude (world from body), and `[v]x` is the matrix of the cross product
-//! with v. A sensor at position r measures `dw/dt x r + w x (w x r)` in addition to the force at the origin of the body
-//! frame. The size effect occurs because the sensing elements of the three axes of an accelerometer are at different
-//! positions. r_y and r_z are the positions of the y and z elements relative to the x element.
+//! with v. An accelerometer at position r measures `dw/dt x r + w x (w x r)` in addition to the specific force at the
+//! origin of the body frame. The size effect occurs because the sensing elements of the three axes of an accelerometer
+//! are at different positions. r_y and r_z are the positions of the y and z elements relative to the x element.
 
 use super::{AXES, Alias, ENTRIES, Effect, Need, Parameter, Sensor, State, Terms, effect, parameters};
 use crate::{EARTH_RATE_RADPS, vector::neg};
@@ -49,8 +49,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| terms.entries(angular_acceleration(state)),
     };
 
-    /// `gyro_time_offset`: error `w(t - tau) - w(t)` of the rate, with the angular rate w and the delay tau. It is -tau
-    /// times the mean of dw/dt over the delay.
+    /// `gyro_time_offset`: error `w(t - tau) - w(t)` of the rate, with the angular rate w and the delay tau. The error
+    /// equals -tau times the mean of dw/dt from t - tau to t.
     pub const GYRO_TIME_OFFSET: &'static Self = &effect! {
         number: 22,
         name: "gyro_time_offset",
@@ -158,8 +158,8 @@ fn mean_angular_acceleration<F: RealField + Copy>(state: &State<F>) -> Vector3<F
     state.surroundings.mean_angular_acceleration.unwrap_or_else(|| angular_acceleration(state))
 }
 
-/// The matrix `L = [dw/dt]x + [w]x [w]x`, 1/s^2, where `[v]x` is the matrix of the cross product with v. A sensor at
-/// position r measures the additional force `L r` if the unit rotates at the angular rate w.
+/// The matrix `L = [dw/dt]x + [w]x [w]x`, 1/s^2, where `[v]x` is the matrix of the cross product with v. An
+/// accelerometer at position r measures the additional force `L r` if the unit rotates at the angular rate w.
 fn lever<F: RealField + Copy>(state: &State<F>) -> Matrix3<F> {
     let (w, a) = (state.angular_rate, angular_acceleration(state));
     let (xx, yy, zz) = (w.x * w.x, w.y * w.y, w.z * w.z);

@@ -6,16 +6,17 @@
 //! encoder_backlash       b_m d_m,                             d_m is the sign of the last motion of motor m
 //! ```
 //!
-//! q_m is the true angle of motor m. The parameters are s_mk and c_mk, the time offset tau, and the backlash b_m. The
-//! readings after motions in opposite directions differ by 2 b_m. If an encoder disk is off centre by 1 % of its
-//! radius, the angle has an error with an amplitude of 0.01 rad and a period of one revolution. If the disk is oval,
-//! the error has a period of half a revolution. Component m is the error of motor m. Motor 1 is the outermost motor.
+//! q_m is the true angle of motor m, and q the vector of the three angles. The parameters are s_mk and c_mk, the time
+//! offset tau, and the backlash b_m. The readings after motions in opposite directions differ by 2 b_m. If an encoder
+//! disk is off centre by 1 % of its radius, the angle has an error with an amplitude of 0.01 rad and a period of one
+//! revolution. If the disk is oval, the error has a period of half a revolution. Component m is the error of motor m.
+//! Motor 1 is the outermost motor.
 
 use super::{Alias, DEGREE, Effect, Need, Parameter, Sensor, StandState, State, Terms, effect, parameters};
 use nalgebra::{RealField, Vector3};
 
-/// Parameter names. Each name consists of the harmonic function (`sin` or `cos`), the number of the motor, and the
-/// number of periods per revolution.
+/// Parameter names of `encoder_eccentricity`. Each name consists of the function (`sin` or `cos`), the number of the
+/// motor, and the number of periods per revolution.
 const HARMONICS: [&str; 12] = [
     "sin_1_1", "cos_1_1", "sin_2_1", "cos_2_1", "sin_3_1", "cos_3_1", //
     "sin_1_2", "cos_1_2", "sin_2_2", "cos_2_2", "sin_3_2", "cos_3_2",
@@ -86,8 +87,8 @@ impl<F: RealField + Copy> Effect<F> {
 
 #[inline(always)]
 fn eccentricity<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
-    // If the state of the stand is unknown, all angles are zero, and the effect must also be zero. The sines are zero
-    // then, and the factor `known` sets the cosines to zero.
+    // If the state of the stand is unknown, `stand` returns zero angles, and the effect must be zero. The sines are
+    // then zero, and the factor `known` sets the cosines to zero.
     let known = if state.surroundings.stand.is_some() { F::one() } else { F::zero() };
     let angles = stand(state).angle_rad;
     for (motor, angle_rad) in angles.iter().enumerate() {

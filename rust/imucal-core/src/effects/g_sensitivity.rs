@@ -13,8 +13,9 @@ use super::{AXES, Alias, DEGREE, ENTRIES, Effect, Sensor, Terms, cross_products,
 use crate::{STANDARD_GRAVITY_MPS2, vector::each};
 use nalgebra::RealField;
 
-/// Names of the parameters of `gyro_g2_sensitivity`. The first nine are the coefficients of squares, and the plain form
-/// has only these. The other nine are the coefficients of products of two different components.
+/// Names of the parameters of `gyro_g2_sensitivity`. The first nine are the coefficients of the squares of force
+/// components, and the plain form has only these nine. The other nine are the coefficients of products of two different
+/// force components.
 const PRODUCTS: [&str; 18] = [
     "x_xx", "x_yy", "x_zz", "y_xx", "y_yy", "y_zz", "z_xx", "z_yy", "z_zz", "x_yz", "x_xz", "x_xy", "y_yz", "y_xz",
     "y_xy", "z_yz", "z_xz", "z_xy",

@@ -1,4 +1,4 @@
-//! Effects of nonlinearity. The reading of a nonlinear sensor is not a linear function of the measured quantity.
+//! Effects of nonlinear sensors, whose reading is not a linear function of the measured quantity.
 //!
 //! ```text
 //! *_scale_quadratic        k_i v_i^2

@@ -17,8 +17,8 @@ use crate::{STANDARD_GRAVITY_MPS2, vector::scaled};
 use nalgebra::{RealField, Vector3};
 
 const HEAT_AND_COOL: &str = "a run that heats and cools again";
-/// Temperature difference, in kelvin, at which the terms of all degrees in the polynomial of a typical effect are
-/// equal.
+/// Temperature difference, in kelvin, at which the linear, quadratic and cubic terms of an effect with typical
+/// parameters are equal.
 const BEND_K: f64 = 50.0;
 /// Typical temperature coefficient of a gyroscope bias: 0.015 deg/s per kelvin.
 pub(super) const GYROSCOPE: f64 = 0.015 * DEGREE;
@@ -114,14 +114,15 @@ impl<F: RealField + Copy> Effect<F> {
     };
 }
 
-/// Parameters of a polynomial of the third degree without a constant, for each axis. `typical` is the typical size of
-/// the linear coefficient.
+/// For each axis, the parameters of a cubic polynomial in the temperature difference, without a constant term.
+/// `typical` is the typical size of the linear coefficient.
 const fn cubic(units: [&'static str; 3], typical: f64) -> [Parameter; 9] {
     by_degree([["x_square", "y_square", "z_square"], ["x_cube", "y_cube", "z_cube"]], units, typical)
 }
 
-/// Coefficients of three consecutive powers of the temperature difference, for each axis. `typical` is the typical size
-/// of the coefficients of the lowest power. `higher` contains the names of the coefficients of the two higher powers.
+/// For each axis, the coefficients of three consecutive powers of the temperature difference. `typical` is the typical
+/// size of the coefficients of the lowest power. `higher` contains the names of the coefficients of the two higher
+/// powers.
 pub(super) const fn by_degree(
     higher: [[&'static str; 3]; 2],
     units: [&'static str; 3],

@@ -9,14 +9,14 @@
 //! The form with 3 parameters has only the k_i, the form with 6 also the q_i, and the form with 9 also the c_i.
 //!
 //! k_i, q_i and c_i are the parameters of axis i. T is the temperature, and dT is T minus the reference temperature, in
-//! kelvin. T_tau is the output of a first-order low-pass of T with the time constant tau (the shape). s is the
-//! direction of the last temperature change, from -1 (cooling) to 1 (heating).
-//! [`TemperatureMemory`](super::temperature_memory) computes T_tau - T, dT/dt and s.
+//! kelvin. T_tau is T after a first-order low-pass with the time constant tau (the shape). s is the direction of the
+//! last temperature change, from -1 (cooling) to 1 (heating). [`TemperatureMemory`](super::temperature_memory) computes
+//! T_tau - T, dT/dt and s.
 //!
 //! A unit may have both the lag effect and `*_bias_temperature`. Let a be the linear coefficient of
 //! `*_bias_temperature`. The sum of the two linear terms is then a T + k (T_tau - T), up to a constant. If k = a, this
-//! sum equals a T_tau, so the temperature of the sensing element lags the thermometer. If k and a have opposite signs,
-//! the temperature of the sensing element leads the thermometer.
+//! sum equals a T_tau: the bias follows a temperature that lags the thermometer. If k and a have opposite signs, the
+//! bias follows a temperature that leads the thermometer.
 
 use super::temperature::{ACCELEROMETER, GYROSCOPE, by_degree};
 use super::temperature_memory::TemperatureHistory;
@@ -28,8 +28,8 @@ const OBSERVABLE: &str = "rests while the temperature rises and while it falls";
 const SEVERAL_RATES: &str = "temperature changes of several rates and durations";
 /// Shape of the lag effects: the time constant, typically 60 s for a sensor on a board.
 const TAU: Option<Parameter> = Some(Parameter { name: "tau", unit: "s", typical: 60.0 });
-/// Typical ratio, in seconds, of the coefficient of dT/dt to the coefficient of T in the bias. With this ratio, the
-/// temperature of the sensing element leads the thermometer by this time.
+/// Typical ratio, in seconds, of two coefficients of the bias: that of dT/dt and that of T. For slow changes, such a
+/// bias follows a temperature that leads the thermometer by this time.
 const AHEAD_S: f64 = 60.0;
 /// Typical hysteresis as a temperature, in kelvin: half the difference between the biases while heating and while
 /// cooling, divided by the temperature coefficient of the bias.
@@ -173,14 +173,15 @@ impl<F: RealField + Copy> Effect<F> {
     };
 }
 
-/// Parameters of an effect of the temperature history, for each axis. They are the coefficients of a polynomial of the
-/// second degree in the temperature difference. `typical` is the typical size of its constant term.
+/// For each axis, the parameters of an effect of the temperature history: the coefficients of a quadratic polynomial in
+/// the temperature difference. `typical` is the typical size of the constant term.
 const fn graded(units: [&'static str; 3], typical: f64) -> [Parameter; 9] {
     by_degree([["x_linear", "y_linear", "z_linear"], ["x_square", "y_square", "z_square"]], units, typical)
 }
 
-/// Adds the terms of a `variable` v of the temperature history: v, v dT and v dT^2, where dT is the temperature
-/// difference. The terms are zero if the history or the temperature is unknown.
+/// Adds the terms of one variable v of the temperature history (lag, rate or direction): v, v dT and v dT^2, where dT
+/// is the temperature difference. `variable` returns v. The terms are zero if the history or the temperature is
+/// unknown.
 #[inline(always)]
 fn powers<F: RealField + Copy>(
     state: &State<F>,

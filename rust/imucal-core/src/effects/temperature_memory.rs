@@ -7,8 +7,8 @@
 //! direction   s <- clamp(s + change of (2 T_1 - T_2) / 1 K, -1, 1)
 //! ```
 //!
-//! At the first temperature, T_tau = T_1 = T_2 = T and s = 0. Between two temperatures, T is a straight line in time,
-//! and the low-passes are exact for this line.
+//! s is the direction. At the first temperature, T_tau = T_1 = T_2 = T and s = 0. T is assumed to be linear in time
+//! between two readings of the thermometer, and the outputs of the low-passes are exact for this input.
 //!
 //! ```
 //! use imucal_core::effects::{Effect, EffectSet, EffectValues, Surroundings};
@@ -41,8 +41,8 @@ use nalgebra::{RealField, convert};
 /// Time constant of the low-passes for rate and direction, s. They suppress the noise of a thermometer. The rate is
 /// delayed by twice this time, which is short relative to the temperature changes of a unit.
 pub const SMOOTHING_S: f64 = 0.5;
-/// The direction is completely reversed after a temperature change of 2 x this value, in kelvin. After the low-pass,
-/// the noise of a thermometer is smaller than this change.
+/// Half of the temperature change that reverses the direction from -1 to 1 or back, in kelvin. The noise of a
+/// thermometer after the low-pass is smaller than that change.
 pub const REVERSAL_K: f64 = 1.0;
 
 /// Variables of the temperature history at an instant.
@@ -53,10 +53,11 @@ pub struct TemperatureHistory<F: RealField + Copy> {
     /// Direction of the last temperature change: 1 for heating, -1 for cooling. The value is between -1 and 1 while the
     /// temperature reverses.
     pub direction: F,
-    /// Output of the low-pass for the lag effect of the gyroscope minus the temperature, K; 0 without such an effect.
+    /// Lag of the gyroscope: low-pass filtered temperature minus temperature, K; 0 if no lag effect acts on the
+    /// gyroscope.
     pub gyroscope_lag_k: F,
-    /// Output of the low-pass for the lag effect of the accelerometer minus the temperature, K; 0 without such an
-    /// effect.
+    /// Lag of the accelerometer: low-pass filtered temperature minus temperature, K; 0 if no lag effect acts on the
+    /// accelerometer.
     pub accelerometer_lag_k: F,
 }
 
@@ -79,14 +80,14 @@ impl<F: RealField + Copy> TemperatureHistory<F> {
     }
 }
 
-/// State of the low-passes from which the temperature history is computed. Each new temperature updates it. It has a
-/// fixed size of some tens of bytes.
+/// State of the low-passes from which the temperature history is computed. Each new temperature updates the state,
+/// which has a fixed size of some tens of bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TemperatureMemory<F: RealField + Copy> {
     gyroscope: LowPass<F>,
     accelerometer: LowPass<F>,
     first: LowPass<F>,
-    /// Output of the second low-pass minus the output of the first, K.
+    /// Output of the second smoothing low-pass minus the output of the first (`T_2 - T_1`), K.
     second_lag_k: F,
     direction: F,
     /// The last temperature, K; `None` before the first temperature.
@@ -95,11 +96,11 @@ pub struct TemperatureMemory<F: RealField + Copy> {
     since_s: F,
 }
 
-/// A first-order low-pass of the temperature; `None` if no effect uses it.
+/// A first-order low-pass of the temperature. `tau_s` is its time constant; `None` if no effect uses the low-pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct LowPass<F: RealField + Copy> {
     tau_s: Option<F>,
-    /// Output minus temperature, K.
+    /// Output of the low-pass minus its input (the temperature), K.
     lag_k: F,
 }
 
@@ -122,8 +123,8 @@ impl<F: RealField + Copy> LowPass<F> {
 }
 
 impl<F: RealField + Copy> TemperatureMemory<F> {
-    /// The memory for these effects, before it has received a temperature. If the set contains a lag effect twice, the
-    /// memory has the time constant of the last one.
+    /// The initial memory for a set of effects. If the set contains two lag effects of one sensor, the time constant of
+    /// the last one is used.
     pub fn new(effects: &EffectSet<F>) -> Self {
         let (mut gyroscope, mut accelerometer) = (None, None);
         for values in effects.iter() {
@@ -139,7 +140,7 @@ impl<F: RealField + Copy> TemperatureMemory<F> {
         Self::with_time_constants(gyroscope, accelerometer)
     }
 
-    /// The memory for lags with these time constants, s; `None` for a sensor without a lag.
+    /// The initial memory for lag effects with these time constants, s; `None` for a sensor without a lag effect.
     pub fn with_time_constants(gyroscope_s: Option<F>, accelerometer_s: Option<F>) -> Self {
         Self {
             gyroscope: LowPass::new(gyroscope_s),

@@ -1,6 +1,6 @@
-//! Evaluation of the field Phi of an effect. With the parameters theta, the effect is `Phi theta`. The formula of a
-//! field is written once. It gives either the columns of Phi or the product `Phi theta`, depending on the receiver (see
-//! `Terms`).
+//! Evaluation of the field Phi of an effect with the parameters theta. The formula of a field is written once. It
+//! passes the columns of Phi to a receiver (`Terms`), which either stores them or computes the error `Phi theta` that
+//! the effect adds.
 
 #[cfg(feature = "catalogue")]
 use super::Columns;
@@ -21,8 +21,8 @@ pub(super) trait Terms<F: RealField + Copy> {
     /// Receives the column `(0, 0, cause)` of the next parameter, which acts only on the z axis.
     fn z(&mut self, cause: F);
 
-    /// Receives the columns of the next three parameters. Their effect is `diag(theta) cause`, where theta contains
-    /// these parameters.
+    /// Receives the columns of the next three parameters k_x, k_y and k_z, one for each axis: component i of the error
+    /// is k_i times component i of `cause`.
     #[inline(always)]
     fn axes(&mut self, cause: Vector3<F>) {
         self.x(cause.x);
@@ -30,8 +30,8 @@ pub(super) trait Terms<F: RealField + Copy> {
         self.z(cause.z);
     }
 
-    /// Receives the columns of the next nine parameters. Their effect is `Theta cause`, where Theta is the 3x3 matrix
-    /// of these parameters, row by row.
+    /// Receives the columns of the next nine parameters, which add the error `Theta cause`. Theta is the 3x3 matrix of
+    /// these parameters, row by row.
     #[inline(always)]
     fn entries(&mut self, cause: Vector3<F>) {
         self.x(cause.x);
@@ -83,9 +83,9 @@ impl<F: RealField + Copy> Terms<F> for ToColumns<'_, F> {
     }
 }
 
-/// Computes the sum of all columns, each multiplied by its parameter. All methods are inlined at any optimisation
-/// level, so the indices of the parameters are constants. Without inlining, function calls would take most of the
-/// computing time of a correction on a device.
+/// Computes `Phi theta`: the sum of all columns of Phi, each multiplied by its parameter. All methods are inlined at
+/// any optimisation level, so the indices of the parameters are constants. Without inlining, function calls would take
+/// most of the computing time of a correction on a device.
 pub(super) struct Sum<'a, F: RealField + Copy> {
     values: &'a [F; MAX_PARAMETERS],
     next: usize,
@@ -98,8 +98,8 @@ impl<'a, F: RealField + Copy> Sum<'a, F> {
         Self { values, next: 0, sum: same(F::zero()) }
     }
 
-    /// Value of the next parameter. An effect in its plain form has fewer parameters than in its full form, and the
-    /// missing parameters count as zero.
+    /// Value of the next parameter. An effect in its plain form has fewer parameters than in its full form; the missing
+    /// parameters are zero.
     #[inline(always)]
     fn value(&mut self) -> F {
         let value = self.values.get(self.next).copied().unwrap_or(F::zero());

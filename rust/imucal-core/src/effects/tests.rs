@@ -1,4 +1,4 @@
-//! Compares every row of the catalogue with numbers calculated by hand.
+//! Compares every effect of the catalogue with numbers calculated by hand.
 
 use super::*;
 use crate::so3;
@@ -30,7 +30,7 @@ fn state() -> State<f64> {
 const HISTORY: TemperatureHistory<f64> =
     TemperatureHistory { rate_kps: 0.5, direction: -0.5, gyroscope_lag_k: -2.0, accelerometer_lag_k: 3.0 };
 const TAU_S: f64 = 25.0;
-/// The fraction of the warm-up that is left after 50 s with a time constant of 25 s: exp(-50 / 25).
+/// The factor exp(-t / tau) of a warm-up at t = 50 s with tau = 25 s.
 const LEFT: f64 = 0.135_335_283_236_612_7;
 
 /// The error that each effect adds at [`state`] if its parameters are 1, 2, 3, ... The values are calculated by hand

@@ -12,11 +12,13 @@ use crate::vector::{add, largest, sub};
 use core::{error::Error, fmt};
 use nalgebra::{RealField, Vector3, convert};
 
-/// Maximum number of effects in a calibration. The size of [`EffectSet`] is fixed by it, because no allocator is used.
+/// Maximum number of effects in a calibration. It fixes the size of [`EffectSet`], because this crate uses no
+/// allocator.
 pub const MAX_EFFECTS: usize = 12;
 
-/// Maximum number of iterations of [`EffectSet::remove`]. If each iteration multiplies the error by at most 0.83, 200
-/// iterations reduce the error to the rounding error of f64. Effects of usual sizes need at most seven iterations.
+/// Maximum number of iterations of [`EffectSet::remove`]. If each iteration reduces the error to at most 0.83 of its
+/// previous value, 200 iterations reduce it to the rounding error of f64. Effects of usual sizes need at most seven
+/// iterations.
 pub const MAX_PASSES: usize = 200;
 
 /// An effect and the values of its parameters.
@@ -60,7 +62,7 @@ impl<F: RealField + Copy> EffectValues<F> {
         self.effect
     }
 
-    /// Values of the parameters, as many as were given at creation.
+    /// Values of the parameters of the form (plain, full or between) in which the effect was created.
     pub fn values(&self) -> &[F] {
         self.values.get(..self.count).unwrap_or_default()
     }
@@ -112,7 +114,8 @@ impl<F: RealField + Copy> EffectSet<F> {
         self.members.iter().map_while(Option::as_ref)
     }
 
-    /// Sum of all effects on the true rate, rad/s, and on the true force, m/s^2. Effects on encoders are not included.
+    /// Sum of the errors that all effects add to the true rate, rad/s, and to the true force, m/s^2. Effects on
+    /// encoders are not included.
     pub fn at(&self, state: &State<F>) -> (Vector3<F>, Vector3<F>) {
         let (mut on_rate, mut on_force) = (zeros(), zeros());
         for member in self.iter() {
@@ -139,22 +142,22 @@ impl<F: RealField + Copy> EffectSet<F> {
         false
     }
 
-    /// Sum of all effects on the motor angles that the encoders of the stand read, rad, one component for each motor.
+    /// Sum of the errors, rad, that all effects add to the encoder readings of the stand; one component for each motor.
     #[cfg(feature = "catalogue")]
     pub fn on_encoders(&self, state: &State<F>) -> Vector3<F> {
         let encoders = self.iter().filter(|member| member.effect.sensor == Sensor::Encoder);
         encoders.fold(Vector3::zeros(), |sum, member| sum + member.at(state))
     }
 
-    /// Computes the true `(rate, force)` from values that contain the effects, in rad/s and m/s^2 in the body frame. It
-    /// inverts the addition of [`at`](Self::at) to the true values (`docs/model.md` (16)).
+    /// Computes the true `(rate, force)` from values that contain the effects, in rad/s and m/s^2 in the body frame.
+    /// The function inverts the sum of the true values and [`at`](Self::at) (`docs/model.md` (16)).
     ///
-    /// The method iterates `true <- seen - effects(true)` until the rate and the force on which the effects depend
-    /// change only by rounding errors. Each iteration multiplies the error by at most the derivative of the effects
-    /// with respect to rate and force, for example by 0.002 for a scale asymmetry of 0.2 %. One effect of typical size
-    /// needs a single iteration if it does not depend on the quantity that it changes. Otherwise, it needs two or three
-    /// iterations in `f32`, and two to seven in `f64`. If the derivative exceeds about 0.83, the iteration does not
-    /// converge in [`MAX_PASSES`] steps, and both results are NaN.
+    /// The method iterates `true <- seen - effects(true)`. It stops when an iteration changes rate and force only by
+    /// rounding errors; a quantity on which no effect depends is not tested. Each iteration multiplies the error by at
+    /// most the derivative of the effects with respect to rate and force, for example by 0.002 for a scale asymmetry of
+    /// 0.2 %. One effect of typical size needs a single iteration if it does not depend on the quantity that it
+    /// changes. Otherwise, it needs two or three iterations in `f32`, and two to seven in `f64`. If the derivative
+    /// exceeds about 0.83, the iteration does not converge in [`MAX_PASSES`] steps, and both results are NaN.
     pub fn remove(
         &self,
         seen_rate: Vector3<F>,
@@ -165,8 +168,8 @@ impl<F: RealField + Copy> EffectSet<F> {
         self.remove_reading(reads, seen_rate, seen_force, surroundings, |_| (zeros(), zeros()))
     }
 
-    /// The function [`remove`](Self::remove) with further effects. `own` returns the errors that these effects add to
-    /// the true rate and to the true force in a given state.
+    /// Like [`remove`](Self::remove), but with further effects that the caller defines. `own` returns the errors that
+    /// these effects add to the true rate and to the true force in a given state.
     pub fn remove_with(
         &self,
         seen_rate: Vector3<F>,
@@ -192,7 +195,8 @@ impl<F: RealField + Copy> EffectSet<F> {
         let mut state = State { angular_rate: seen_rate, specific_force: seen_force, surroundings: *surroundings };
         let [rate_counts, force_counts] = reads;
         let (rate_size, force_size) = (largest(&seen_rate), largest(&seen_force));
-        // Without optimisation, the iterator of a range contains a check that can panic (Rust 1.96).
+        // A `while` loop is used because, without optimisation, a `for` loop over a range contains a check that can
+        // panic (Rust 1.96).
         let mut passes = 0;
         while passes < MAX_PASSES {
             passes += 1;
@@ -218,9 +222,10 @@ fn zeros<F: RealField + Copy>() -> Vector3<F> {
     Vector3::new(F::zero(), F::zero(), F::zero())
 }
 
-/// Whether the iteration of a quantity (rate or force) has converged. The criterion is that `seen - effects` changes
-/// between two iterations only by about a rounding error. `seen` is the largest absolute component of the quantity
-/// before the effects are removed. If no effect depends on the quantity (`counts` is false), any change is permitted.
+/// Whether the iteration of a quantity (rate or force) has converged. It has converged if the last iteration changed
+/// the quantity (`change`) by no more than about a rounding error. `seen` is the largest absolute component of the
+/// quantity before the effects are removed. If no effect depends on the quantity (`counts` is false), any change is
+/// permitted.
 fn is_rounding<F: RealField + Copy>(counts: bool, change: &Vector3<F>, seen: F, effects: &Vector3<F>) -> bool {
     let rounding: F = convert::<f64, F>(16.0) * F::default_epsilon();
     let limit = rounding * (seen + largest(effects));
@@ -379,8 +384,8 @@ mod tests {
 
     #[test]
     fn the_inverse_is_that_of_the_quadratic_equation() -> Result<(), EffectError> {
-        // seen = w + k w^2. For the two values of k, k w is up to 0.1 and 0.4, and each iteration multiplies the error
-        // by about 0.2 and 0.8.
+        // seen = w + k w^2. An iteration multiplies the error by about 2 k w. For the two values of k, this factor is
+        // up to 0.2 and up to 0.8.
         let rate = Vector3::new(5.0, -4.0, 0.0);
         for (k, tolerance) in [(0.02, 1e-14), (0.08, 2e-13)] {
             let mut set = EffectSet::none();

@@ -4,8 +4,9 @@ use nalgebra::{RealField, Vector3, Vector6, convert};
 
 /// Count, mean and variance of consecutive samples, per channel: rate x, y, z, then force x, y, z.
 ///
-/// The sums contain the differences from the first sample. The variance is therefore accurate even with a large offset,
-/// for example gravity, or unsigned counts around 32768 in f32. The sums of two intervals can be merged:
+/// The sums are those of the differences from the first sample. The variance is therefore accurate even if the samples
+/// have a large offset, for example gravity, or unsigned counts around 32768 in f32. The sums of two intervals can be
+/// merged:
 ///
 /// ```
 /// use imucal_core::rest::BlockSums;
@@ -85,7 +86,8 @@ impl<F: RealField + Copy> BlockSums<F> {
         let count = number::<F>(self.count);
         both(&self.squares, &self.sum, |squares, sum| {
             let about_mean = squares - sum * sum / count;
-            // Rounding can make the sum of squares of a constant channel slightly negative. NaN must remain NaN.
+            // Rounding can make the sum of squares about the mean of a constant channel slightly negative. NaN must
+            // remain NaN.
             (if about_mean < F::zero() { F::zero() } else { about_mean }) / (count - F::one())
         })
     }
@@ -111,7 +113,7 @@ pub fn rest_statistic<F: RealField + Copy>(window: &BlockSums<F>, noise_variance
     statistic_of(&window.variance(), noise_variance)
 }
 
-/// [`rest_statistic`] of a window with a known variance.
+/// [`rest_statistic`] of a window whose `variance` in each channel is known.
 #[inline]
 pub fn statistic_of<F: RealField + Copy>(variance: &Vector6<F>, noise_variance: &Vector6<F>) -> F {
     let ratio = both(variance, noise_variance, |variance, noise| variance / noise);

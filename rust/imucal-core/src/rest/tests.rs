@@ -29,8 +29,8 @@ impl Noise {
     }
 }
 
-/// Samples of alternating moves and rests. For each rest, the second result contains the index of its first sample and
-/// the index of its last sample plus one. The run starts and ends with a move.
+/// Samples of alternating moves and rests; the run starts and ends with a move. For each rest, the second result
+/// contains the index of its first sample and the index of its last sample plus one.
 fn stand_run(rate_hz: f64) -> (Vec<Sample>, Vec<(usize, usize)>) {
     let mut noise = Noise(7);
     let (mut samples, mut rests) = (Vec::new(), Vec::new());
@@ -98,7 +98,7 @@ fn means_are_those_of_two_passes_over_the_stretch() {
 
 #[test]
 fn unsigned_counts_in_f32_give_the_same_rests() {
-    // Unsigned readings of 16-bit converters, as firmware reads them. Zero is at 32768 counts.
+    // Unsigned readings of 16-bit converters, as firmware reads them. A rate or force of zero reads 32768 counts.
     let (rate_lsb, force_lsb) = (32.8 * 57.3, 16384.0 / 9.80665);
     let (samples, _) = stand_run(400.0);
     let counts = samples.iter().map(|(rate, force)| {

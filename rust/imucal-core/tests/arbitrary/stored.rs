@@ -4,7 +4,8 @@ use imucal_core::{effects::Surroundings, stored::StoredCalibration};
 use nalgebra::Vector3;
 
 /// Reads the bytes twice: unchanged, and with a valid start, length and check sum, which random bytes almost never
-/// have. If the bytes are a calibration, it corrects a sample. Returns whether the bytes are a calibration.
+/// have. If the changed bytes are a valid calibration, samples are corrected with it. Returns whether the changed bytes
+/// are a valid calibration.
 pub(crate) fn load(bytes: &[u8]) -> bool {
     let _ = StoredCalibration::<f32>::from_bytes(bytes);
     let mut sealed = bytes.to_vec();

@@ -1,4 +1,5 @@
-//! Residuals by kind, rest and move, and predicted errors, as mappings for JSON documents.
+//! Conversion of the residuals, grouped by kind, rest and move, and of the predicted errors to mappings for JSON
+//! documents.
 
 use imucal::gap as library;
 use imucal::recording::Recording;
@@ -8,7 +9,8 @@ use crate::mappings::{Fields, fields, known};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Residuals of one kind on one body axis, or without an axis for norms; see `imucal::gap::ChannelResidual`.
+/// Size of the residuals of one kind (a channel) on one body axis. The norm of the force has no axis. See
+/// `imucal::gap::ChannelResidual`.
 #[derive(IntoPyObject)]
 struct Channel {
     channel: &'static str,
@@ -21,8 +23,8 @@ struct Channel {
     times_noise_after: Option<f64>,
 }
 
-/// A significant linear dependence of a channel of residuals on a regressor (an explanatory quantity, for example
-/// temperature).
+/// A significant linear dependence of the residuals of one kind and axis on another quantity (`on`), for example the
+/// temperature.
 #[derive(IntoPyObject)]
 struct Dependence {
     channel: &'static str,
@@ -32,7 +34,7 @@ struct Dependence {
     p_value: f64,
 }
 
-/// A rest whose residuals are significant.
+/// A rest whose residuals significantly exceed noise.
 #[derive(IntoPyObject)]
 struct Rest<'a> {
     recording: &'a str,
@@ -42,7 +44,7 @@ struct Rest<'a> {
     left_out: bool,
 }
 
-/// A move whose residuals are significant.
+/// A move whose residuals significantly exceed noise.
 #[derive(IntoPyObject)]
 struct Move<'a> {
     recording: &'a str,
@@ -61,7 +63,7 @@ struct Where {
     turns_about: Option<&'static str>,
 }
 
-/// Residuals by kind, rest and move on these recordings.
+/// The residuals, grouped by kind, rest and move, as a mapping. `recordings` gives the names of the recordings.
 pub(super) fn residuals(
     py: Python<'_>,
     found: &library::ResidualsByPlace,

@@ -39,34 +39,36 @@ pub struct AccelerometerOutcome {
     pub frame: Frame,
     /// Names of the nine parameters.
     pub names: Vec<String>,
-    /// Values of the parameters, in the same order, raw units.
+    /// Values of the nine parameters, in the order of `names`, raw units.
     pub values: Vec<f64>,
-    /// Covariance of the parameters, by rows, if gravity is known exactly.
+    /// Covariance matrix of the parameters, as a list of its rows. Gravity is assumed to be known exactly.
     /// [`covariance_with_references`](Self::covariance_with_references) includes the uncertainty of gravity.
     pub covariance: Vec<Vec<f64>>,
-    /// Reports of all rests.
+    /// One report for each detected rest: its mean reading, its residual, and the reason if it is excluded.
     pub rests: Vec<RestReport>,
-    /// Threshold of the rest detection for each recording.
+    /// For each recording, the threshold of rest detection: the variance, relative to the noise, below which the unit
+    /// counts as at rest.
     pub thresholds: Vec<Threshold>,
     /// White-noise densities of the axes x, y, z, m/s^2/sqrt(Hz). Each is the median over the recordings.
     pub noise_density: Vector3<f64>,
-    /// Report of the fit.
+    /// Report of the fit: its chi2 and the reason for its end.
     pub fit: FitReport,
-    /// Standard deviation of the measured norm of the mean force at a rest, m/s^2, estimated from the residuals of the
-    /// fit. `None` if the noise of the mean forces is known.
+    /// Noise of the mean force at a rest: standard deviation of its norm, m/s^2, estimated from the residuals of the
+    /// fit. `None` if this noise is known and not estimated.
     pub noise_from_residuals_mps2: Option<f64>,
     /// Parameters with a prior (held parameters), with their estimates; empty if there are none.
     pub held: Vec<HeldEstimate>,
     /// Share of each parameter's variance that is due to the priors of the held parameters, in the order of `names`;
     /// empty if no parameter is held.
     pub prior_shares: Vec<f64>,
-    /// Errors due to the uncertainty of the priors; `None` if no parameter is held. The error of a rotation is NaN,
-    /// because an accelerometer does not measure rotations.
+    /// Error of a measured gravity direction that the uncertainty of the priors causes; `None` if no parameter is held.
+    /// The error of a rotation is NaN, because an accelerometer does not measure rotations.
     pub prior_cost: Option<PriorCost>,
     /// Goodness of fit of the norms of the specific force at the rests, relative to noise; empty if there are no
     /// degrees of freedom.
     pub groups: Vec<GroupMisfit>,
-    /// Figures of merit on the calibration recordings. The figures of moves are missing.
+    /// Residual statistics of the calibration on its own recordings: chi2 and the rms error of the norm of gravity. The
+    /// statistics of moves are NaN or zero, because moves are not used.
     pub figures: Figures,
     /// Warnings about the recordings.
     pub findings: Vec<Finding>,
@@ -136,8 +138,8 @@ pub(super) fn of_accelerometer(held: Vec<HeldParameter>) -> Vec<HeldParameter> {
 }
 
 impl AccelerometerOutcome {
-    /// The result of an accelerometer fit to `rests`. `reports` are the reports of these rests. The lists of thresholds
-    /// and findings are empty, and the noise densities are NaN.
+    /// The result of an accelerometer fit to `rests`. `reports` are the reports of these rests. The fields `thresholds`
+    /// and `findings` stay empty, and `noise_density` is NaN. The caller sets them.
     pub(super) fn of_fit(
         fit: &AccelerometerFit,
         rests: &[&Rest],
@@ -178,14 +180,15 @@ impl AccelerometerOutcome {
         })
     }
 
-    /// The held parameters and the errors due to the uncertainty of their priors, for the offer of this model to the
-    /// user; `None` if the verdict is poor.
+    /// The parts of this result that a message with the offer of this reduced model needs: the held parameters, and the
+    /// errors that their priors cause. `None` if the verdict is poor.
     pub(super) fn as_reduced(&self) -> Option<Reduced> {
         let is_usable = !matches!(self.verdict(), Verdict::Poor(_));
         is_usable.then(|| Reduced { held: self.held.clone(), cost: self.prior_cost, condition: None })
     }
 
-    /// The covariance of the parameters, by rows, with the uncertainty of local gravity (model.md (38)).
+    /// The covariance matrix of the parameters, as a list of its rows, with the uncertainty of local gravity (model.md
+    /// (38)).
     pub fn covariance_with_references(&self, references: &References, gravity_mps2: f64) -> Vec<Vec<f64>> {
         let variance = (references.gravity_sigma_mps2 / gravity_mps2).powi(2);
         let mut covariance = self.covariance.clone();
@@ -222,7 +225,7 @@ impl AccelerometerOutcome {
     }
 }
 
-/// The fitted triad and covariances of its parameters in the requested body frame.
+/// Converts the fitted triad, and covariance matrices of its nine parameters, to the requested body frame.
 fn of_frame(
     fit: &AccelerometerFit,
     covariances: [Mat<f64>; 2],

@@ -36,7 +36,8 @@ pub struct Checked<'a> {
     recordings: Vec<Recording<'a>>,
     /// All options except those of the model.
     options: Options<'static>,
-    /// Rests, noise and findings. The list of recordings in this field is empty, because `Checked` owns the recordings.
+    /// Rests, noise and findings of the recordings. The list `recordings` in this field is empty, because the field
+    /// `recordings` of `Checked` contains them.
     data: UnitData<'static>,
     accelerometer: AccelerometerFit,
     moves: Vec<Move>,
@@ -53,7 +54,7 @@ pub struct Checked<'a> {
 type Plain = ([Triad<f64>; 2], Selection);
 
 impl<'a> Checked<'a> {
-    /// Returns an error if recordings of several units are the cause of the error `error`.
+    /// Returns an error if `error`, the error of a fit, occurred because the recordings are of several units.
     pub(super) fn refuse_several_units(
         recordings: &[Recording<'_>],
         options: &Options<'_>,
@@ -112,8 +113,8 @@ impl<'a> Checked<'a> {
         &self.options
     }
 
-    /// Calibrates like [`calibrate`](super::calibrate()), with the given model. A warm start reduces the number of
-    /// iterations, but does not change the result.
+    /// Calibrates like [`calibrate`](super::calibrate()), with the given model. A warm start (parameters from which the
+    /// joint fit starts) reduces the number of iterations, but does not change the result.
     ///
     /// # Errors
     /// The errors are those of [`calibrate`](super::calibrate()).
@@ -182,8 +183,8 @@ impl<'a> Checked<'a> {
     }
 
     /// Returns an error if the joint fit of several recordings has failed. It has failed if its gains are implausible
-    /// although it started from a two-stage fit with plausible gains. A wrong unit of a column would make the gains of
-    /// both fits implausible.
+    /// although it started from a two-stage fit with plausible gains. A wrong unit of a data column would make the
+    /// gains of both fits implausible.
     fn require_fit(&self, gains: &[Finding]) -> Result<(), Error> {
         let is_error = |finding: &Finding| finding.severity == Severity::Error;
         let Some(wrong) = gains.iter().find(|finding| is_error(finding)) else { return Ok(()) };
@@ -210,8 +211,8 @@ impl<'a> Checked<'a> {
 
     /// For a search for effects: prepares the input of a joint fit and calls `work` with this input and both triads.
     /// The triads, rests and moves are those of the joint fit without effects. If this fit excluded too many outliers,
-    /// all rests and moves are used. Both sensors may drift within a rest. The temperatures of the recordings are
-    /// replaced by `temperatures_degc`.
+    /// all rests and moves are used. The input allows both sensors to drift within a rest. Its temperatures are
+    /// `temperatures_degc` instead of those of the recordings.
     pub(crate) fn prepare<T>(
         &self,
         temperatures_degc: &[Option<Vec<f64>>],
@@ -236,7 +237,7 @@ impl<'a> Checked<'a> {
         })
     }
 
-    /// The joint fit without effects and without a warm start.
+    /// Performs the joint fit without effects and without a warm start.
     fn plain(&self, data: &UnitData<'_>) -> Result<Plain, Error> {
         let Self { accelerometer, gyroscope, unusable, options, .. } = self;
         let (joint, selection) = data.fit_without_outliers(accelerometer, gyroscope, unusable, options, None)?;
@@ -244,13 +245,13 @@ impl<'a> Checked<'a> {
     }
 
     /// Whether the unit is hand-held in any recording. The hand accelerates the unit during moves, so the specific
-    /// force inside moves is not only gravity.
+    /// force during moves differs from gravity.
     pub(crate) fn is_held(&self) -> bool {
         self.data.is_held()
     }
 
-    /// Whether the noise of the accelerometer is far below a step of its converter. Rounding errors inside the moves
-    /// are then not white noise, because the force can change so slowly that it stays within one step.
+    /// Whether the noise of the accelerometer is far below one count of its converter. Rounding errors during the moves
+    /// are then not white noise, because the force can change so slowly that several samples have the same count.
     pub(crate) fn has_coarse_accelerometer(&self) -> bool {
         let is_coarse = |segments: &Segments| segments.rounding[3..].iter().any(Rounding::is_not_white_in_moves);
         self.data.segments.iter().any(is_coarse)
@@ -273,7 +274,7 @@ fn fit_alone(recording: &Recording<'_>, options: &Options<'_>) -> Result<Outcome
         .calibrate_one_unit(&ModelOptions::default(), None)
 }
 
-/// The recording with the temperature column replaced.
+/// The recording, with its temperatures replaced by `column`.
 fn with_temperature<'b>(recording: &Recording<'b>, column: &'b Option<Vec<f64>>) -> Recording<'b> {
     Recording { temperature_degc: column.as_deref(), ..*recording }
 }
@@ -284,9 +285,9 @@ mod tests {
     use crate::rests::moves::direction_error_rad;
     use crate::simulate::{Program, RandomMoves, Unit, simulate};
 
-    /// Cross-validation of a simulated run in three folds. Each fold holds out every third move and every third rest.
-    /// The held-out errors are computed by a formula that needs only the fit to all data. They must agree with the
-    /// errors of actual fits without the held-out moves and rests.
+    /// Cross-validation of a simulated run in three folds. Each fold leaves out every third move and every third rest.
+    /// The prediction errors of the omitted moves and rests are computed by a formula that needs only the fit to all
+    /// data. They must agree with the errors of actual fits without these moves and rests.
     #[test]
     fn what_is_held_out_is_predicted_as_by_a_fit_without_it() {
         let program = Program::random(&RandomMoves::default(), 5).unwrap();

@@ -11,14 +11,14 @@ use crate::two_stage::accelerometer::AccelerometerFit;
 /// Prediction errors at rests and moves that the fit does not use (`folds` of [`Options`]).
 #[derive(Clone, Debug)]
 pub struct CrossValidation {
-    /// Angle between propagated and measured gravity, root mean square over all moves, deg. The angle of each move is
-    /// computed with a fit without this move.
+    /// Angle between propagated and measured gravity, rms over all moves, deg. The angle of each move is computed with
+    /// a fit that does not use this move.
     pub gravity_direction_rms_deg: f64,
     /// Angle between propagated and measured gravity for each move, computed with a fit without this move, deg.
     pub direction_error_deg: Vec<f64>,
-    /// Error of the norm |f| of the specific force at each rest, with a joint fit without this rest, m/s^2. It is NaN
-    /// for the two-stage fit, for rests that are not used, and if the fit without the rest does not determine all
-    /// parameters.
+    /// For each rest, the norm |f| of the specific force minus local gravity, m/s^2, computed with a joint fit without
+    /// this rest. It is NaN for the two-stage fit, for rests that are not used, and if the fit without the rest does
+    /// not determine all parameters.
     pub norm_error_mps2: Vec<f64>,
 }
 

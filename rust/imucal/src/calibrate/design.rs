@@ -14,23 +14,24 @@ use crate::parameters::{ACCELEROMETER, BASE};
 use crate::two_stage::observability::{LARGEST_SHIFT, MOVE_ERROR_RAD, Open, REST_ERROR_MPS2};
 
 /// Maximum number of Gauss-Newton steps from the nominal parameters to the least-squares values. After the second step,
-/// the remaining error is not larger than the error due to noise.
+/// the distance from the least-squares values is at most as large as the error due to noise.
 const STEPS: usize = 3;
-/// Maximum change of a parameter in a Gauss-Newton step, as a fraction of the parameter's size. If a step changes a
-/// parameter by more, the data are faulty, and the step is not applied.
+/// Maximum change of a parameter in a Gauss-Newton step, as a fraction of the parameter's size (see [`sizes`]). If a
+/// step changes a parameter by more, the data are faulty, and the step is not applied.
 pub(super) const FAR_OFF: f64 = 0.3;
 
-/// The design matrix: the Jacobian of the residuals with respect to the parameters `OBSERVED`. A row is divided by the
-/// error that the model of a real unit typically has in this residual. A column is multiplied by a hundredth of the
-/// size of its parameter (`sizes`). The rows of priors are divided by the standard deviation of the prior.
+/// The design matrix: the Jacobian of the residuals with respect to the parameters `OBSERVED`. The row of a residual is
+/// divided by the error that the model of a real unit typically has in this residual. The column of a parameter is
+/// multiplied by a hundredth of the size of the parameter (`sizes`). The row of a prior is divided by the standard
+/// deviation of the prior.
 #[derive(Default)]
 pub(super) struct Design {
     /// Rows of the matrix, with one column for each entry of [`OBSERVED`]. First come the rows of the residuals, then
     /// the rows of the parameters with a prior.
     rows: Vec<[f64; 18]>,
-    /// Residuals, divided like the rows.
+    /// Residuals, one for each row of the matrix and divided by the same number as the row.
     residuals: Vec<f64>,
-    /// The residuals with their derivatives, as [`Line`]s.
+    /// The residuals and their derivatives before the division, as [`Line`]s. The priors are not included.
     lines: Vec<Line>,
 }
 
@@ -92,7 +93,8 @@ impl Design {
         self.open_to(ACCELEROMETER..OBSERVED.len(), |source| matches!(source, Source::Move(_)))
     }
 
-    /// Parameters among `columns` that are not determined by the residuals that `is_used` selects.
+    /// Parameters that are not determined by the residuals that `is_used` selects. Only the parameters with these
+    /// `columns` of the matrix are considered; all others count as known.
     fn open_to(&self, columns: Range<usize>, is_used: impl Fn(Source) -> bool) -> Result<Open, Error> {
         let rows: Vec<&[f64; 18]> =
             self.rows.iter().zip(&self.lines).filter(|(_, line)| is_used(line.source)).map(|(row, _)| row).collect();
@@ -103,7 +105,8 @@ impl Design {
         Mat::from_fn(self.rows.len(), 18, |i, j| self.rows[i][j])
     }
 
-    /// The Gauss-Newton step in the observable directions, in hundredths of the size of each parameter.
+    /// The Gauss-Newton step of each parameter, in hundredths of the size of the parameter. In unobservable directions
+    /// of the parameter space, the step is zero.
     fn step(&self) -> Result<[f64; 18], Error> {
         let (values, vectors) = lsq::singular(&self.matrix())?;
         let mut step = [0.0; 18];
@@ -122,12 +125,12 @@ impl Design {
     }
 }
 
-/// Indices of the parameters in the design matrix. The gyroscope bias is not among them, because the mean rates give it
-/// directly.
+/// Indices, among the 21 parameters, of the parameters in the design matrix. The gyroscope bias is not included,
+/// because the mean rates at the rests determine it directly.
 pub(super) const OBSERVED: [usize; 18] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 15, 16, 17, 18, 19, 20];
 
-/// Size of each parameter, raw units. The size of a sensitivity is the mean scale. The size of a bias is the reading at
-/// 1 g (accelerometer) or at 1 rad/s (gyroscope).
+/// Size of each parameter, raw units, with which its changes are compared. The size of a sensitivity is the mean scale.
+/// The size of a bias is the reading at 1 g (accelerometer) or at 1 rad/s (gyroscope).
 pub(super) fn sizes(model: &Model, gravity_mps2: f64) -> [f64; BASE] {
     let scale = |triad: &Triad<f64>| triad.sensitivity().norm() / 3f64.sqrt();
     let (accelerometer, gyroscope) = (scale(&model.accelerometer), scale(&model.gyroscope));

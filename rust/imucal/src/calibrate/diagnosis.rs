@@ -34,8 +34,8 @@ pub struct Diagnosis {
     pub code: &'static str,
     /// Names of the parameters.
     pub parameters: Vec<String>,
-    /// The value that exceeded its limit. It is the largest correlation, the ratio of the standard deviation to the
-    /// usual size, or the time constant in s.
+    /// The value that exceeded its limit. For `traded_off`, it is the largest correlation. For `flat`, it is (standard
+    /// deviation) / (usual size of the parameter). For `at_bound`, it is the time constant, s.
     pub value: f64,
     /// Description with the value.
     pub message: String,
@@ -43,7 +43,8 @@ pub struct Diagnosis {
     pub way_out: String,
 }
 
-/// Diagnoses of a calibration made from `recordings`. The list is empty for a good calibration.
+/// Diagnoses of the calibration `outcome`, which was estimated from `recordings`. The list is empty if all parameters
+/// are determined well.
 pub fn diagnose(outcome: &Outcome, recordings: &[Recording<'_>]) -> Vec<Diagnosis> {
     let longest_s = recordings.iter().filter_map(|r| Some(r.time_s.last()? - r.time_s.first()?)).fold(0.0, f64::max);
     let mut found = traded_off(outcome);
@@ -52,7 +53,7 @@ pub fn diagnose(outcome: &Outcome, recordings: &[Recording<'_>]) -> Vec<Diagnosi
     found
 }
 
-/// Groups of parameters with high correlations.
+/// One diagnosis for each group of parameters that are linked by correlations above [`TRADED`].
 fn traded_off(outcome: &Outcome) -> Vec<Diagnosis> {
     let (names, covariance) = (&outcome.names, &outcome.covariance);
     let correlation = |i: usize, j: usize| covariance[i][j] / (covariance[i][i] * covariance[j][j]).sqrt();
@@ -87,7 +88,7 @@ fn traded_off(outcome: &Outcome) -> Vec<Diagnosis> {
     found
 }
 
-/// Parameters without a prior whose standard deviation is larger than their usual size.
+/// One diagnosis for each parameter without a prior whose standard deviation is larger than its usual size.
 fn flat(outcome: &Outcome) -> Vec<Diagnosis> {
     let mut found = Vec::new();
     for (p, name) in outcome.names.iter().enumerate() {
@@ -109,7 +110,8 @@ fn flat(outcome: &Outcome) -> Vec<Diagnosis> {
     found
 }
 
-/// A time constant outside the range that the recordings can determine.
+/// The diagnosis for a time constant outside the range that the recordings can determine; `None` if it is inside the
+/// range or the effect has no time constant.
 fn at_bound(effect: &TermEstimate, longest_s: f64) -> Option<Diagnosis> {
     let tau_s = effect.shape?;
     let name = effect.parameter_names.last()?;
@@ -137,8 +139,8 @@ fn effect_of(outcome: &Outcome, p: usize) -> Option<(&TermEstimate, usize)> {
     outcome.effects.iter().find_map(|e| Some((e, e.parameter_names.iter().position(|name| *name == outcome.names[p])?)))
 }
 
-/// Typical error of parameter `p` of an uncalibrated sensor, in the unit of the parameter.
-/// `None` for user-defined effects and for time constants.
+/// Usual size of parameter `p`, in the unit of the parameter: its typical error in an uncalibrated sensor. `None` for
+/// user-defined effects and for time constants.
 fn usual_size(outcome: &Outcome, p: usize) -> Option<f64> {
     let scale = |triad: &imucal_core::sensor::Triad<f64>| triad.sensitivity().norm() / 3f64.sqrt();
     let (accelerometer, gyroscope) = (scale(&outcome.calibration.accelerometer), scale(&outcome.calibration.gyroscope));
@@ -158,13 +160,14 @@ fn usual_size(outcome: &Outcome, p: usize) -> Option<f64> {
     }
 }
 
-/// The motion that makes these parameters distinguishable from all others.
+/// Text that recommends the motion with which these parameters can be distinguished from each other and from all
+/// others.
 fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
     let free = outcome.frame.free_entries();
     const AXES: [&str; 3] = ["x", "y", "z"];
     let mut motions: Vec<String> = Vec::new();
-    // If the group contains an effect, no motion is recommended for the base parameters. The motion that separates the
-    // effect from the base parameters also determines the base parameters.
+    // If the group contains a parameter of an effect, no motion is recommended for the base parameters of the group.
+    // The motion that separates the effect from the base parameters also determines the base parameters.
     let with_effect = parameters.iter().any(|&p| p >= 21);
     for &p in parameters.iter().filter(|&&p| p >= 21 || !with_effect) {
         let motion = match p {
@@ -191,8 +194,8 @@ fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
     motions.join("; ")
 }
 
-/// The motion that separates an effect from the other parameters of a group of correlated parameters. If no such motion
-/// is known, the motion that makes the effect observable.
+/// Text that recommends the motion which separates an effect from the other parameters of a group of correlated
+/// parameters. If no such motion is known, the text recommends the motion that makes the effect observable.
 fn separation(outcome: &Outcome, effect: &Effect<f64>, group: &[usize]) -> String {
     let is_in_group =
         |name: &str| group.iter().any(|&p| effect_of(outcome, p).is_some_and(|(term, _)| term.name == name));

@@ -23,29 +23,30 @@ use crate::parameters::{ACCEL, GYRO_SENSITIVITY};
 /// above this value. The recordings then contain less information than the priors.
 const MAX_PRIOR_SHARE: f64 = 0.5;
 /// A contradiction between the recordings and a prior is reported if |value from the recordings - prior| is above this
-/// number of standard deviations of this difference. Noise exceeds this limit with a probability of 6e-7.
+/// number of standard deviations of this difference. Without a contradiction, the difference exceeds this limit with a
+/// probability of 6e-7.
 const MAX_CONTRADICTION: f64 = 5.0;
 
 /// One held parameter with its prior and its estimate.
 #[derive(Clone, Debug)]
 pub struct HeldEstimate {
-    /// The prior.
+    /// The held parameter with the value and the standard deviation of its prior.
     pub prior: HeldParameter,
     /// Estimate from the recordings and the prior, in the unit of the prior.
     pub estimate: f64,
-    /// Standard deviation of the estimate.
+    /// Standard deviation of the estimate, in the unit of the prior.
     pub sigma: f64,
     /// Share of the variance of the estimate that is due to the priors. It is 1 if the recordings contain no
     /// information about the parameter, and near 0 if they determine it accurately.
     pub prior_share: f64,
-    /// Difference between prior and recordings in standard deviations of this difference. `None` if the recordings
-    /// alone determine the parameter less accurately than the typical spread of MEMS sensors. For an accelerometer
-    /// without a gyroscope, it is always `None`.
+    /// Difference between the prior value and the value from the recordings, in standard deviations of this difference.
+    /// `None` if the recordings alone determine the parameter less accurately than its typical spread over MEMS
+    /// sensors. For an accelerometer without a gyroscope, it is always `None`.
     pub contradiction: Option<f64>,
 }
 
 impl HeldEstimate {
-    /// Whether the recordings contain more information about the parameter than its prior.
+    /// Whether the recordings contain more information about the parameter than the priors.
     pub(super) fn is_determined(&self) -> bool {
         self.prior_share <= MAX_PRIOR_SHARE
     }
@@ -90,16 +91,18 @@ pub(super) fn held_estimates(
     ((0..held.len()).map(estimate).collect(), &by_prior * by_prior.transpose())
 }
 
-/// Difference between prior and recordings in standard deviations of this difference. `None` if the recordings alone
-/// determine the parameter less accurately than its typical spread over MEMS sensors. Such weak information comes only
-/// from the nonlinearity of the model, and is no evidence against the prior.
+/// Difference between the prior value and the value from the recordings, in standard deviations of this difference.
+/// `None` if the recordings alone determine the parameter less accurately than its typical spread over MEMS sensors.
+/// Such weak information comes only from the nonlinearity of the model, and is no evidence against the prior.
+/// `residual` and `free` are the residual of the prior in standard deviations, and 1 - leverage of this residual.
 fn contradiction(held: &HeldParameter, (residual, free): (f64, f64)) -> Option<f64> {
     let of_recordings = held.sigma * ((1.0 - free) / free).sqrt();
     held.usual.is_none_or(|usual| of_recordings < usual).then_some(residual)
 }
 
-/// Standard deviations of a gravity direction and of a rotation by 90 deg, if the parameters (symmetric frame) have
-/// this covariance. They are root mean squares over `directions`.
+/// Errors of a measured gravity direction and of a measured rotation by 90 deg that parameter errors with this
+/// covariance (symmetric frame) cause. Each is a standard deviation, rms over the directions of gravity, or of the axis
+/// of rotation, in [`directions`].
 pub(super) fn prior_cost(covariance: &Mat<f64>, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>) -> PriorCost {
     let block = |first: usize| SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(first + i, first + j)]);
     let (force, rate) = (block(ACCEL.start), block(GYRO_SENSITIVITY.start));

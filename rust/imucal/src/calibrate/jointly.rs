@@ -21,15 +21,15 @@ use crate::rests::moves::{Ends, Move, Unusable, between, direction_error_rad};
 use crate::rests::unit_rest::ranges_of_rests;
 use crate::two_stage::accelerometer::AccelerometerFit;
 
-/// Maximum share of rests or moves that a search excludes as outliers. If a larger share contradicts the others, the
-/// model is probably wrong, and the search uses all rests and moves.
+/// Maximum share of rests or moves that a search for effects excludes as outliers. If a larger share contradicts the
+/// others, the model is probably wrong, and the search uses all rests and moves.
 const OUTLIERS: f64 = 0.1;
-/// Maximum bias instability that counts as noise of the gyroscope, deg/h. It is estimated from the scatter of the rates
-/// between rests. Consumer sensors have 5 to 60 deg/h. A larger estimate shows that the bias depends on a quantity such
-/// as the temperature, and this dependence is not noise.
+/// Maximum bias instability that counts as noise of the gyroscope, deg/h. The bias instability is estimated from the
+/// scatter of the mean rates at the rests. Consumer sensors have 5 to 60 deg/h. A larger estimate shows that the bias
+/// depends on a quantity such as the temperature, and this dependence is not noise.
 const MAX_INSTABILITY_DEGPH: f64 = 100.0;
-/// Maximum number of fits. Each fit excludes the outliers of the previous fit. Usually the set of outliers stays the
-/// same after fewer fits.
+/// Maximum number of joint fits in the search for outliers. Each fit excludes the outliers of the previous fit. The
+/// fits end earlier if the set of outliers no longer changes.
 const MAX_ROUNDS: usize = 4;
 
 /// The rests and moves that a fit uses.
@@ -180,7 +180,8 @@ impl UnitData<'_> {
         })
     }
 
-    /// For each move that the joint fit does not use: the gravity directions at its ends, and its rotation.
+    /// For each move in `unseen`, which the fit did not use: the gravity directions at its ends, and its rotation, both
+    /// computed with the parameters of the fit.
     pub(super) fn predict(
         &self,
         fit: &JointFit,
@@ -194,8 +195,8 @@ impl UnitData<'_> {
     }
 
     /// Cross-validation of the joint fit: the error of each rest and move in a fit without it. `moves` contains all
-    /// usable moves, and `model` is the start of the fit. Moves that the fit excluded as outliers are predicted with
-    /// the fit itself.
+    /// usable moves, and `model` contains the two triads from which the fit started. Moves that the fit excluded as
+    /// outliers are predicted with the fit itself.
     pub(super) fn held_out(
         &self,
         fit: &JointFit,
@@ -267,8 +268,9 @@ impl UnitData<'_> {
         self.prepared_for(selection, model, options, (kinds, options.may_drift(), wander), work)
     }
 
-    /// Prepares the input of a joint fit and passes it to `work`. `kinds` contains the additional kinds of residuals.
-    /// `drifts` states whether sensors may drift during a rest. `wander` describes how the biases vary between rests.
+    /// Prepares the input of a joint fit and passes it to `work`. `kinds` states which additional residuals the fit has
+    /// (forces during moves, encoder angles). `drifts` states whether sensors may drift during a rest. `wander`
+    /// describes how the biases vary between rests.
     pub(super) fn prepared_for<T>(
         &self,
         selection: &Selection,

@@ -22,11 +22,12 @@ use crate::two_stage::accelerometer::{self, AccelerometerFit};
 use crate::two_stage::ellipsoid::Start;
 
 /// Standard deviation of the means that a first fit assumes if the table does not contain their noise. It is given as a
-/// fraction of half the largest range of the readings on an axis. The value is so large that no row is excluded as an
-/// outlier. With a larger value, noise could explain the whole ellipsoid of the readings, and the fit would be refused.
+/// fraction of (largest reading - smallest reading) / 2 of the axis with the widest readings. The value is so large
+/// that no row is excluded as an outlier. With a larger value, noise could explain the whole ellipsoid of the readings,
+/// and the fit would be refused.
 const FIRST_GUESS: f64 = 0.015;
-/// If there are too few rows, the error message may propose a model that can be fitted if the user gives the noise of
-/// the means. This standard deviation, m/s^2, is assumed to find out whether there is such a model.
+/// Noise of the means, m/s^2, that a trial fit assumes if the table has too few rows and no noise. If the trial fit
+/// succeeds with a model with fewer parameters, the error message proposes to give the noise and to use this model.
 const ASSUMED_NOISE_MPS2: f64 = 0.01;
 
 /// Mean readings at rest, one row for each rest.
@@ -42,7 +43,7 @@ pub struct MeanReadings<'a> {
     pub accel_unit: RawUnit,
     /// Unit of `angular_rate`.
     pub gyro_unit: RawUnit,
-    /// Noise of the means of the accelerometer.
+    /// Standard deviation of the accelerometer means.
     pub noise: MeanNoise<'a>,
 }
 
@@ -66,12 +67,13 @@ pub struct RestBias {
     pub std: Vector3<f64>,
 }
 
-/// Calibrates an accelerometer from mean readings. If there is a gyroscope, its bias is also determined. Its other
-/// parameters cannot be determined without moves.
+/// Calibrates an accelerometer from mean readings. If the table contains gyroscope means, the gyroscope bias is also
+/// determined. The other parameters of the gyroscope cannot be determined without moves.
 ///
 /// # Errors
 /// The errors of [`calibrate_accelerometer`](super::calibrate_accelerometer). [`Error::NotEnoughMotion`] is also
-/// returned if the rows determine the parameters exactly and their noise is not known.
+/// returned if the table has only as many rows as there are free parameters and the noise of the means is not known.
+/// The residuals are then zero, so they do not show the noise.
 pub fn calibrate_means(
     table: &MeanReadings<'_>,
     options: &Options<'_>,
@@ -85,8 +87,8 @@ pub fn calibrate_means(
 }
 
 /// The text of a refusal, with the offer of a model with fewer parameters. If the user did not give the noise of the
-/// means, the offer may require it. Nothing is offered if only this noise is missing, because the refusal `words`
-/// already asks for it.
+/// means, the offer may require that it is given. Nothing is offered if only this noise is missing, because the refusal
+/// `words` already asks for it.
 fn with_way_out(table: &MeanReadings<'_>, options: &Options<'_>, words: String) -> String {
     let of_noise_given = |options: &Options<'_>| {
         let noise = MeanNoise::Common(ASSUMED_NOISE_MPS2);
@@ -189,7 +191,7 @@ fn scales(triad: &Triad<f64>) -> Vector3<f64> {
     Vector3::from_fn(|axis, _| triad.sensitivity().row(axis).norm())
 }
 
-/// Standard deviation of the norm of a mean, m/s^2, computed from the residuals of a fit.
+/// Standard deviation of the norm of a mean force, m/s^2, computed from the residuals of a fit.
 fn noise_of_residuals(table: &MeanReadings<'_>, fit: &AccelerometerFit, options: &Options<'_>) -> Result<f64, Error> {
     let free = fit.report.degrees_of_freedom;
     let rows = table.specific_force.len();

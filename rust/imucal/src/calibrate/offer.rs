@@ -33,9 +33,9 @@ impl<'a> Checked<'a> {
     }
 }
 
-/// The checked recordings, which must determine all parameters that have no prior. In the model `orthogonal`, biases
-/// and scales have no priors. If the unit was not rotated about an axis, this function gives the gyroscope scale of
-/// this axis a prior.
+/// Returns the checked recordings, or an error if they do not determine all parameters that have no prior. In the model
+/// `orthogonal`, biases and scales have no priors. In this model, if the unit was not rotated about an axis, the
+/// function adds a prior for the gyroscope scale of this axis.
 fn determined<'a>(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Checked<'a>, Error> {
     let checked = Checked::of_determined(recordings, options);
     if options.priors.model != ParameterModel::Orthogonal || !matches!(checked, Err(Error::NotEnoughMotion(_))) {
@@ -58,11 +58,12 @@ fn determined<'a>(recordings: &[Recording<'a>], options: &Options<'_>) -> Result
 
 /// A usable result of a model with fewer parameters.
 pub(super) struct Reduced {
-    /// The held parameters.
+    /// Parameters with a prior in this model (held parameters), with their estimates.
     pub(super) held: Vec<HeldEstimate>,
-    /// The errors due to the uncertainty of the priors.
+    /// Errors of a measured gravity direction and rotation that the uncertainty of the priors causes.
     pub(super) cost: Option<PriorCost>,
-    /// What the user must give in addition, as a clause that begins with "if"; `None` if nothing is missing.
+    /// Clause of the message that names an option which the user must also give for this result, beginning with "if";
+    /// `None` if no option is missing.
     pub(super) condition: Option<&'static str>,
 }
 

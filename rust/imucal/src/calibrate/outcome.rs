@@ -33,40 +33,46 @@ pub struct Outcome {
     pub calibration: Calibration<f64>,
     /// Body frame of the triads.
     pub frame: Frame,
-    /// Estimated effects in the order of the request. Effects of the catalogue come first.
+    /// Estimates of the requested effects: first the effects of the catalogue, then the user-defined effects, each in
+    /// the order of the options.
     pub effects: Vec<TermEstimate>,
     /// Names of the parameters: first the 21 parameters of the triads, then the parameters of the effects.
     pub names: Vec<String>,
-    /// Values of the parameters, in the same order. They are in raw units for the triads, and in SI units for the
+    /// Values of the parameters, in the order of `names`. They are in raw units for the triads, and in SI units for the
     /// effects.
     pub values: Vec<f64>,
-    /// Covariance of the parameters, by rows, if gravity and the clock are known exactly.
-    /// [`covariance_with_references`](Self::covariance_with_references) includes the uncertainty of both.
+    /// Covariance matrix of the parameters, as a list of its rows. Gravity and the rate of the clock are assumed to be
+    /// known exactly. [`covariance_with_references`](Self::covariance_with_references) includes the uncertainty of
+    /// both.
     pub covariance: Vec<Vec<f64>>,
-    /// Reports of all rests.
+    /// One report for each detected rest: its mean readings, its residual, and the reason if it is excluded.
     pub rests: Vec<RestReport>,
-    /// Reports of all intervals between consecutive rests.
+    /// One report for each interval between consecutive rests: the error of the propagated gravity direction, and the
+    /// reason if the interval is excluded.
     pub moves: Vec<MoveReport>,
-    /// Threshold of the rest detection for each recording.
+    /// For each recording, the threshold of rest detection: the variance, relative to the noise, below which the unit
+    /// counts as at rest.
     pub thresholds: Vec<Threshold>,
     /// White-noise densities of the unit, SI units per sqrt(Hz). Each is the median over the recordings.
     pub noise_density: NoiseDensity,
-    /// Report of the accelerometer fit.
+    /// Report of the accelerometer fit: its chi2 and the reason for its end.
     pub accelerometer_fit: FitReport,
-    /// Report of the gyroscope fit.
+    /// Report of the gyroscope fit: its chi2 and the reason for its end.
     pub gyroscope_fit: FitReport,
     /// Report of the joint fit; `None` if no joint fit was requested. With a joint fit, the accelerometer and
     /// gyroscope fits only provide its start values.
     pub joint_fit: Option<FitReport>,
-    /// Goodness of fit of the joint fit, with weights from noise only (model.md (26)).
+    /// Goodness of fit (chi2) of the joint fit, if each residual is weighted with sensor noise only (model.md (26));
+    /// `None` without a joint fit.
     pub misfit: Option<Misfit>,
     /// Goodness of fit of each kind of residuals, relative to noise. The kinds of the two-stage fit are the norms of
     /// the specific force at the rests and the gravity directions after the moves.
     pub groups: Vec<GroupMisfit>,
     /// Factor by which the joint fit multiplies the standard deviations of each kind of residual (model.md (19)).
     pub joint_scales: Option<ResidualScales>,
-    /// Bias instability of the gyroscope in the weights of the joint fit, rad/s. It is given by the options, or
-    /// estimated from the scatter of the mean rates at the rests. `None` if the weights assume constant biases.
+    /// Bias instability of each gyroscope axis that the weights of the joint fit assume, rad/s. It is given by the
+    /// options, or estimated from the scatter of the mean rates at the rests. `None` if the weights assume constant
+    /// biases.
     pub bias_instability_radps: Option<[f64; 3]>,
     /// Standard deviation of the tremor about each axis for each recording, rad; `None` for a unit on a rigid support.
     /// Only the joint fit estimates tremor.
@@ -76,9 +82,11 @@ pub struct Outcome {
     /// Share of each parameter's variance that is due to the priors of the held parameters, in the order of `names`;
     /// empty if no parameter is held.
     pub prior_shares: Vec<f64>,
-    /// Errors due to the uncertainty of the priors; `None` if no parameter is held.
+    /// Errors of a measured gravity direction and rotation that the uncertainty of the priors causes; `None` if no
+    /// parameter is held.
     pub prior_cost: Option<PriorCost>,
-    /// Figures of merit on the calibration recordings.
+    /// Residual statistics of the calibration on its own recordings: chi2, and the rms errors of the norm and of the
+    /// direction of gravity.
     pub figures: Figures,
     /// Result of the cross-validation; `None` if no folds were requested.
     pub held_out: Option<CrossValidation>,
@@ -281,7 +289,8 @@ pub(super) fn rows(matrix: &Mat<f64>) -> Vec<Vec<f64>> {
     (0..matrix.nrows()).map(|i| (0..matrix.ncols()).map(|j| matrix[(i, j)]).collect()).collect()
 }
 
-/// Median of the noise densities over the recordings. The triads convert the densities to SI units.
+/// Median over the recordings of the noise density of each axis, in SI units. `noise` is in raw units, and the triads
+/// convert it.
 pub(super) fn noise_density(noise: &[NoiseDensity], [accelerometer, gyroscope]: [&Triad<f64>; 2]) -> NoiseDensity {
     let median_of = |pick: fn(&NoiseDensity) -> Vector3<f64>| {
         Vector3::from_fn(|axis, _| {

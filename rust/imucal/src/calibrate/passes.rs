@@ -4,8 +4,8 @@ use super::*;
 use crate::preintegration::STEPS_TAKEN;
 use crate::simulate::{Program, RandomMoves, Unit, simulate};
 
-/// Number of passes over the samples of all moves. The first number is for the two-stage fit. The second is for the
-/// joint fit, including the two-stage fit from which it starts.
+/// Number of times that a calibration integrates the samples of all moves. The first number is for the two-stage fit.
+/// The second number is for the joint fit, including the two-stage fit from which it starts.
 fn passes(seed: u64) -> [f64; 2] {
     let program = Program::random(&RandomMoves::default(), seed).unwrap();
     let run = simulate(&program, &Unit::paper(), 100.0, 9.80665, seed).unwrap();

@@ -37,16 +37,18 @@ const ALIKE_RAD: f64 = 0.05;
 /// axis.
 const REACTS: f64 = 3.0;
 
-/// The parameters that the recordings determine, with predicted standard deviations.
+/// Prediction of which parameters the recordings determine, and of the standard deviations that a calibration would
+/// have.
 #[derive(Clone, Debug)]
 pub struct Prospect {
-    /// Names of the 21 parameters, symmetric frame.
+    /// Names of the 21 parameters in the symmetric body frame.
     pub names: [String; 21],
     /// Predicted standard deviation of each parameter, raw units, provided that the model describes the unit; `None` if
     /// the parameter is not determined.
     pub predicted_sigma: [Option<f64>; 21],
-    /// Names of the accelerometer parameters that the rests do not determine without the moves. For example, gravity
-    /// may point only towards the six faces of a box. The rotations between the rests replace the missing directions.
+    /// Names of the accelerometer parameters that the rests determine only together with the moves. An example is the
+    /// misalignment if, at the rests, gravity points only towards the six faces of a box. The rotations between the
+    /// rests then replace the missing directions of gravity.
     pub through_moves: Vec<String>,
     /// Message about the undetermined parameters, with the poses and rotations to add; `None` if all parameters are
     /// determined.
@@ -75,11 +77,11 @@ struct Scene {
     moves: Vec<Move>,
     /// Intervals between these rests that cannot be used as moves.
     unusable: Vec<Unusable>,
-    /// Nominal accelerometer; `None` if its scale is unknown.
+    /// Nominal accelerometer: the sensor model before any fit; `None` if its scale is unknown.
     accelerometer: Option<Triad<f64>>,
-    /// Nominal gyroscope; `None` if its scale is unknown.
+    /// Nominal gyroscope: the sensor model before any fit; `None` if its scale is unknown.
     gyroscope: Option<Triad<f64>>,
-    /// Directions of gravity at the rests without known faults, unit vectors in the body frame.
+    /// Measured vertical (up) at the rests without known faults, unit vectors in the body frame.
     up: Vec<Vector3<f64>>,
     /// Message if the accelerometer does not respond to motion.
     silent_accelerometer: Option<String>,
@@ -141,8 +143,8 @@ impl UnitData<'_> {
         let mut predicted_sigma = [None; BASE];
         let problem = Joint::new(&prepared, &terms, &model.parameters())?;
         let (_, whitened) = problem.whitened(&model.parameters())?;
-        // Each parameter in [`OBSERVED`] has a prior with a standard deviation of a tenth of its size. The covariance
-        // is then finite even if some parameters are not determined.
+        // Each parameter in [`OBSERVED`] gets a prior whose standard deviation is a tenth of the typical size of the
+        // parameter. The covariance is then finite even if some parameters are not determined.
         let held = Mat::from_fn(whitened.nrows() + 18, BASE, |i, p| match i.checked_sub(whitened.nrows()) {
             None => whitened[(i, p)],
             Some(k) if OBSERVED[k] == p => 1.0 / (FARTHEST * sizes[p]),
@@ -206,9 +208,10 @@ impl UnitData<'_> {
         Ok(scene)
     }
 
-    /// The nominal accelerometer. In SI units it is the identity. In counts it has the nominal scale. If no nominal
-    /// scale is given, it has the scale of the smallest sphere through the rests. `None` if the scale is not
-    /// determined.
+    /// The nominal accelerometer. For readings in SI units, it is the identity. For readings in counts, it has the
+    /// nominal scale. If this scale is not given or contradicts the readings, the nominal accelerometer has the scale
+    /// and bias of the smallest sphere through the mean forces at the rests. `None` if the rests do not determine the
+    /// scale.
     fn nominal_accelerometer(&self, used: &[bool], options: &Options<'_>) -> Result<Option<Triad<f64>>, Error> {
         if self.raw_is_si(|recording| recording.accel_unit) {
             return Ok(Some(Triad::identity()));
@@ -233,8 +236,10 @@ impl UnitData<'_> {
         Ok(start.and_then(|start| Triad::try_new(start.sensitivity, start.bias).ok()).filter(exceeds_noise))
     }
 
-    /// The nominal gyroscope. In SI units it is the identity. In counts it has the nominal scale. If no nominal scale
-    /// is given, its scale is computed from the rotation of gravity in moves. `None` if the scale is not determined.
+    /// The nominal gyroscope. Its bias is the mean rate at the rests. For readings in SI units, its sensitivity is the
+    /// identity. For readings in counts, it has the nominal scale. If this scale is not given, the sensitivity is
+    /// computed from the moves: the rotation that the gyroscope measures must agree with the rotation of gravity.
+    /// `None` if the moves do not determine the scale.
     fn nominal_gyroscope(
         &self,
         moves: &[Move],

@@ -2,15 +2,16 @@
 //!
 //! Rests and moves determine every parameter only relative to gravity and to the time stamps. An error of a reference
 //! therefore does not change the residuals, but it changes all parameters together. Let gravity have the relative error
-//! e, and the unit of time the relative error d. Gravity is the only reference for lengths, because a length is an
-//! acceleration times a squared time. A parameter with the unit m^a s^b therefore has the relative error
+//! e, and the unit of time the relative error d. Gravity is the only reference for lengths. A length is an acceleration
+//! times a squared time, so it has the relative error e + 2 d. A parameter with the unit m^a s^b therefore has the
+//! relative error
 //!
 //! ```text
 //! a e + (2 a + b) d                                                                           model.md (38)
 //! ```
 //!
 //! For example, an accelerometer sensitivity (raw unit per m/s^2) has the relative error -e, and a gyroscope
-//! sensitivity (raw unit per rad/s) has d. Biases in raw units are not affected.
+//! sensitivity (raw unit per rad/s) has the relative error d. Biases in raw units are not affected.
 
 use imucal_core::effects::Effect;
 
@@ -50,8 +51,8 @@ impl References {
 }
 
 impl Outcome {
-    /// The covariance of the parameters, by rows, with the uncertainty of the references. The covariance of
-    /// user-defined effects does not change, because their units are not known.
+    /// The covariance matrix of the parameters, as a list of its rows, with the uncertainty of the references. The
+    /// covariance of user-defined effects does not include this uncertainty, because their units are not known.
     pub fn covariance_with_references(&self, references: &References, gravity_mps2: f64) -> Vec<Vec<f64>> {
         let variance_of_gravity = (references.gravity_sigma_mps2 / gravity_mps2).powi(2);
         let variance_of_clock = (1e-6 * references.clock_ppm).powi(2);
@@ -67,8 +68,8 @@ impl Outcome {
         covariance
     }
 
-    /// For each parameter, two factors: its relative error for a relative error of 1 of gravity, and of the unit of
-    /// time.
+    /// For each parameter, two factors: (its relative error) / (relative error of gravity), and (its relative error) /
+    /// (relative error of the unit of time).
     fn exponents(&self) -> Vec<[f64; 2]> {
         let base = (0..21).map(|p| match p {
             3..9 => [-1.0, 0.0],
@@ -87,7 +88,7 @@ impl Outcome {
     }
 }
 
-/// Exponents of gravity and of the unit of time in a unit such as `rad/s/(m/s^2)`.
+/// For a unit m^a s^b such as `rad/s/(m/s^2)`: the factors a of e and 2 a + b of d in equation (38).
 fn in_references(unit: &str) -> [f64; 2] {
     let [metres, seconds] = exponents_of(&mut unit.chars().peekable());
     [metres, 2.0 * metres + seconds]

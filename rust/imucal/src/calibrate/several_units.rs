@@ -15,13 +15,15 @@ use crate::recording::Recording;
 use crate::verdict::Verdict;
 
 /// A parameter counts as different between two recordings if |difference| / (its standard deviation) is at least this
-/// value. With 15 parameters and ten recordings, noise exceeds this limit in one of a million calibrations.
+/// value. With 15 parameters and ten recordings of one unit, noise alone exceeds this limit in one of a million
+/// calibrations.
 const DIFFERENT: f64 = 6.0;
 /// Two sensitivities count as different only if |difference| / (mean scale) is at least this value. A smaller
 /// difference has no practical effect, even if it is significant.
 const LEAST_SHARE: f64 = 2e-4;
-/// Recordings fit together if (chi2 per degree of freedom of the fit to all recordings) / (the same for the separate
-/// fits) is at most this value. An effect that the model lacks increases both equally, so the ratio stays near one.
+/// Recordings fit together if (chi2 per degree of freedom of the fit to all recordings) / (chi2 per degree of freedom
+/// of the separate fits) is at most this value. An effect that the model lacks increases both values equally, so the
+/// ratio stays near one.
 const WORSE_TOGETHER: f64 = 4.0;
 /// Recordings fit together only if the fit to all recordings excludes at most this share of the rests that the separate
 /// fits use. Without this limit, the rests of a second unit could be excluded as outliers, and chi2 would describe only
@@ -33,7 +35,7 @@ const WARMER_K: f64 = 5.0;
 /// Maximum number of parameters that the message names for a pair of recordings.
 const NAMED: usize = 3;
 
-/// A fit to one recording.
+/// A recording and its separate fit, which uses no other recording.
 struct Alone<'a> {
     name: &'a str,
     outcome: Outcome,
@@ -175,7 +177,7 @@ fn all_names(alone: &[Alone<'_>]) -> String {
     alone.iter().map(|fit| fit.name).collect::<Vec<_>>().join(" and ")
 }
 
-/// Text with the largest differences.
+/// Text that names the [`NAMED`] most significant differences and the number of the others.
 fn list(differences: &[Difference]) -> String {
     let mut words: Vec<&str> = differences.iter().take(NAMED).map(|difference| difference.words.as_str()).collect();
     let others = format!("{} more", differences.len().saturating_sub(NAMED));

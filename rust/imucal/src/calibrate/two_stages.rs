@@ -25,24 +25,25 @@ use crate::two_stage::ellipsoid::Start;
 use crate::two_stage::gyroscope::{GyroscopeFit, PreintegratedMoves};
 use crate::two_stage::{accelerometer, gyroscope, uncertainty};
 
-/// The gyroscope fit and its input.
+/// The result of the gyroscope fit, with the moves to which it was fitted.
 #[derive(Clone)]
 pub(super) struct Gyroscope {
-    /// The moves between rests that the accelerometer fit uses.
+    /// The moves between consecutive rests. Rests that the accelerometer fit excluded are skipped.
     pub(super) moves: Vec<Move>,
     /// The result of the fit.
     pub(super) fit: GyroscopeFit,
     /// Directions of gravity at the ends of each move, and the standard deviation of its residual.
     pub(super) ends: Vec<Ends>,
-    /// For each move: the standard deviation of its residual without the noise of the means of the adjacent rests, rad.
+    /// For each move: the part of the standard deviation of its residual that is independent of all other moves, rad.
+    /// It does not contain the noise of the mean forces at the adjacent rests.
     pub(super) random_walk_rad: Vec<f64>,
     /// Warnings about units and axes of the gyroscope.
     pub(super) findings: Vec<Finding>,
 }
 
 impl UnitData<'_> {
-    /// Fits the accelerometer to the rests without known faults. If poses are missing, the message also names the moves
-    /// that the gyroscope needs.
+    /// Fits the accelerometer to the rests without known faults. If poses are missing, the error message also names the
+    /// moves that the gyroscope needs.
     pub(super) fn fit_accelerometer(&self, options: &Options<'_>) -> Result<AccelerometerFit, Error> {
         self.fit_rests(options).map_err(|error| self.with_all_that_is_missing(error, options))
     }
@@ -65,7 +66,7 @@ impl UnitData<'_> {
             }
             alone => alone?,
         };
-        // From here on, the arrays have one entry for each detected rest. Excluded rests are included.
+        // The flags and gains below have one entry for each detected rest, including the excluded rests.
         let mut used = vec![false; self.rests.len()];
         let mut gain = Mat::zeros(9, self.rests.len());
         for (column, &k) in clean.iter().enumerate() {
@@ -152,7 +153,7 @@ impl UnitData<'_> {
     }
 
     /// For each move: the gravity directions at its ends, with the standard deviation of the move's residual. The
-    /// second result is this standard deviation without the noise of the adjacent rests' means, rad.
+    /// second result is this standard deviation, rad, without the noise of the mean forces at the adjacent rests.
     pub(super) fn ends(
         &self,
         moves: &[Move],
@@ -162,7 +163,7 @@ impl UnitData<'_> {
         self.directions(&accelerometer.triad, gyroscope).ends_of(moves)
     }
 
-    /// Fits the gyroscope to the moves, from the start values of model.md (10).
+    /// Fits the gyroscope to the moves. The start values are those of model.md (10).
     pub(super) fn fit_gyroscope(
         &self,
         moves: &[Move],
@@ -225,7 +226,8 @@ impl Gyroscope {
         self.moves = moves.to_vec();
     }
 
-    /// Reports of all moves in chronological order, including moves that are not used.
+    /// Reports of all intervals between consecutive rests in chronological order, including those that the fit does not
+    /// use.
     pub(super) fn move_reports(&self, unusable: &[Unusable]) -> Vec<MoveReport> {
         let report = |k: usize| {
             let excluded = (!self.fit.used[k]).then_some(CONTRADICTS_MOVES);
@@ -247,7 +249,7 @@ impl Gyroscope {
     }
 }
 
-/// Whether a start value can be inverted, because it is sufficiently far from singular.
+/// Whether a sensitivity matrix is so far from singular that it can be a start value of the fit.
 fn well_conditioned(sensitivity: &Matrix3<f64>) -> bool {
     let size = sensitivity.norm() / 3f64.sqrt();
     size.is_finite() && sensitivity.determinant().abs() > 0.05 * size.powi(3)

@@ -21,24 +21,26 @@ use crate::rests::tremor::{self, Hand, Sensors};
 use crate::rests::unit_rest::{UnitRest, in_epochs, ranges_of_rests, rests_of, together};
 use crate::two_stage::gyroscope::{self, GyroscopeBias};
 
-/// Minimum number of moves for the gyroscope fit. Each move has two residuals, and the sensitivity has nine entries.
+/// Minimum number of moves for the gyroscope fit. Each move gives two residuals, and the sensitivity matrix has nine
+/// entries, so at least five moves are needed.
 pub(super) const MIN_MOVES: usize = 5;
 /// Reason code of an excluded move that contradicts the other moves.
 pub(super) const CONTRADICTS_MOVES: &str = "contradicts_other_moves";
-/// Reason code of an excluded rest whose mean rate is far from the mean rates of the other rests.
+/// Reason code of an excluded rest whose mean angular rate is far from those of the other rests.
 pub(super) const NOT_STILL: &str = "rest_not_still";
 
 /// The checked recordings of one unit and the quantities derived from them.
 #[derive(Clone)]
 pub(super) struct UnitData<'a> {
     pub(super) recordings: &'a [Recording<'a>],
-    /// Result of the rest detection for each recording.
+    /// For each recording, the result of the rest detection: the rests and the noise.
     pub(super) segments: Vec<Segments>,
     /// All rests of all recordings. Long rests may be replaced by their epochs, which are parts with their own means.
     pub(super) rests: Vec<UnitRest>,
-    /// Reason code of each excluded rest; `None` if it is not excluded.
+    /// For each rest, the reason code of its exclusion; `None` if the rest is not excluded.
     pub(super) excluded: Vec<Option<&'static str>>,
-    /// Gyroscope bias from the rests.
+    /// Gyroscope bias, estimated from the mean angular rates at the rests, and the weight of each rest in this
+    /// estimate.
     pub(super) bias: GyroscopeBias,
     /// White-noise densities of each recording, raw units per sqrt(Hz).
     noise: Vec<NoiseDensity>,
@@ -46,7 +48,7 @@ pub(super) struct UnitData<'a> {
     hands: Vec<Option<Hand>>,
     /// Index ranges of saturated samples of each recording.
     pub(super) saturated: Vec<Vec<Range<usize>>>,
-    /// Warnings of the checks.
+    /// Warnings from the checks of the recordings.
     pub(super) findings: Vec<Finding>,
 }
 
@@ -131,9 +133,9 @@ impl<'a> UnitData<'a> {
         UnitData { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings }
     }
 
-    /// Estimates the tremor of a hand-held unit and subtracts it from the means at the rests and from the noise
-    /// densities. The estimate needs calibrations of both sensors. Only the rests in `used` contribute to the model
-    /// of the tremor.
+    /// Estimates the tremor of a hand-held unit. Subtracts the effect of the tremor from the means at the rests and
+    /// from the noise densities. The estimate needs calibrations of both sensors. Only the rests in `used` contribute
+    /// to the model of the tremor.
     pub(super) fn free_of_tremor(&mut self, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>, used: &[bool]) {
         let sensors = Sensors { accelerometer, gyroscope };
         self.hands = tremor::hands(self.recordings, &mut self.rests, used, &mut self.noise, sensors);
@@ -159,7 +161,7 @@ impl<'a> UnitData<'a> {
         self.recordings.first().is_some_and(|recording| unit(recording) == RawUnit::Si)
     }
 
-    /// The held parameters.
+    /// The held parameters: those to which the priors in `options` apply.
     ///
     /// # Errors
     /// [`Error::Input`] for unknown names and invalid priors.
@@ -171,7 +173,8 @@ impl<'a> UnitData<'a> {
         ])
     }
 
-    /// Hint about intervals at rest that are slightly too short. Messages about missing rests contain it.
+    /// Hint that some intervals are at rest but too short, with the time of the longest of them; `None` if there are
+    /// none. The hint is appended to messages about missing rests.
     pub(super) fn short_rests(&self, options: &Options<'_>) -> Option<String> {
         self.recordings.iter().zip(&self.segments).find_map(|(recording, segments)| {
             let range = segments.too_short.iter().max_by_key(|range| range.len())?;
@@ -197,8 +200,8 @@ impl<'a> UnitData<'a> {
         self.hands.iter().any(Option::is_some)
     }
 
-    /// Returns an error if the unit is hand-held and a requested effect is observable only from the force inside moves.
-    /// That force contains the unknown acceleration of the hand.
+    /// Returns an error if the unit is hand-held and a requested effect is observable only from the specific force
+    /// measured during moves. This force contains the unknown acceleration of the hand.
     pub(super) fn require_turns_in_place(&self, options: &Options<'_>) -> Result<(), Error> {
         let blind = options.effects.iter().find(|choice| is_unobservable_hand_held(choice.effect.name));
         match blind.filter(|_| self.is_held()) {
@@ -226,8 +229,8 @@ impl<'a> UnitData<'a> {
 
 impl UnitData<'_> {
     /// Reports of all rests. `used` states for each rest, or for each epoch (part) of a long rest, whether the fit uses
-    /// it. `norms` is from a joint fit: the error of the norm of the specific force, and the standard deviation of this
-    /// error.
+    /// it. `norms` is empty, or contains two results of a joint fit for each rest or epoch: the error of the norm of
+    /// the specific force, and the standard deviation of this error.
     pub(super) fn rest_reports(
         &self,
         accelerometer: &Triad<f64>,
@@ -253,9 +256,10 @@ impl UnitData<'_> {
 }
 
 /// Whether the mean rate of a long rest differs from the mean rates of the other rests because of a different bias. The
-/// other possible cause is a slow rotation. It can only be about the vertical, because a rotation about a horizontal
-/// axis would have changed the gravity direction. A rate difference in any other direction is therefore a bias. For
-/// readings in counts, the vertical may be unknown because of offsets.
+/// other possible cause is a slow rotation. Such a rotation can only be about the vertical, because a rotation about a
+/// horizontal axis would have changed the gravity direction. A rate difference in any other direction is therefore a
+/// bias. The result is false for readings in counts, because an unknown offset of the accelerometer may hide the
+/// direction of the vertical.
 fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -> bool {
     /// A rate difference counts as a bias if its angle to the vertical is above 18 deg. The cosine of the angle is then
     /// below this limit. The margin is needed because the axes of the two sensors may differ by some degrees.
@@ -265,14 +269,16 @@ fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -
     recording.accel_unit == RawUnit::Si && along < VERTICAL * difference.norm()
 }
 
-/// Variance of a long rest's mean rates over its epochs (parts), squared raw units; zero for a rest without epochs.
+/// Variance of the mean rates of the epochs (parts) of one long rest, squared raw units; zero for a rest without
+/// epochs.
 fn rate_wander(epochs: &[Rest]) -> Vector3<f64> {
     let count = epochs.len().max(1) as f64;
     let mean = epochs.iter().map(|epoch| epoch.angular_rate.mean).sum::<Vector3<f64>>() / count;
     epochs.iter().map(|epoch| (epoch.angular_rate.mean - mean).map(|rate| rate * rate)).sum::<Vector3<f64>>() / count
 }
 
-/// Recommendation for recordings with too few usable moves. It states the number of unusable moves for each reason.
+/// Text for an error message about too few usable moves: how many moves are needed, and how many moves are unusable for
+/// which reason.
 pub(super) fn too_few_moves(usable: usize, unusable: &[Unusable]) -> String {
     let needed = format!("at least {MIN_MOVES} between different poses are needed, better 12");
     let Some(first) = unusable.first() else {

@@ -1,8 +1,9 @@
-//! User-defined effects: functions of the corrected state that the library cannot evaluate without the caller.
+//! User-defined effects: functions of the corrected rate and force that only the caller can evaluate.
 //!
-//! The field of a user-defined effect may depend on the corrected rate and force. It therefore depends on the
-//! calibration, which is estimated with this field. The fit and the evaluation of the field are repeated alternately
-//! until the field no longer changes.
+//! The field of a user-defined effect contains the derivatives of the sensor reading with respect to the parameters of
+//! the effect. It may depend on the corrected rate and force, and therefore on the calibration, which in turn is
+//! estimated with this field. The fit and the evaluation of the field are repeated alternately until the field no
+//! longer changes.
 
 use imucal_core::effects::Sensor;
 
@@ -14,11 +15,12 @@ use crate::verdict::RecordingSet;
 /// Maximum number of fits until the fields converge. From one fit to the next, the change of a field is multiplied by
 /// about the relative size of the effects, which is a few per cent.
 const MAX_FITS: usize = 20;
-/// A field has converged if the last repetition changed each value by at most this fraction of the field's largest
-/// value. The relative change of the parameters is then of the same order.
+/// A field has converged if the last repetition changed each of its values by at most this fraction of its largest
+/// value. The relative change of the parameters is then also about this fraction.
 const SETTLED: f64 = 1e-7;
 
-/// The field of a user-defined effect at every sample of the recordings of a unit.
+/// The field of a user-defined effect (derivatives of the sensor reading with respect to its parameters) at every
+/// sample of the recordings of a unit.
 #[derive(Clone, Debug)]
 pub struct SampledField {
     /// Name of the effect.
@@ -27,21 +29,22 @@ pub struct SampledField {
     pub sensor: Sensor,
     /// Typical size of each of the p parameters of the effect, SI units.
     pub typical: Vec<f64>,
-    /// Derivatives of the measured rate or force, in the body frame, with respect to the p parameters. For each
-    /// recording of N samples, they are an array (N, 3, p) in C order.
+    /// For each recording, an array (N, 3, p) in C order: the derivatives of the rate or force at N samples along the
+    /// three body axes with respect to the p parameters of the effect.
     pub columns: Vec<Vec<f64>>,
 }
 
 /// Corrected angular rate, rad/s, and specific force, m/s^2, of every sample of one recording, body frame.
 pub type CorrectedSamples = (Vec<[f64; 3]>, Vec<[f64; 3]>);
 
-/// Means of a set of recordings over consecutive intervals of 0.1 s ([`BriefMeans`](crate::gap::BriefMeans)), corrected
-/// by two calibrations, in the order of the recordings.
+/// Corrected rates and forces of a set of recordings, for comparison of two calibrations. The raw samples are averaged
+/// over consecutive intervals of 0.1 s ([`BriefMeans`](crate::gap::BriefMeans)), and both calibrations correct these
+/// means.
 #[derive(Clone, Debug)]
 pub struct BriefCorrection {
-    /// Corrected by the first calibration.
+    /// For each recording, the means corrected by the first calibration.
     pub before: Vec<CorrectedSamples>,
-    /// Corrected by the second calibration.
+    /// For each recording, the means corrected by the second calibration.
     pub after: Vec<CorrectedSamples>,
     /// Fields of the second calibration's user-defined effects at these means, in the order of the effects in this
     /// calibration.
@@ -53,13 +56,15 @@ pub trait UserEffects {
     /// Names of the effects.
     fn names(&self) -> &[String];
 
-    /// Fields of the named effects for the calibration recordings, at the state corrected by `outcome`.
+    /// Fields of the named effects at every sample of the calibration recordings. The fields are evaluated at the rate
+    /// and force after correction by the calibration `outcome`.
     ///
     /// # Errors
     /// Any error of the caller. It ends the calculation that requested the fields.
     fn fields(&self, names: &[String], outcome: &Outcome) -> Result<Vec<SampledField>, Error>;
 
-    /// A set of recordings corrected by `outcome`. The correction includes the user-defined effects.
+    /// Rates and forces of a set of recordings, corrected by the calibration `outcome`. The correction includes the
+    /// user-defined effects.
     ///
     /// # Errors
     /// The errors are those of [`UserEffects::fields`].

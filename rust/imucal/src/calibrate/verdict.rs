@@ -13,11 +13,11 @@ use crate::verdict::{Reason, RecordingSet, Verdict};
 /// In a good calibration, at most this share of the rests, or of the moves, contradicts the other rests or moves. A few
 /// rests or moves may be disturbed accidentally, but a larger share shows that the model is wrong.
 pub(super) const MAX_CONTRADICTING_SHARE: f64 = 0.1;
-/// In a good calibration, at most this share of the rests has mean rates that are far from those of the other rests. A
-/// few slow rotations may be mistaken for rests.
+/// In a good calibration, at most this share of the rests is excluded because the mean rate is far from those of the
+/// other rests. A few slow rotations may be mistaken for rests.
 const MAX_MOVING_SHARE: f64 = 0.2;
-/// p-value of chi2 above which the residuals are reported as too small for the estimated noise. With a correct noise
-/// estimate, this happens in one of a million calibrations.
+/// If the p-value of chi2 is above this limit, the residuals are reported as too small for the estimated noise. With a
+/// correct noise estimate, this happens in one of a million calibrations.
 const OVERESTIMATED: f64 = 1.0 - 1e-6;
 
 impl Outcome {

@@ -25,7 +25,7 @@ pub(super) struct SignedPermutation {
     pub(super) sign_of: [f64; 3],
 }
 
-/// The permutation that keeps the order of the axes and has these signs.
+/// The signed permutation that keeps the order of the axes and multiplies them by the given signs.
 const fn signs(sign_of: [f64; 3]) -> SignedPermutation {
     SignedPermutation { column_of: [0, 1, 2], sign_of }
 }
@@ -45,9 +45,9 @@ impl SignedPermutation {
         })
     }
 
-    /// The signed permutation closest to P and its correlation with P. Only permutations with the handedness of P are
-    /// considered. The correlation is the normalised sum of the three entries of P that the permutation selects. It is
-    /// 1 if P equals the permutation up to a scale.
+    /// The signed permutation that has the largest correlation with P, and this correlation. Only permutations with the
+    /// handedness of P are considered. The correlation is the sum over k of `sign_of[k] P[k, column_of[k]]`, divided by
+    /// sqrt(3) |P|, where |P| is the Frobenius norm. It is 1 if P equals the permutation up to a scale.
     pub(super) fn closest(p: &Matrix3<f64>) -> (Self, f64) {
         let handedness = p.determinant().signum();
         let norm = 3.0f64.sqrt() * p.norm();
@@ -99,12 +99,13 @@ impl SignedPermutation {
         self.exchanged_with(-1.0)
     }
 
-    /// The two exchanged axes, if the permutation makes no other change.
+    /// The two exchanged axes, if the permutation exchanges two axes and makes no other change.
     pub(super) fn exchanged(&self) -> Option<[usize; 2]> {
         self.exchanged_with(1.0)
     }
 
-    /// Text for each axis that is not mapped to itself, such as "gyro x follows accelerometer -y".
+    /// Text that states, for each gyroscope axis that does not agree with the accelerometer axis of the same name,
+    /// which axis it follows, such as "gyro x follows accelerometer -y".
     pub(super) fn mapping(&self) -> String {
         let parts: Vec<String> = (0..3)
             .filter(|&k| self.column_of[k] != k || self.sign_of[k] < 0.0)
@@ -117,13 +118,14 @@ impl SignedPermutation {
         if self.sign_of[axis] < 0.0 { "-" } else { "" }
     }
 
-    /// The value of the option `axes`: the columns for x, y and z, for example "-y,x,z".
+    /// The value of the option `axes` that applies this permutation. It names the signed columns that become x, y and
+    /// z, for example "-y,x,z".
     fn option(&self) -> String {
         [0, 1, 2].map(|k| format!("{}{}", self.minus(k), NAMES[self.column_of[k]])).join(",")
     }
 }
 
-/// A possible cause of wrong axes, with the option that corrects it.
+/// A possible cause of wrong axes, as text, with the value of the option `axes` that corrects it.
 pub(super) struct Cause {
     words: String,
     option: Option<String>,
@@ -225,7 +227,7 @@ mod tests {
         Matrix3::from_fn(|k, column| if s.column_of[k] == column { s.sign_of[k] } else { 0.0 })
     }
 
-    /// The matrices by which an option multiplies the raw columns: accelerometer, gyroscope.
+    /// The matrices by which a value of the option `axes` multiplies the raw accelerometer and gyroscope vectors.
     fn applied(option: &str) -> [Matrix3<f64>; 2] {
         let of = |words: &str| {
             let rows = words.split(',').map(|word| {

@@ -11,7 +11,8 @@ use crate::recording::Recording;
 const LEAST_SAMPLES: f64 = 3.0;
 /// A finding is reported only for at least this number of packets.
 const FEWEST_PACKETS: usize = 10;
-/// Maximum median time step between packets, s. A longer time step is a pause of a logger that sleeps.
+/// Maximum median time step between packets, s. Longer time steps are pauses of a logger that sleeps, not intervals
+/// between packets.
 const LONGEST_S: f64 = 2.0;
 /// The sum of the time steps between packets must exceed this share of the recording's duration.
 const SHARE_OF_TIME: f64 = 0.5;
@@ -22,7 +23,8 @@ const ALIKE: f64 = 0.9;
 /// number. A difference of one sample is always permitted.
 const WITHIN: f64 = 0.25;
 
-/// Finding `clock_irregular` for time stamps that come in bursts. The time stamps must not decrease.
+/// Finding `clock_irregular` for packet time stamps; `None` if the stamps are not those of packets. The time stamps
+/// must not decrease.
 pub(super) fn check(recording: &Recording) -> Option<Finding> {
     let time_s = recording.time_s;
     let (first_s, last_s) = (*time_s.first()?, *time_s.last()?);
@@ -74,7 +76,7 @@ mod tests {
     use super::super::example::Columns;
     use super::*;
 
-    /// Findings for the example columns with these time stamps.
+    /// Findings for the example recording, with the time stamp `stamp_s(i)` for sample i.
     fn found(stamp_s: impl Fn(usize) -> f64) -> Vec<Finding> {
         let mut columns = Columns::tumbling();
         columns.time_s = (0..columns.time_s.len()).map(stamp_s).collect();
@@ -83,7 +85,7 @@ mod tests {
 
     #[test]
     fn samples_stamped_by_packets_are_told_from_lost_ones() {
-        // Trial time steps within a packet: the duration of one read, a shorter time, a longer time, and zero.
+        // Time steps within a packet, s: the time to read one sample, a shorter time, a longer time, and zero.
         for within_s in [1e-4, 1e-5, 2e-3, 0.0] {
             let findings = found(|i| (i / 16) as f64 * 0.16 + (i % 16) as f64 * within_s);
             assert_eq!(findings.len(), 1, "{findings:?}");
@@ -103,7 +105,8 @@ mod tests {
 
     #[test]
     fn lost_samples_and_a_logger_that_sleeps_are_no_packets() {
-        // After every 500 samples (5 s), there is a gap of 6 s. Each gap is longer than the part between two gaps.
+        // After every 500 samples (5 s), there is a gap of 6 s. Each gap is longer than the recorded interval between
+        // two gaps.
         let lost = found(|i| i as f64 * 0.01 + (i / 500) as f64 * 6.0);
         assert_eq!(lost.iter().map(|f| f.code).collect::<Vec<_>>(), ["samples_missing"]);
         let chance = |i: usize| (i as f64 * 12.9898).sin().abs() * 43758.5453 % 1.0;

@@ -27,7 +27,8 @@ const REGULAR: f64 = 0.2;
 /// error, otherwise a warning.
 const MAX_EQUAL_SHARE: f64 = 0.01;
 
-/// Time steps between consecutive finite time stamps.
+/// Statistics of the time steps of a recording. A time step is the difference between two consecutive time stamps.
+/// Steps that are not finite are ignored.
 pub(super) struct Steps {
     /// Number of positive time steps.
     positive: usize,
@@ -37,9 +38,9 @@ pub(super) struct Steps {
     longest_s: f64,
     backward: Tally,
     worst_backward_s: f64,
-    /// Samples that have the same time stamp as the previous sample, but different values.
+    /// Counter of the samples that have the same time stamp as the previous sample, but other values.
     equal: Tally,
-    /// Samples that equal the previous sample in the time stamp and in all values.
+    /// Counter of the samples that equal the previous sample in the time stamp and in all values.
     copied: Tally,
 }
 
@@ -48,8 +49,9 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     findings.extend(too_short(recording));
     findings.extend(steps.not_increasing(recording));
     if let Some(bursts) = steps.backward.first.is_none().then(|| steps.bursts(recording)).flatten() {
-        // If all samples of a packet have nearly the same stamp, the stamps do not reveal repeated stamps, lost samples
-        // or the sampling rate. The checks of these faults are skipped.
+        // If all samples of a packet have nearly the same time stamp, the stamps do not show whether samples were
+        // repeated or lost, and their median step is not the sampling interval. The checks for these faults are
+        // skipped.
         findings.push(bursts);
         return findings;
     }
@@ -75,8 +77,8 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     // 80 % of a normal distribution are within +-1.2816 standard deviations. The median absolute deviation is not used,
     // because it is zero if most steps are equal, as for time stamps in bursts.
     let spread = (high_s - low_s) / (2.0 * 1.2816) / median_s;
-    // Gaps are searched for only if the spread is below the error limit. With a larger spread, the clock is so
-    // irregular that long time steps are no evidence of lost samples.
+    // Gaps are searched for only if the relative spread of the time steps is at most the limit of an error. With a
+    // larger spread, the clock is so irregular that long time steps are no evidence of lost samples.
     let gaps = if spread <= SPREAD[1] {
         // A clock with coarse resolution has alternating steps (2 ms and 3 ms), which are not gaps. A gap must
         // therefore be longer than the 90 % quantile of the steps plus half a median step.
@@ -138,7 +140,7 @@ impl Steps {
         }
     }
 
-    /// Index of the first sample whose time stamp is earlier than the time stamp of the previous sample.
+    /// Index of the first sample whose time stamp is earlier than that of the previous sample.
     #[cfg(test)]
     pub(super) fn first_backward(&self) -> Option<usize> {
         self.backward.first.map(|(first, _)| first)
@@ -166,12 +168,14 @@ impl Steps {
         })
     }
 
-    /// Finding for packet time stamps. The search for packets is skipped if all time steps are nearly equal.
+    /// Finding for time stamps that are those of packets instead of those of samples. The search for packets is skipped
+    /// if the longest time step is at most twice the shortest and no two different samples have equal stamps.
     fn bursts(&self, recording: &Recording) -> Option<Finding> {
         (self.equal.samples > 0 || self.longest_s > 2.0 * self.shortest_s).then(|| bursts::check(recording)).flatten()
     }
 
-    /// Finding for rows that were written twice, including the time stamp.
+    /// Finding for rows that equal the previous row in the time stamp and in all values, because they were written
+    /// twice.
     fn copies(&self, recording: &Recording) -> Option<Finding> {
         Some(Finding {
             message: format!(
@@ -185,7 +189,7 @@ impl Steps {
         })
     }
 
-    /// Finding for different samples with equal time stamps.
+    /// Finding for samples that have the time stamp of the previous sample, but other values.
     fn equal_stamps(&self, recording: &Recording) -> Option<Finding> {
         Some(Finding {
             message: format!(
@@ -200,7 +204,7 @@ impl Steps {
     }
 }
 
-/// Share of the samples, %.
+/// Share of the counted faulty samples in all samples of the recording, %.
 fn share(tally: &Tally, recording: &Recording) -> f64 {
     100.0 * tally.samples as f64 / recording.len() as f64
 }
@@ -221,7 +225,8 @@ fn duplicated(tally: &Tally, recording: &Recording) -> Option<Finding> {
     })
 }
 
-/// Shortest and longest time step, s; NaN if any time step is NaN. Several steps are compared at once.
+/// Shortest and longest time step, s; NaN if any time step is NaN. Eight steps are compared at once, so that the
+/// compiler can use vector instructions.
 #[inline(always)]
 fn shortest_and_longest_s(time_s: &[f64]) -> [f64; 2] {
     const LANES: usize = 8;
@@ -252,7 +257,8 @@ fn too_short(recording: &Recording) -> Option<Finding> {
         (Some(first), Some(last)) => last - first,
         _ => return None,
     };
-    // An invalid duration is reported by other findings. The number of samples is the only criterion in this case.
+    // If the duration is NaN, zero or negative, other findings report this fault, and the recording is too short only
+    // if it has too few samples.
     if recording.len() >= MIN_SAMPLES && (duration_s >= MIN_DURATION_S || duration_s.is_nan() || duration_s <= 0.0) {
         return None;
     }

@@ -1,4 +1,5 @@
-//! Check whether time stamps that were computed from the sample number agree with the motion.
+//! Check for lost samples and additional rows in a recording whose time stamps were computed from the sample number.
+//! The rotation of the unit reveals these faults.
 //!
 //! ```text
 //! d_i = w_i - w_(i-1)      m = (d_(i-1) + d_(i+1)) / 2      k = d_i . m / |m|^2
@@ -36,11 +37,12 @@ const LOST: [f64; 2] = [1.75, 2.25];
 /// Range of `k` between the peaks at 1 and 2. Rough motion gives about as many values of `k` in this range as near 2,
 /// so it serves as the reference for the peak at 2.
 const BETWEEN: [f64; 2] = [1.35, 1.65];
-/// Number of rows that are examined together. The data of so many rows fit into the processor's cache.
+/// Number of samples that are examined together. The data of so many samples fit into the processor's cache.
 const BLOCK: usize = 4096;
 /// A finding is reported only for at least this number of lost samples.
 const FEWEST: usize = 5;
-/// A fault is reported only if [`LOST`] contains at least this many times as many values of `k` as [`BETWEEN`].
+/// Lost samples are reported only if the number of values of `k` in the range [`LOST`] is at least this multiple of
+/// their number in the range [`BETWEEN`].
 const PEAK: usize = 3;
 /// Repeated rows are additional rows if the mean of `k` over them is below this limit. `k` is (rate change across the
 /// repeated row) / (mean of the adjacent changes). It is 1 if a row was written in addition to the samples, and 2 if
@@ -131,7 +133,7 @@ fn additional(recording: &Recording<'_>, repeats: &Repeats, noise: f64) -> Optio
     })
 }
 
-/// All windows of four consecutive rows.
+/// Four consecutive samples of the angular rate, starting at each sample that is followed by three others.
 fn fours(rows: &[[f64; 3]]) -> impl Iterator<Item = [Vector3<f64>; 4]> + '_ {
     rows.windows(4).map(|rows| std::array::from_fn(|k| rows[k].into()))
 }
@@ -184,15 +186,16 @@ mod tests {
     fn rounding_errors_at_rest_are_no_lost_samples() {
         let mut columns = Columns::tumbling();
         for (i, rate) in columns.rate.iter_mut().enumerate() {
-            // Every hundredth sample, the rate rises by 1, 2 and 1 units in the last place within three steps.
+            // After every hundredth sample, the rate rises by 1, 2 and 1 units in the last place in three consecutive
+            // steps.
             let units = [0, 1, 3, 4].get(i % 100).copied().unwrap_or(4) + 4 * (i / 100);
             *rate = [0.04 + units as f64 * f64::EPSILON / 32.0, 0.0, 0.0];
         }
         assert!(found(&columns).is_none());
     }
 
-    /// The rows of the example recording with the indices `kept`. If `made_anew` is set, their time stamps are computed
-    /// from the sample number. Otherwise, the time stamps are kept.
+    /// The samples of the example recording with the indices `kept`. If `made_anew` is true, new time stamps are
+    /// computed from the sample number. Otherwise, the samples keep their time stamps.
     fn rows(kept: impl Iterator<Item = usize>, made_anew: bool) -> Columns {
         let all = Columns::tumbling();
         let mut columns = Columns { time_s: Vec::new(), force: Vec::new(), rate: Vec::new() };

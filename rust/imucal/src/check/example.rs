@@ -2,7 +2,7 @@
 
 use crate::recording::Recording;
 
-/// Owned columns, which a test can modify.
+/// The columns of the synthetic recording, which a test can modify.
 pub(super) struct Columns {
     pub(super) time_s: Vec<f64>,
     pub(super) force: Vec<[f64; 3]>,
@@ -55,7 +55,8 @@ impl Columns {
         Recording::try_new("example", &self.time_s, &self.force, &self.rate).unwrap()
     }
 
-    /// The rests: the first second of every two seconds, without 0.05 s at each end.
+    /// The index ranges of the rests in [`tumbling`](Self::tumbling): the first second of every two seconds, without
+    /// 0.05 s at each end.
     pub(super) fn rests() -> Vec<std::ops::Range<usize>> {
         (0..20).map(|k| 200 * k + 5..200 * k + 95).collect()
     }

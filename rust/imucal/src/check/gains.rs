@@ -1,4 +1,5 @@
-//! Check of the calibration for an axis whose unit differs from the unit in its column name.
+//! Check of the estimated gains, which detects an axis whose unit of measurement differs from the unit in its column
+//! name.
 //!
 //! The fit accepts any scale. For example, if accel_x is in g and the other axes are in m/s^2, the residuals are small
 //! and the gain of x is 0.1. The gain of an axis is the norm of its row of the sensitivity matrix (raw unit per SI
@@ -15,8 +16,8 @@ use crate::recording::{RawUnit, Recording};
 /// Limits of a plausible gain of an axis in SI units (ideal: 1); datasheets specify 0.9 to 1.1 or better.
 const GAIN: [f64; 2] = [0.75, 1.25];
 
-/// For axes in counts: maximum ratio of the largest gain to the smallest gain of the axes of a chip. It is the ratio of
-/// the limits of [`GAIN`].
+/// For axes in counts: maximum plausible ratio of the largest to the smallest gain of the three axes of a sensor. It is
+/// the ratio of the limits of [`GAIN`].
 const MOST_APART: f64 = GAIN[1] / GAIN[0];
 
 /// A gain that all axes of a gyroscope have in common is reported if |gain - 1| is above this value. The error of a
@@ -28,9 +29,10 @@ const COMMON_GAIN: f64 = 0.01;
 /// scale errors of the axes of a sensor are independent, and rarely agree so well by coincidence.
 const COMMON_SHARE: f64 = 1.0 / 3.0;
 
-/// Reports four findings. `accel_units` and `gyro_units` (errors): an axis in SI units has an implausible gain.
-/// `gains_differ` (a warning): axes in counts have different gains. `gyro_common_gain` (a warning): all gyroscope axes
-/// in SI units have the same gain, and it differs from 1. `recording` is the first recording of the unit.
+/// Reports up to four kinds of findings. `accel_units` and `gyro_units` (errors): an axis in SI units has an
+/// implausible gain. `gains_differ` (a warning): axes in counts have different gains. `gyro_common_gain` (a warning):
+/// all gyroscope axes in SI units have the same gain, and it differs from 1. `recording` is the first recording of the
+/// unit.
 pub fn check_gains(recording: &Recording, calibration: &Calibration<f64>) -> Vec<Finding> {
     let mut findings: Vec<Finding> = check_accelerometer_gains(recording, &calibration.accelerometer)
         .into_iter()
@@ -42,7 +44,7 @@ pub fn check_gains(recording: &Recording, calibration: &Calibration<f64>) -> Vec
     findings
 }
 
-/// The check of [`check_gains`] for an accelerometer without a gyroscope.
+/// The checks that [`check_gains`] makes, for a calibration of an accelerometer without a gyroscope.
 pub fn check_accelerometer_gains(recording: &Recording, accelerometer: &Triad<f64>) -> Option<Finding> {
     gains_of_sensor(recording, recording.accel_unit, accelerometer, (ACCEL, "accel_units"))
 }

@@ -12,21 +12,22 @@ use crate::recording::Recording;
 /// it is below this multiple of the usual time step.
 const CATCHES_UP: f64 = 0.95;
 
-/// Long time steps of a recording.
+/// The long time steps of a recording, in two groups: gaps in which samples were lost, and late time stamps.
 #[derive(Default)]
 pub(super) struct Gaps {
-    /// The first sample after each gap in which samples were lost.
+    /// Counter of the gaps in which samples were lost. It contains the first sample after each gap.
     after_lost: Tally,
-    /// Number of lost samples.
+    /// Number of samples that were lost in all gaps together.
     lost: f64,
     longest_s: f64,
-    /// Samples whose time stamps are late.
+    /// Counter of the samples whose time stamps are late.
     late: Tally,
-    /// Largest delay of a late stamp, s.
+    /// Largest delay of a late time stamp, s.
     latest_s: f64,
 }
 
-/// Examines the time steps that are longer than `longest_usual_s`; `median_s` is the median time step.
+/// Decides for each time step that is longer than `longest_usual_s` whether samples were lost or a time stamp is late.
+/// `median_s` is the median time step, s.
 pub(super) fn find(recording: &Recording, median_s: f64, longest_usual_s: f64) -> Gaps {
     let steps_s = || recording.time_s.windows(2).map(|pair| pair[1] - pair[0]);
     // The usual step is the mean of the steps near the median. With a coarse clock, this mean differs from the median.
@@ -52,7 +53,7 @@ pub(super) fn find(recording: &Recording, median_s: f64, longest_usual_s: f64) -
 }
 
 impl Gaps {
-    /// Finding `samples_missing`.
+    /// Finding `samples_missing` if samples were lost in gaps, otherwise `None`.
     pub(super) fn missing(&self, recording: &Recording) -> Option<Finding> {
         let (first, _) = self.after_lost.first?;
         let share = 100.0 * self.lost / (self.lost + recording.len() as f64);
@@ -75,7 +76,7 @@ impl Gaps {
         })
     }
 
-    /// Finding `clock_irregular` for samples that were stamped late.
+    /// Finding `clock_irregular` if time stamps are late although no samples were lost there, otherwise `None`.
     pub(super) fn late(&self, recording: &Recording) -> Option<Finding> {
         let (first, _) = self.late.first?;
         let place = Place::new(recording, first - 1, first);

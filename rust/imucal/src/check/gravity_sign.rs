@@ -25,17 +25,18 @@ const NEARLY_UPRIGHT: f64 = 0.94;
 /// sign of gravity. Each hypothesis predicts the up direction at each rest from the motor angles. It is accepted only
 /// if the mean cosine of the angle between predicted and measured direction is above this limit, the cosine of 20 deg.
 const FITS_STAND: f64 = 0.94;
-/// One of the two hypotheses is chosen only if their mean cosines differ by more than this value. The predicted
-/// directions differ only in the sign of the x component, so rests with a horizontal x axis do not distinguish the
-/// hypotheses.
+/// One of the two hypotheses is chosen only if their mean cosines differ by more than this value. The directions that
+/// they predict differ only in the sign of the x component. Rests with a horizontal x axis therefore do not distinguish
+/// the hypotheses.
 const TOLD_APART: f64 = 0.1;
 
 /// Finding `gravity_sign` for a unit that reads -g on z although its z axis is expected to point up.
 ///
-/// With stand columns, z points up when all motors are at zero, and the rests at other motor angles show the cause.
-/// Axes with z down are a warning. A reversed sign of gravity and an unclear cause are errors. Without stand columns,
-/// the first rest is checked, because most recordings start upright. The finding is then a warning, because the unit
-/// may be upside down. Unsigned counts have no known zero and are not checked.
+/// If the recording contains the motor angles of a stand, z must point up when all motor angles are zero, and the rests
+/// at other motor angles show the cause. Axes with z down are a warning. A reversed sign of gravity and an unclear
+/// cause are errors. Without motor angles, the first rest is checked, because most recordings start with the unit
+/// upright. The finding is then a warning, because the unit may be upside down. Unsigned counts have no known zero and
+/// are not checked.
 pub(super) fn check(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
     let at_zero = |rest: &&Range<usize>| {
         recording
@@ -93,7 +94,7 @@ const Z_DOWN: &str = "pass axes='frd', which rotates accelerometer and gyroscope
 const Z_DOWN_ALONE: &str = "pass axes='frd', which rotates the accelerometer to x forward, y left, z up";
 const REVERSED: &str = "pass axes='accel=-x,-y,-z', which leaves the gyroscope as it is";
 
-/// Recommendation if the data do not determine the cause.
+/// Text of the recommended action if the data do not show which of the two causes is present.
 fn ask() -> String {
     format!(
         "if the axes are FRD or NED (z down), {Z_DOWN}. If neither is known, turn the unit counter-clockwise as seen from \
@@ -109,12 +110,13 @@ enum Axes {
     ZDown,
     /// The accelerometer reads -g on the axis that points up.
     Reversed,
-    /// The rests do not distinguish the two causes, or neither cause agrees with the rests.
+    /// Both causes agree with the measured directions at the rests, or neither does.
     Unclear,
 }
 
 impl Axes {
-    /// Compares the up directions at all rests with those predicted from the motor angles.
+    /// Determines the cause. For this purpose, the measured up directions at all rests are compared with the directions
+    /// that each cause predicts from the motor angles.
     fn by_motors(recording: &Recording, rests: &[Range<usize>], stand: &[[f64; 3]]) -> Self {
         let (mut z_down, mut reversed, mut count) = (0.0, 0.0, 0.0);
         for rest in rests {
@@ -138,7 +140,8 @@ impl Axes {
     }
 }
 
-/// Direction of the mean specific force of the finite samples; `None` without such samples.
+/// Unit vector of the mean specific force over `samples`. Samples that are not finite are ignored; `None` if no sample
+/// is left.
 fn mean_direction(recording: &Recording, samples: &Range<usize>) -> Option<Vector3<f64>> {
     let rows = recording.specific_force.slice(samples.clone()).iter();
     let sum: Vector3<f64> = rows.map(Vector3::from).filter(|row| row.iter().all(|v| v.is_finite())).sum();
@@ -151,7 +154,7 @@ mod tests {
     use super::*;
     use crate::finding::Severity;
 
-    /// Findings for the example recording with the accelerometer axes multiplied by `accel`. `stand` contains motor
+    /// Finding for the example recording with its accelerometer axes multiplied by `accel`. `stand` contains motor
     /// angles that agree with the true up direction.
     fn found(accel: [f64; 3], stand: Option<&[[f64; 3]]>) -> Option<Finding> {
         let mut columns = Columns::tumbling();
@@ -159,8 +162,8 @@ mod tests {
         check(&Recording { stand_rad: stand, ..columns.recording() }, &Columns::rests())
     }
 
-    /// Motor angles that produce the up directions of the example's rests. Motor 2 sets the tilt, and motor 3 the
-    /// heading.
+    /// Motor angles, rad, at which the true up direction is the one that the accelerometer of the example recording
+    /// measures. Motor 2 sets the tilt, and motor 3 the heading.
     fn motors() -> Vec<[f64; 3]> {
         let columns = Columns::tumbling();
         let up = |i: usize| Vector3::from(columns.force[i]).normalize();

@@ -2,9 +2,9 @@
 //! altered.
 //!
 //! A control recording must not be an altered copy of a calibration recording. The copy contains the noise to which the
-//! model was fitted, so its control figures are too good. The noise at rest identifies a recording. A correlation is
-//! given in units of the standard deviation that it has for independent noise. The largest correlation over all lags is
-//! below 10 for independent recordings and above 20 for altered copies (docs/results/copies.md).
+//! model was fitted, so its control figures are too good. The noise at rest identifies a recording. All correlations
+//! are divided by the standard deviation that the correlation of independent noise has. The largest correlation over
+//! all lags is below 10 for independent recordings and above 20 for altered copies (docs/results/copies.md).
 
 use std::ops::Range;
 
@@ -14,8 +14,8 @@ pub use super::noise_tape::{AtRest, at_rest};
 use super::noise_tape::{Tape, is_same_rate};
 use crate::finding::Finding;
 
-/// Two recordings have the same noise if their correlation is at least this value. The unit is the standard deviation
-/// of the correlation for independent noise.
+/// Two recordings contain the same noise if the correlation of their noise is at least this value, in standard
+/// deviations of the correlation of independent noise.
 const COPY_SIGMAS: f32 = 14.0;
 /// Two recordings count as copies only if (largest correlation) / (largest correlation at distant lags) is at least
 /// this value. Periodic vibration in both recordings correlates at many lags, and this limit excludes it.
@@ -25,7 +25,7 @@ const UNIQUE: f32 = 2.0;
 /// templates.
 const TEMPLATES: usize = 3;
 
-/// Finding `recordings_overlap` for every recording that has its noise in common with another recording of the list.
+/// Findings `recordings_overlap`, one for each pair of recordings that contain the same noise.
 pub fn check_independent(recordings: &[AtRest<'_>]) -> Vec<Finding> {
     if recordings.len() < 2 {
         return Vec::new();
@@ -39,8 +39,8 @@ pub fn check_independent(recordings: &[AtRest<'_>]) -> Vec<Finding> {
     found.iter().map(finding).collect()
 }
 
-/// Finding `control_not_independent` for every control recording that has its noise in common with a calibration
-/// recording.
+/// Findings `control_not_independent`, one for each pair of a control recording and a calibration recording that
+/// contain the same noise.
 pub fn check_control(calibration: &[AtRest<'_>], control: &[AtRest<'_>]) -> Vec<Finding> {
     let all: Vec<AtRest<'_>> = calibration.iter().chain(control).copied().collect();
     let is_control = |index: usize| index >= calibration.len();
@@ -57,17 +57,20 @@ pub fn check_control(calibration: &[AtRest<'_>], control: &[AtRest<'_>]) -> Vec<
     found.iter().map(finding).collect()
 }
 
-/// Two recordings with the same noise: the recordings with the indices `recording` and `of`.
+/// A pair of recordings that contain the same noise.
 #[derive(Clone, Copy)]
 struct Copy {
+    /// Index of the recording in which the common part is reported.
     recording: usize,
+    /// Index of the other recording.
     of: usize,
-    /// Index of the first sample of the common part in the recording `recording`. `first_of` is the index of this
-    /// sample in the recording `of`. `samples` contains the number of samples of the common part in each of the two
-    /// recordings.
+    /// Index of the first sample of the common part, in the recording `recording`.
     first: usize,
+    /// Index of the first sample of the common part, in the recording `of`.
     first_of: usize,
+    /// Numbers of samples of the common part in the recordings `recording` and `of`.
     samples: [usize; 2],
+    /// Correlation of the common part, in standard deviations of the correlation of independent noise.
     sigmas: f32,
 }
 
@@ -164,8 +167,8 @@ fn starts(at_rest: &AtRest<'_>, samples: usize) -> Vec<usize> {
     starts
 }
 
-/// The recording that contains the noise of the template at the given peak, and the sample at which this noise
-/// begins.
+/// The pair of the template's recording and the recording on the tape that contains `peak`, the maximum of the
+/// correlation with the template. `None` if no recording on the tape contains it.
 fn copy_at(template: &Template, peak: &Peak, tape: &Tape) -> Option<Copy> {
     let middle = (peak.at + (TEMPLATE / 2) as isize).clamp(0, template.until as isize - 1) as usize;
     let (of, range) = tape.parts.iter().find(|(_, range)| range.contains(&middle))?;
@@ -208,8 +211,8 @@ mod tests {
         found.iter().map(|copy| copy.sigmas).max_by(f32::total_cmp)
     }
 
-    /// Two runs of one program on one stand differ only in their noise. The benchmark benches/copies.py gives the same
-    /// result for hundreds of seeds.
+    /// Two runs of the same motor program on one stand differ only in their noise. The benchmark benches/copies.py
+    /// gives the same result for hundreds of seeds.
     #[test]
     fn runs_of_one_program_are_independent() {
         let program = program(3);

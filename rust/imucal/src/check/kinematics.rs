@@ -24,8 +24,8 @@ const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
 /// between this factor and the unit's conversion factor is below this value. An example of a conversion factor is 57.3
 /// for deg/s read as rad/s.
 const KNOWN: f64 = 0.25;
-/// The motion determines P only if smallest / largest singular value of P is at least this value. Otherwise, no finding
-/// is reported.
+/// The motion determines P only if (smallest singular value of P) / (largest singular value of P) is above this value.
+/// Otherwise, no finding is reported.
 const WELL_DETERMINED: f64 = 0.1;
 /// A finding names a signed permutation only if the correlation of P with it is at least this value (1: identical;
 /// 0.97: rotated by 18 deg).
@@ -34,8 +34,9 @@ const CLEAR: f64 = 0.85;
 /// Checks `rate_from_raw`, which is P in true_rate = P (raw - bias), fitted linearly to the kinematics of gravity in
 /// all moves.
 ///
-/// Codes: `gyro_units` (SI columns only), `left_handed_axes`, `axes_turned`. A P that is not finite or nearly singular
-/// (too little motion) gives no finding. For counts, only the handedness and the order of the axes are checked.
+/// Codes: `gyro_units` (SI columns only), `left_handed_axes`, `axes_turned`. If P is not finite, or is nearly singular
+/// because of too little motion, there is no finding. For counts, only the handedness and the order of the axes are
+/// checked.
 ///
 /// # Example
 /// If the raw x axis is reversed, P is near diag(-1, 1, 1) and det P < 0: the finding `left_handed_axes` names
@@ -96,7 +97,8 @@ fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
     })
 }
 
-/// Finding for a gyroscope whose axes differ from the axes of the accelerometer by a signed permutation.
+/// Finding `left_handed_axes` or `axes_turned` for a gyroscope whose axes differ from the axes of the accelerometer by
+/// the signed permutation `axes`.
 fn wrong_axes(recording: &Recording, axes: &SignedPermutation, correlation: f64) -> Finding {
     let of = |triad: [&str; 3], which: &[usize]| names(which.iter().map(|&k| triad[k]));
     let error = || Finding::error("left_handed_axes", recording.name);
@@ -122,7 +124,7 @@ fn wrong_axes(recording: &Recording, axes: &SignedPermutation, correlation: f64)
     }
 }
 
-/// Finding for left-handed rates that do not correspond to any signed permutation.
+/// Finding `left_handed_axes` for a P with det P < 0 that is not close to any signed permutation of the axes.
 fn unlike_any(recording: &Recording, correlation: f64) -> Finding {
     Finding {
         columns: names(GYRO),
@@ -208,8 +210,9 @@ mod tests {
         assert!(judge(near(-Matrix3::identity()))[0].way_out.contains("axes='gyro=-x,-y,-z'"));
     }
 
-    /// Fits P in u' = u x P w, which is linear in the nine entries of P, to directions and rates as the triads report
-    /// them. `accel` and `gyro` convert true to reported values.
+    /// Fits P in u' = u x P w, which is linear in the nine entries of P. u is the gravity direction that the
+    /// accelerometer reports, and w the rate that the gyroscope reports. `accel` and `gyro` are the matrices that
+    /// convert true to reported values.
     fn fitted(accel: &Matrix3<f64>, gyro: &Matrix3<f64>) -> Matrix3<f64> {
         let (mut normal, mut right) = (SMatrix::<f64, 9, 9>::zeros(), SMatrix::<f64, 9, 1>::zeros());
         for i in 0..50 {
@@ -217,8 +220,8 @@ mod tests {
             let up = Vector3::new(t.sin(), (1.7 * t).cos(), (0.6 * t).sin()).normalize();
             let rate = Vector3::new((2.3 * t).sin(), (0.9 * t).cos(), (1.1 * t).sin());
             let (change, up, rate) = (accel * up.cross(&rate), accel * up, gyro * rate);
-            // Entries of P in column-major order. Entry (r, c) multiplies component c of the reported rate, and the
-            // product is a rate about axis r.
+            // The nine unknowns are the entries of P in column-major order. Entry (r, c) multiplies component c of the
+            // reported rate. The product is a rate about axis r.
             let rows = SMatrix::<f64, 3, 9>::from_fn(|k, n| (up.cross(&Vector3::ith(n % 3, 1.0)) * rate[n / 3])[k]);
             normal += rows.transpose() * rows;
             right += rows.transpose() * change;

@@ -1,5 +1,5 @@
-//! Searches other recordings for a part of the noise of one recording, at all lags. The searched recordings are
-//! concatenated to tapes (see `noise_tape`).
+//! Searches other recordings for a part of the noise of one recording, by correlation at all lags. The searched
+//! recordings are concatenated, and such a concatenation is called a tape (see `noise_tape`).
 //!
 //! The signals of the part and of the searched recording (second differences of the axes, see `noise_tape`) are
 //! whitened: their spectra are divided by the magnitudes, so that all frequencies have equal weight (phase transform:
@@ -18,12 +18,13 @@ use super::noise_tape::{SIGNALS, Tape};
 /// Whitened Fourier transform of a block of one signal; empty if the signal is zero in the block.
 type Spectrum = Vec<Complex<f32>>;
 
-/// Number of samples in a block of the searched recording.
+/// Number of samples of a block. The searched recordings are processed in overlapping blocks.
 const BLOCK: usize = 4096;
 /// Number of samples in a template after resampling to the rate of the searched recording. A template is so short that
 /// the clocks of the two recordings differ by less than one sample at its end.
 pub(super) const TEMPLATE: usize = 2048;
-/// Number of lags for which one block provides correlations.
+/// Number of lags at which a template is correlated with one block. These are the lags at which the template lies
+/// completely within the block.
 const LAGS: usize = BLOCK - TEMPLATE;
 /// Share of a block or template that is tapered at each end. Without the taper, the edges would spread periodic
 /// vibration over all frequencies.
@@ -33,8 +34,8 @@ const TAPER: f64 = 0.05;
 /// greater distance indicate a periodic signal instead of a copy.
 const NEAR: usize = 64;
 
-/// Index ranges of the two groups of signals that are correlated separately. Three signals depend on the order of the
-/// axes, and one does not.
+/// The two groups of signals, as ranges of their indices. Each group is correlated separately. The first group has the
+/// three signals that depend on the order of the axes, and the second has the signal that does not.
 const KINDS: [std::ops::Range<usize>; 2] = [0..3, 3..SIGNALS];
 
 /// A template: part of the noise of one recording. Other recordings are searched for this part.
@@ -45,7 +46,7 @@ pub(super) struct Template {
     pub(super) first: usize,
     /// Number of samples of the recording that the template covers.
     pub(super) samples: usize,
-    /// Index of the tape that is searched.
+    /// Index of the tape (concatenated recordings) in which the template is searched for.
     pub(super) tape: usize,
     /// The tape (concatenated recordings) is searched up to this sample. The search ends before the template's own
     /// recording, so the template is not compared with itself.
@@ -54,15 +55,16 @@ pub(super) struct Template {
     spectra: [Spectrum; SIGNALS],
 }
 
-/// The largest correlation of a template. The unit of all correlations is the standard deviation of the correlation for
+/// The largest correlation of a template with a tape. All correlations are in standard deviations of the correlation of
 /// independent noise.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Peak {
+    /// The largest correlation.
     pub(super) sigmas: f32,
-    /// Sample of the tape (concatenated recordings) at which the template begins; negative before the start of the
-    /// tape.
+    /// Index of the tape's sample with which the first sample of the template coincides at this correlation. It is
+    /// negative if the template begins before the start of the tape.
     pub(super) at: isize,
-    /// Largest correlation farther away than [`NEAR`].
+    /// Largest correlation among the lags that differ by more than [`NEAR`] samples from the lag of `sigmas`.
     pub(super) elsewhere: f32,
 }
 
@@ -92,8 +94,8 @@ impl Transform {
         }
     }
 
-    /// The template that begins `first` samples after the start of `range`. `range` contains the samples of a recording
-    /// on the tape `from`, in which recordings are concatenated. `ratio` is the sampling rate of the searched tape
+    /// The template that begins `first` samples after the start of `range`. `range` contains the samples of the
+    /// recording on the tape `from` (concatenated recordings). `ratio` is the sampling rate of the searched tape
     /// divided by the sampling rate of the recording.
     ///
     /// The signals on a tape are second differences of the samples. For another sampling rate, a second difference is
@@ -152,7 +154,8 @@ impl Transform {
         tops.iter().map(|kinds| kinds.each_ref().map(|tops| highest(tops))).collect()
     }
 
-    /// Whitened spectrum of a block of a signal; the block may begin before the signal and end after it.
+    /// Whitened spectrum of the block that begins at sample `first` of a signal. The block may begin before the signal
+    /// and end after it; samples outside the signal are zero.
     fn block(&mut self, signal: &[f32], first: isize) -> Spectrum {
         let clipped = |at: isize| at.clamp(0, signal.len() as isize) as usize;
         let (start, end) = (clipped(first), clipped(first + BLOCK as isize));
@@ -168,7 +171,7 @@ impl Transform {
         self.whitened()
     }
 
-    /// Spectrum of the buffer with the magnitude 1 at every frequency; empty if the buffer is zero.
+    /// Spectrum of the signal in `buffer`, divided by its magnitude at every frequency; empty if the signal is zero.
     fn whitened(&mut self) -> Spectrum {
         if self.buffer.iter().all(|value| *value == 0.0) {
             return Vec::new();
@@ -233,20 +236,21 @@ fn largest(values: &[f32]) -> f32 {
     most.iter().chain(rest).copied().fold(0.0, larger)
 }
 
-/// Number of samples of a recording in a template, if the rate of the searched tape is `ratio` times the rate of the
-/// recording.
+/// Number of samples of a recording that a template covers, if the sampling rate of the searched tape is `ratio` times
+/// the sampling rate of the recording.
 pub(super) fn samples_of(ratio: f64) -> usize {
     ((TEMPLATE - 2) as f64 / ratio) as usize + 1
 }
 
-/// The highest peak of all blocks, with the largest correlation farther away than [`NEAR`].
+/// The largest of the correlations `tops` in the blocks of a tape. Its field `elsewhere` is the largest correlation at
+/// any lag of the tape that differs by more than [`NEAR`] samples.
 fn highest(tops: &[Peak]) -> Peak {
     let Some(&top) = tops.iter().max_by(|a, b| a.sigmas.total_cmp(&b.sigmas)) else { return Peak::default() };
     let others = tops.iter().filter(|other| other.at.abs_diff(top.at) > NEAR).map(|other| other.sigmas);
     Peak { elsewhere: others.fold(top.elsewhere, f32::max), ..top }
 }
 
-/// A Tukey window: ones, with raised cosines at both ends.
+/// Weights of a Tukey window: one in the middle, with raised cosines at both ends.
 fn taper(length: usize) -> Vec<f32> {
     let edge = (TAPER * length as f64) as usize;
     let weight = |i: usize| {

@@ -17,24 +17,26 @@ pub(super) const SIGNALS: usize = 4;
 /// A sample is a short pulse (knock or wrong sample) if a second difference, divided by the scale of its axis, is
 /// larger than this value.
 const LARGEST: f32 = 4.0;
-/// Number of samples, before and after a short pulse, that are not used either.
+/// This number of samples before a short pulse, and after it, is not used either.
 const BESIDE_PULSE: usize = 2;
 /// The mean square of the axes in the fourth signal is clipped to this value. Pulses too small for [`LARGEST`] would
 /// otherwise dominate this signal. The expected value for noise is 1.
 const LARGEST_SQUARE: f32 = 2.5;
-/// Number of neighbours, before and after a sample, whose mean square is compared with [`LOUD`].
+/// The mean square that is compared with [`LOUD`] is taken over a sample, this number of samples before it, and this
+/// number of samples after it.
 const NEIGHBOURS: usize = 8;
-/// A sample is not used if the mean square of its neighbours' scaled second differences is larger than this value. The
-/// expected value for noise is 1, and its standard deviation for six axes is 0.2.
+/// A sample is not used if the mean square of the scaled second differences of its neighbours is larger than this
+/// value. The expected value for noise is 1, and its standard deviation for six axes is 0.2.
 const LOUD: f64 = 1.4;
 /// Quantile of the absolute second differences that defines the scale of an axis (its noise). After rounding to coarse
 /// counts, fewer than a fifth of the second differences may be nonzero. The scale is then zero, and the axis counts as
 /// free of noise.
 const SCALE_QUANTILE: f64 = 0.8;
-/// The [`SCALE_QUANTILE`] of |x| for a standard normal x. Quantile / this value is a standard deviation.
+/// The [`SCALE_QUANTILE`] of |x| for a standard normal x. The same quantile of measured differences is divided by this
+/// value to obtain a standard deviation.
 const SCALE_OF_NORMAL: f64 = 1.28;
-/// An axis is used only if scale / |largest reading| is above this value. Smaller differences are rounding errors of
-/// the arithmetic.
+/// An axis is used only if (scale of its second differences) / |largest reading| is above this value. Smaller
+/// differences are rounding errors of the arithmetic.
 const MIN_SCALE: f64 = 1e-9;
 /// Number of samples at rest from which the scale of an axis is estimated. If there are more samples, a subset of at
 /// least this number and less than twice this number is used. The error of the scale is then below 3 %. If there are
@@ -53,20 +55,21 @@ pub struct AtRest<'a> {
     pub rests: &'a [Range<usize>],
 }
 
-/// The recordings with the ranges of their rests, one list for each recording.
+/// Combines each recording with the list of the index ranges of its rests. `rests` contains one list for each
+/// recording.
 pub fn at_rest<'a>(recordings: &'a [Recording<'a>], rests: &'a [Vec<Range<usize>>]) -> Vec<AtRest<'a>> {
     recordings.iter().zip(rests).map(|(recording, rests)| AtRest { recording, rests }).collect()
 }
 
-/// Signals of all recordings with one sampling rate, concatenated.
+/// The signals ([`SIGNALS`]) of all recordings that have the same sampling rate, concatenated.
 pub(super) struct Tape {
     pub(super) rate_hz: f64,
     pub(super) signals: [Vec<f32>; SIGNALS],
-    /// Index of each recording and its range on the tape.
+    /// For each recording on the tape: its index in the list of recordings, and its range of samples on the tape.
     pub(super) parts: Vec<(usize, Range<usize>)>,
 }
 
-/// Position of a recording: index of its tape, and its range of samples on that tape.
+/// Position of a recording: the index of its tape, and its range of samples on this tape.
 #[derive(Clone)]
 pub(super) struct OnTape {
     pub(super) tape: usize,
@@ -138,10 +141,12 @@ fn square_unless_pulse(scaled: &[f32; 6]) -> Option<f32> {
     scaled.iter().all(|value| value.abs() <= LARGEST).then(|| scaled.iter().map(|value| value * value).sum())
 }
 
-/// For each sample of a rest: whether no short pulse is close to it, and its neighbours are not loud. `squares` are the
-/// sums of the squared scaled second differences of all `axes` axes; `None` at a short pulse.
+/// For each sample of a rest: whether no short pulse is close to it and the mean square of its neighbours is not above
+/// [`LOUD`]. `squares` are the sums of the squared scaled second differences of all `axes` axes; `None` at a short
+/// pulse.
 fn are_quiet(squares: &[Option<f32>], axes: usize) -> Vec<bool> {
-    // Sums over the samples before each sample.
+    // For each sample: the sum of `squares` over all samples before it, and the number of these samples that are not in
+    // a short pulse.
     let mut before = vec![(0.0_f64, 0_usize)];
     for square in squares {
         let (sum, count) = before[before.len() - 1];
@@ -220,12 +225,12 @@ impl Axes {
         }))
     }
 
-    /// Number of axes with noise.
+    /// Number of axes whose noise scale is not zero.
     fn used(&self) -> usize {
         self.0.iter().filter(|scale| **scale > 0.0).count()
     }
 
-    /// Scaled second difference of each axis.
+    /// Second difference of each axis at `sample`, divided by the noise scale of the axis.
     fn second_difference(&self, recording: &Recording<'_>, sample: usize) -> [f32; 6] {
         let difference = second_difference(recording, sample);
         std::array::from_fn(|axis| (difference[axis] * self.0[axis]) as f32)
@@ -240,7 +245,7 @@ fn inner(rest: &Range<usize>, recording: &Recording<'_>) -> Range<usize> {
 }
 
 fn row(recording: &Recording<'_>, sample: usize) -> [f64; 6] {
-    // The channels of an absent sensor are set to a constant, so that their scale is zero.
+    // The channels of an absent sensor are set to zero, so that the scale of their noise is zero and they are not used.
     let [[fx, fy, fz], [wx, wy, wz]] = [recording.specific_force, recording.angular_rate]
         .map(|rows| if rows.is_absent() { [0.0; 3] } else { rows.at(sample) });
     [fx, fy, fz, wx, wy, wz]

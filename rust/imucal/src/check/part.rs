@@ -9,18 +9,18 @@ use crate::recording::{Recording, Samples};
 /// cache.
 pub(super) const PART: usize = 256;
 
-/// Consecutive samples of a recording, and properties of these samples that several checks use.
+/// A block of consecutive samples of a recording, with properties of these samples that several checks use.
 pub(super) struct Part<'a> {
     pub(super) recording: &'a Recording<'a>,
     pub(super) samples: Range<usize>,
     /// Whether the time and all channels of the recorded sensors are finite in all samples.
     pub(super) is_finite: bool,
-    /// Value of [`Part::equal`] for a row that equals the previous row in all channels. Bits of an absent sensor are
-    /// not set.
+    /// The bits that [`Part::equal`] returns for a sample that equals the previous sample in all channels. The bits of
+    /// an absent sensor are not set.
     pub(super) all_equal: u8,
     equal: [u8; PART],
-    /// Rows of the accelerometer and rows of the gyroscope. If there is a sample before the block, its row is the
-    /// first.
+    /// Samples of the accelerometer and of the gyroscope. If the recording has a sample before the block, that sample
+    /// is the first one here.
     triads: [Cow<'a, [[f64; 3]]>; 2],
 }
 
@@ -45,22 +45,22 @@ impl<'a> Part<'a> {
         Self { recording, samples, is_finite, all_equal, equal, triads }
     }
 
-    /// Index of each sample, except the first of the recording, with one bit per channel. The bit of a channel is set
-    /// if the channel has the value of the previous sample.
+    /// Index of each sample of the block, with one bit per channel. The bit of a channel is set if the channel has the
+    /// same value as in the previous sample. The first sample of a recording is omitted.
     pub(super) fn equal(&self) -> impl Iterator<Item = (usize, u8)> + '_ {
         let first = self.samples.start.max(1);
         (first..self.samples.end).zip(self.equal[first - self.samples.start..].iter().copied())
     }
 
-    /// Rows of the accelerometer and rows of the gyroscope.
+    /// Samples of the accelerometer and of the gyroscope in this block, without the sample before it.
     pub(super) fn triads(&self) -> [&[[f64; 3]]; 2] {
         let own = usize::from(self.samples.start > 0);
         self.triads.each_ref().map(|rows| &rows[own..])
     }
 }
 
-/// For each number from the second row on: 1 if it equals the number of the same axis in the previous row, otherwise 0.
-/// Entries beyond the last number are 0.
+/// Compares each number, from the second row (three axes) on, with the number of the same axis in the previous row. The
+/// result is 1 if they are equal, otherwise 0. Unused elements at the end are 0.
 #[inline(always)]
 fn same(numbers: &[f64]) -> [u8; 3 * PART] {
     let mut same = [0; 3 * PART];

@@ -17,18 +17,19 @@ const SIBLING_STEPS: f64 = 2.0;
 /// [`EDGE_STEPS`] misses at high sampling rates and with coarse steps. A rounded peak stays below the limit: if the n
 /// samples at the top of a parabola are within one step, the samples n farther out are only nine steps below the top.
 const FAR_STEPS: f64 = 12.0;
-/// For a plateau that [`FAR_STEPS`] detects, another axis must change during the plateau by at least this share of its
-/// range.
+/// For a plateau that [`FAR_STEPS`] detects, another axis must change during the plateau by more than this share of the
+/// range that it has in the whole recording.
 const SIBLING_SHARE: f64 = 0.05;
 
 /// Plateaus at an extreme value are reported only if noise would cause them with at most this probability. With this
-/// limit, one in 1e5 recordings without saturation is refused.
+/// limit, one in 1e5 recordings without saturation is falsely reported as saturated.
 const BY_CHANCE: f64 = 1e-5;
 /// Upper limit of the assumed probability that noise makes two consecutive samples equal. Without this limit, noise
 /// below one step would explain any plateau, because it makes most consecutive samples near an extreme value equal.
 const MOST_EQUAL: f64 = 0.5;
 
-/// Size of a set of plateaus: their number, the number of samples in all of them, and the samples of the longest one.
+/// Size of a set of plateaus: the number of plateaus, the number of samples in all of them, and the number of samples
+/// in the longest one.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Kind {
     count: usize,
@@ -76,7 +77,8 @@ pub(super) struct Plateaus {
     pub(super) elsewhere: Kind,
 }
 
-/// All plateaus of one axis. `ends` are the extremes and `steps` the converter steps of the triad's axes.
+/// All plateaus of one axis. `ends` contains the lowest and the highest value, and `steps` the converter step, of each
+/// axis of the triad.
 pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], steps: &[f64; 3]) -> Plateaus {
     let mut found = Plateaus::default();
     let mut start = 0;
@@ -90,13 +92,15 @@ pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], ste
         if run.len() < PLATEAU || !value.is_finite() {
             continue;
         }
-        // Change of the channel between the plateau and the samples at this distance before and after it, in steps.
+        // Change of the channel from the plateau to the sample `distance` samples before its start, and to the sample
+        // `distance` samples after its end, in converter steps.
         let drop_at = |distance: usize| {
             let row = |k: Option<usize>| k.filter(|&k| k < rows.len()).map(|k| rows.at(k));
             let drop = |row: Option<[f64; 3]>| row.map(|row| (row[axis] - value).abs() / steps[axis]);
             [drop(row(run.start.checked_sub(distance))), drop(row(Some(run.end - 1 + distance)))]
         };
-        // Change of another axis during the plateau, as an absolute value and as a share of the range of this axis.
+        // `change` is the range of the values of another axis during the plateau. `share` is `change` divided by the
+        // range of that axis in the whole recording.
         let change = |k: usize| range(rows.slice(run.clone()), k);
         let sibling = |is_enough: &dyn Fn(usize) -> bool| (1..3).map(|k| (axis + k) % 3).any(is_enough);
         let share = |k: usize| change(k) / (ends[k][1] - ends[k][0]);
@@ -118,8 +122,8 @@ pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], ste
     found
 }
 
-/// Whether the extreme value occurs at least twice as often as the values one step inside it. Otherwise, the extreme
-/// value is the tail of a noise distribution.
+/// Whether the extreme value `end` occurs at least twice as often as all other values within 1.5 converter steps of it.
+/// Otherwise, the extreme value is only the tail of a noise distribution.
 pub(super) fn piles_up(rows: Samples<'_>, axis: usize, end: f64, step: f64) -> bool {
     let (mut at_end, mut inside) = (0, 0);
     for value in rows.axis(axis) {

@@ -39,15 +39,16 @@ const GYRO_BIAS_RADPS: f64 = 50.0 * DEGREE_RAD;
 /// Range of the noise densities of usual MEMS gyroscopes, deg/s/sqrt(Hz). A unit is recommended if the density is in
 /// this range when the columns are read in this unit.
 const USUAL: [f64; 2] = [1e-3, 0.1];
-/// Highest noise density of usual MEMS accelerometers, m/s^2/sqrt(Hz); source (3) above.
+/// Highest noise density of common MEMS accelerometers, m/s^2/sqrt(Hz); source (3) above.
 const USUAL_ACCEL_DENSITY: f64 = 3e-3 * STANDARD_GRAVITY_MPS2;
 /// Range of the median specific force, in g, that counts as gravity. It allows for motion.
 const GRAVITY_RATIO: [f64; 2] = [0.7, 1.4];
 /// Recommended action if the unit moves in the intervals that count as rests.
 const NEVER_RESTS: &str = "the unit never rests: hold it still on something rigid, away from motors and hands";
-/// Sizes of a count of usual gyroscopes, deg/s: a full scale of 125, 250, ... 2000 deg/s over 32768 counts, and the
-/// rounded sensitivities of the datasheets of TDK InvenSense (131, 65.5, 32.8, 16.4 and 14.375 counts per deg/s),
-/// STMicroelectronics (4.375, 8.75, 17.5, 35 and 70 mdeg/s) and NXP (7.8125 to 62.5 mdeg/s).
+/// Angular rate of one count (LSB) of usual gyroscopes, deg/s. The list contains full scales of 125, 250, ... 2000
+/// deg/s divided by 32768 counts, and the rounded sensitivities in the datasheets of TDK InvenSense (131, 65.5, 32.8,
+/// 16.4 and 14.375 counts per deg/s), STMicroelectronics (4.375, 8.75, 17.5, 35 and 70 mdeg/s) and NXP (7.8125 to 62.5
+/// mdeg/s).
 const GYRO_COUNTS_DPS: [(f64, &str); 19] = [
     (1.0 / 131.0, "1/131"),
     (1.0 / 65.5, "1/65.5"),
@@ -69,21 +70,21 @@ const GYRO_COUNTS_DPS: [(f64, &str); 19] = [
     (0.0625, "0.0625"),
     (1.0 / 14.375, "1/14.375"),
 ];
-/// The step of a column counts as equal to a known size of a count if |step / size - 1| is below this value. The limit
-/// allows text columns that are rounded to three digits.
+/// The smallest step between the values of a column counts as equal to a value of [`GYRO_COUNTS_DPS`] if |step / value
+/// - 1| is below this limit. The limit allows text columns that are rounded to three digits.
 const SAME_COUNT: f64 = 3e-3;
 
-/// The noise of one column at rest, in the unit of the recording.
+/// Noise density and mean of one sensor axis at rest.
 #[derive(Clone, Copy, Debug)]
 pub struct RestNoise {
-    /// White-noise density, unit of the column per sqrt(Hz); `None` if it is not known.
+    /// White-noise density, in the unit of the axis per sqrt(Hz); `None` if it is not known.
     pub density: Option<f64>,
-    /// Mean at rest, unit of the column; `None` if it is not known.
+    /// Mean reading at rest, in the unit of the axis; `None` if it is not known.
     pub mean: Option<f64>,
 }
 
-/// Reports noise densities and biases at rest that no sensor has, with the unit in which they would be plausible. Only
-/// columns in SI units are checked, because a count may have any size.
+/// Reports noise densities and biases at rest that no sensor has, and recommends the unit of measurement in which they
+/// would be plausible. Only columns in SI units are checked, because a count may have any size.
 ///
 /// `columns` is the noise of the accelerometer's axes x, y, z and of the gyroscope's axes x, y, z. Codes, all of them
 /// warnings: `noise_implausible`, `bias_implausible`.
@@ -149,15 +150,15 @@ fn densities(
     })
 }
 
-/// Whether the accelerometer moves in the intervals that count as rests.
+/// Whether the noise of the accelerometer shows that the unit moves in the intervals that count as rests.
 #[derive(PartialEq)]
 enum Motion {
-    /// The noise is that of a usual sensor at rest, or the unit of the accelerometer is not confirmed. The unit is
-    /// confirmed if it is SI and the median specific force equals gravity.
+    /// The noise is that of a usual sensor at rest, or the unit of measurement of the accelerometer is not confirmed.
+    /// This unit is confirmed if it is SI and the median specific force equals gravity.
     None,
-    /// The unit is confirmed, and the noise is higher than that of usual sensors.
+    /// The unit of measurement is confirmed, and the noise is higher than that of usual sensors.
     Possible,
-    /// The unit is confirmed, and the noise is higher than that of any sensor.
+    /// The unit of measurement is confirmed, and the noise is higher than that of any sensor.
     Certain,
 }
 
@@ -175,7 +176,7 @@ impl Motion {
     }
 }
 
-/// The median magnitude of the specific force, m/s^2.
+/// Median norm of the specific force over all samples, moves included, m/s^2.
 fn median_force(recording: &Recording) -> f64 {
     let sizes = recording.specific_force.iter().map(|[x, y, z]| (x * x + y * y + z * z).sqrt());
     median(&mut sizes.filter(|size| size.is_finite()).collect::<Vec<_>>())
@@ -191,7 +192,8 @@ fn is_gravity(force_mps2: f64) -> bool {
 fn gyro_way_out(recording: &Recording, density: f64, accel: &[RestNoise; 3]) -> String {
     let usual = |density: f64| (USUAL[0]..=USUAL[1]).contains(&density);
     let (given, size_radps, _) = given_gyro_unit(recording);
-    // Density of the numbers in the file. It does not depend on the unit in which they are read.
+    // Noise density of the numbers as they are in the file, before the conversion to rad/s. It does not depend on the
+    // unit of measurement in which the columns were read.
     let in_file = density / size_radps;
     let is_radps = *given == "radps";
     let count = (0..3).find_map(|axis| known_count(converter_step(recording.angular_rate, axis))).filter(|_| is_radps);
@@ -258,7 +260,8 @@ fn accel_way_out(recording: &Recording, density: f64) -> String {
         .into()
 }
 
-/// Text of a known size of a count in deg/s, if the step of the column equals it.
+/// If `step`, the smallest step between the values of a column, equals a value of [`GYRO_COUNTS_DPS`], the text of this
+/// value. Otherwise `None`.
 fn known_count(step: f64) -> Option<&'static str> {
     let same = |(size, _): &&(f64, &str)| (step / size - 1.0).abs() < SAME_COUNT;
     // The nearest known size is chosen, because 1/131 and 250/32768 differ by only 0.05 %.

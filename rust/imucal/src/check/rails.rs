@@ -10,23 +10,22 @@ use crate::finding::{Finding, counted};
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
-/// A rail is the value at which an axis is clipped. An extreme value can be a rail only if its distance from the zero
-/// reading is at least this share of the largest such distance in its triad. The axes of a triad have the same range,
-/// so their rails differ only by the scales of the axes.
+/// A rail is the value at which an axis is clipped. The lowest or highest value of an axis can be a rail only if its
+/// distance from the zero reading is at least this share of the largest such distance among the three axes. The axes of
+/// a triad have the same range, so their rails differ only by the scales of the axes.
 const SHARE_OF_REACH: f64 = 0.8;
 
-/// An accelerometer rail is at least this multiple of the median norm of the specific force, which is 1 g. No
-/// accelerometer has a smaller range.
+/// Lowest rail (value at which an axis is clipped) of an accelerometer, as a multiple of the median norm of the
+/// specific force, which is 1 g. No accelerometer has a smaller range.
 const LOWEST_RAIL_G: f64 = 1.3;
-/// Two rails belong to one measurement range if the relative difference of their distances from the zero reading is at
-/// most this value.
+/// Two rails belong to one measurement range if the relative difference of their distances from the zero reading is
+/// below this value.
 const ONE_RANGE: f64 = 1e-4;
 
-/// The lowest and the highest value of one axis if the axis is clipped there. `None` stands for an end of the range at
-/// which the axis is not clipped.
+/// The lowest and the highest value of one axis, each only if the axis is clipped there. Otherwise `None`.
 type Rails = [Option<f64>; 2];
 
-/// Findings `accel_saturation` and `gyro_saturation`.
+/// Findings `accel_saturation` and `gyro_saturation` for sensors with at least one clipped axis.
 pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     let [accel, gyro] = rails(recording, survey);
     let accel = finding(
@@ -130,19 +129,19 @@ fn finding(
     })
 }
 
-/// The rails (values at which the channel is clipped) that each axis of a triad reaches.
+/// The rails (values at which an axis is clipped) that each axis of a sensor reaches.
 ///
 /// There are two kinds of evidence for a rail:
 ///
-/// * One sample with the lowest or the highest count of a 16-bit converter.
+/// * One sample at the lowest or the highest count of a 16-bit converter.
 /// * Plateaus at the channel's extreme value. A plateau is evidence if the channel changes by several steps just before
 ///   and after it, while another axis moves. In addition, plateaus at other values of the channel must be rare or
-///   short, and noise must be an unlikely cause. The rail must be at least `lowest_over_median` times the median norm
-///   of the rows.
+///   short, and noise must be an unlikely cause of the plateaus. The rail must be at least `lowest_over_median` times
+///   the median norm of the rows.
 ///
 /// Other powers of two are no evidence of a rail, because common accelerometers read 2048 or 16384 counts at 1 g.
-/// `ends` are the lowest and the highest value of each axis. `held` are the lowest and the highest value that each axis
-/// repeats in consecutive samples over at least the length of a plateau.
+/// `ends` contains the lowest and the highest value of each axis. `held` contains the lowest and the highest of those
+/// values that an axis repeats in at least as many consecutive samples as a plateau has.
 fn triad_rails(
     rows: Samples<'_>,
     unit: RawUnit,
@@ -162,8 +161,8 @@ fn triad_rails(
                 high > 32768.0 && (v == 0.0 || v == 65535.0)
             }
     };
-    // Fast path for most recordings: if no axis repeats an extreme value in consecutive samples, no further passes are
-    // needed.
+    // Fast path for most recordings: if no axis repeats an extreme value in consecutive samples or reaches an end of
+    // the 16-bit range, there is no rail, and no further passes over the samples are needed.
     let stays_at_end = ends.iter().zip(held).any(|(ends, held)| ends[0] == held[0] || ends[1] == held[1]);
     if !ends.iter().flatten().any(|&end| is_16_bit_end(end)) && !stays_at_end {
         return [[None; 2]; 3];

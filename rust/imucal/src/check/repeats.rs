@@ -10,11 +10,11 @@ const LONGEST_REPEAT: usize = 8;
 /// A finding is reported only for at least this number of repeated rows.
 const FEWEST: usize = 5;
 
-/// Reports rows whose values all equal the values of the previous row, while the time differs.
+/// Reports rows in which all sensor values equal those of the previous row, although the time stamp differs.
 ///
 /// At rest, rows of coarsely quantised data repeat without any fault. Two rules exclude such natural repeats. First, a
 /// repeated row counts only if the rows before and after it change: each of them repeats at most one value. Second,
-/// repeated rows must outnumber rows with five repeated values by more than 2 to 1. Natural repeats do not: if
+/// there must be more than twice as many repeated rows as rows with five repeated values. Natural repeats do not: if
 /// each channel repeats with probability q, the probability is q^6 that all six values repeat, and 6 q^5 (1 - q) that
 /// five repeat. A rest without noise is a long sequence of equal rows and is excluded by [`LONGEST_REPEAT`]. If the
 /// recording has only one sensor, rows have three values instead of six.
@@ -37,13 +37,13 @@ pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding>
     })
 }
 
-/// Number of rows that repeat the previous row completely, and number of rows that repeat all but one of its values.
-/// Such rows are counted only if at most one value repeats in the rows before and after them.
+/// Counts of the rows that repeat all values of the previous row, and of the rows that repeat all but one. Such rows
+/// are counted only if the row before them and the row after them repeat at most one value.
 #[derive(Default)]
 pub(super) struct Repeats {
-    /// Rows in which all values repeat.
+    /// Counter of the rows that repeat all values of the previous row.
     doubled: Tally,
-    /// Number of rows in which all values but one repeat.
+    /// Number of rows that repeat all but one value of the previous row.
     near: usize,
     /// Whether the row before the current sequence of repeated rows repeats at most one value. Only repeats after
     /// such a row are counted.
@@ -57,7 +57,7 @@ pub(super) struct Repeats {
 }
 
 impl Repeats {
-    /// Number of repeated rows; `None` if the number can be a coincidence.
+    /// Number of rows that repeat all values; `None` if so many such rows can occur by coincidence.
     pub(super) fn reported(&self) -> Option<usize> {
         let count = self.doubled.samples;
         (count >= FEWEST && count > 2 * self.near).then_some(count)

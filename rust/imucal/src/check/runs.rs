@@ -5,9 +5,11 @@ use super::part::Part;
 use super::plateau::PLATEAU;
 use crate::recording::Recording;
 
-/// State of the runs of each channel, accelerometer first.
+/// The runs (sequences of equal samples) of each channel, and the state of the search for them. The accelerometer
+/// channels are first.
 pub(super) struct Runs {
-    /// One bit per channel. It is set if the last processed sample equals the sample before it.
+    /// One bit per channel. It is set if the channel has the same value in the last processed sample and in the sample
+    /// before it.
     equal: u8,
     /// One bit per channel. It is set while the channel is in a run of equal samples.
     going_on: u8,
@@ -15,7 +17,7 @@ pub(super) struct Runs {
     start: [usize; 6],
     /// First and last sample of the longest run of each channel.
     longest: [(usize, usize); 6],
-    /// Lowest and highest value of each channel in runs of at least [`PLATEAU`] samples.
+    /// Lowest and highest of the values that each channel repeats in a run of at least [`PLATEAU`] samples.
     held: [[f64; 2]; 6],
 }
 
@@ -68,8 +70,8 @@ impl Runs {
         self.longest[channel]
     }
 
-    /// Lowest and highest value that each axis of a triad keeps for at least [`PLATEAU`] samples; [inf, -inf] if there
-    /// is no such value.
+    /// Lowest and highest of the values that each axis of a triad repeats in at least [`PLATEAU`] consecutive samples;
+    /// [inf, -inf] if there are no such values.
     pub(super) fn held(&self, triad: usize) -> [[f64; 2]; 3] {
         [0, 1, 2].map(|axis| self.held[3 * triad + axis])
     }

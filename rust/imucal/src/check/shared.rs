@@ -10,8 +10,8 @@ use crate::recording::Recording;
 /// independent recordings never coincides over so many rows.
 const SHARED_ROWS: usize = 100;
 
-/// Maps the bits of a row to the index of its recording, the position of the row if consecutive duplicates are not
-/// counted, and the index of the row in the recording.
+/// Map from the bits of a row (six sensor values) to three indices: the index of its recording, the index of the row
+/// after removal of consecutive duplicates, and the index of the row in the recording.
 type Seen = HashMap<[u64; 6], (usize, usize, usize)>;
 
 /// Finding `recordings_overlap` for every recording that contains an interval of an earlier recording in the list. Time
@@ -32,7 +32,8 @@ pub fn check_shared(recordings: &[Recording]) -> Vec<Finding> {
     findings
 }
 
-/// Finding for the first interval whose rows are also consecutive in an earlier recording.
+/// Finding for the first [`SHARED_ROWS`] consecutive rows that are also consecutive in an earlier recording of the
+/// list.
 fn shared_with_earlier(recording: &Recording, recordings: &[Recording], seen: &Seen) -> Option<Finding> {
     let (mut count, mut start, mut before) = (0, [0, 0], None);
     for i in changes(recording) {
@@ -64,12 +65,14 @@ fn shared_with_earlier(recording: &Recording, recordings: &[Recording], seen: &S
     None
 }
 
-/// Number of rows. It is 0 if the columns have different lengths, because another finding reports this fault.
+/// Number of rows (samples) of a recording. It is 0 if the columns have different lengths, because another finding
+/// reports this fault.
 fn rows(recording: &Recording) -> usize {
     if recording.check_lengths().is_ok() { recording.len() } else { 0 }
 }
 
-/// Indices of the rows that differ from the previous row. A row that was repeated or written twice is counted once.
+/// Indices of the rows that differ from the previous row. If a row was repeated or written twice, only its first copy
+/// is returned.
 fn changes<'a>(recording: &'a Recording<'_>) -> impl Iterator<Item = usize> + 'a {
     (0..rows(recording)).filter(|&i| i == 0 || row_bits(recording, i) != row_bits(recording, i - 1))
 }

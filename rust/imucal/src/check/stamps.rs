@@ -1,19 +1,19 @@
 //! Recommendations for time stamps that are not the sampling instants, for example arrival times. The recommendation
-//! states the mean sampling rate, with which the user can replace the time stamps.
+//! states the mean sampling rate, which the user can give instead of the time stamps.
 
 use crate::finding::general;
 use crate::recording::Recording;
 
-/// The mean rate is recommended only if the longest time step is below this share of the duration. Otherwise, it is not
-/// accurate enough.
+/// The recommendation states the mean rate only if the longest time step is below this share of the duration. With a
+/// longer step, the mean rate is not accurate enough.
 const LONGEST_SHARE: f64 = 0.02;
 
-/// Recommendation for time stamps that are not the sampling instants.
+/// Text that recommends to record the sampling instants, or to replace the time stamps by the mean rate.
 pub(crate) fn from_sensor(recording: &Recording) -> String {
     format!("take the time stamp from the sensor's own clock, not on arrival; or, {}", even(recording))
 }
 
-/// Recommendation to replace the time stamps of an evenly sampled recording by its mean rate.
+/// Text that recommends to replace the time stamps by the mean rate, if the sensor samples at equal intervals.
 pub(super) fn even(recording: &Recording) -> String {
     let rate = even_rate_hz(recording)
         .map_or("rate_hz=RATE with its rate".to_owned(), |rate_hz| format!("rate_hz={}", general(rate_hz, 6)));

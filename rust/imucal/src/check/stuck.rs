@@ -7,17 +7,18 @@ use crate::finding::{Finding, Place};
 use crate::parameters::of_axes;
 use crate::recording::{Recording, Samples};
 
-/// An axis counts as stuck if it is constant over at least this share of the recording.
+/// An axis counts as stuck if it has one constant value over at least this share of the recording.
 const STUCK_SHARE: f64 = 0.5;
 /// Another axis counts as moving if its values span at least this number of steps of the converter.
 const MOVING_STEPS: f64 = 8.0;
 
 /// Reports axes that are constant for most of the recording while other axes of the same triad move.
 ///
-/// Two cases are not reported: a rest without noise, in which all axes are constant, and a coarse converter, which
-/// changes axes by single steps. The finding is an error if the axis is certainly stuck: the other axes are noisy while
-/// the axis is constant, or a whole triad is constant. The finding is a warning if the other axes have no noise either,
-/// as with a coarse converter or in a simulation without noise. The motion may then not have changed this axis.
+/// Two cases are not reported: a rest without noise, in which all axes are constant, and a coarse converter, with which
+/// the other axes change only by a few steps. The finding is an error if the axis is certainly stuck: the other axes
+/// are noisy while the axis is constant, or a whole triad is constant. The finding is a warning if the other axes have
+/// no noise either, as with a coarse converter or in a simulation without noise. The motion may then not have changed
+/// this axis.
 pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
     let mut stuck = Vec::new();
     for (first_channel, rows, other, names, unit) in [
@@ -34,8 +35,8 @@ pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
             let siblings = [(axis + 1) % 3, (axis + 2) % 3];
             let triad_is_dead = siblings.iter().all(|&k| range(meanwhile, k) == 0.0)
                 && (0..3).any(|k| moves_widely(other.slice(first..last + 1), k));
-            // If the axis also shows no noise before and after the constant interval, its noise is below a step of the
-            // converter.
+            // If the axis shows no noise before and after the constant interval either, its noise is below a step of
+            // the converter, and it is not certain that the axis is stuck.
             let [before, after] = [rows.slice(0..first), rows.slice(last + 1..rows.len())];
             let steps = !(before.is_empty() && after.is_empty()) && [before, after].iter().all(|r| !is_noisy(*r, axis));
             let siblings_are_noisy = !steps && siblings.iter().any(|&k| moves(meanwhile, k) && is_noisy(meanwhile, k));
@@ -64,7 +65,8 @@ pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
     certain.into_iter().chain(possible).collect()
 }
 
-/// Text with the parameters that are not determined without these axes, and a recommended action.
+/// Text that names the calibration parameters that the data do not determine without the stuck `axes`, and the
+/// recommended action.
 fn undetermined(axes: &[Stuck]) -> String {
     let is_stuck = |name: &str| axes.iter().any(|axis| axis.column == name);
     let stuck = |names: [&str; 3]| names.map(is_stuck);
@@ -86,7 +88,7 @@ fn undetermined(axes: &[Stuck]) -> String {
     parts.join("; ")
 }
 
-/// An axis with a constant value.
+/// An axis that is constant over most of the recording.
 struct Stuck {
     column: &'static str,
     value: f64,
@@ -128,14 +130,15 @@ fn moves(rows: Samples<'_>, axis: usize) -> bool {
     range(rows, axis) >= MOVING_STEPS * converter_step(rows, axis)
 }
 
-/// Whether more than half of the samples differ from the previous sample.
+/// Whether the axis is noisy: more than half of its samples differ from the previous sample.
 fn is_noisy(rows: Samples<'_>, axis: usize) -> bool {
     let mut changes = 0;
     rows.neighbours(axis, |before, after| changes += usize::from(after != before));
     2 * changes > rows.len()
 }
 
-/// Whether the axis clearly moves. Its range must exceed 0.3 times its largest magnitude, so noise cannot be the cause.
+/// Whether the values of the axis change so much that noise cannot be the cause: by at least [`MOVING_STEPS`] steps,
+/// and by more than 0.3 times the largest magnitude.
 fn moves_widely(rows: Samples<'_>, axis: usize) -> bool {
     let [low, high] = extremes(rows, axis);
     moves(rows, axis) && high - low > 0.3 * low.abs().max(high.abs())

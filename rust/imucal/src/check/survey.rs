@@ -1,4 +1,4 @@
-//! Single pass over the samples that collects the data of all column checks.
+//! Single pass over the samples that collects the data for all checks of columns.
 //!
 //! Each check has a small accumulator. The recording is divided into short blocks. All accumulators process one block
 //! before the next block, so that the block stays in the processor's cache.
@@ -15,7 +15,8 @@ use crate::cancellation::checkpoint;
 use crate::numerics::instructions::Instructions;
 use crate::recording::Recording;
 
-/// Accumulated data of a recording, from which the checks derive their findings.
+/// Data that the pass over a recording has collected, one field for each check of columns. The checks derive their
+/// findings from them.
 pub(super) struct Survey {
     pub(super) not_finite: NotFinite,
     pub(super) steps: Steps,
@@ -32,7 +33,8 @@ impl Survey {
     }
 }
 
-/// The pass over the samples. pulp runs it with the widest vector instructions of the processor.
+/// The pass over all samples of a recording. The crate `pulp` runs it with the widest vector instructions of the
+/// processor.
 struct Surveying<'a>(&'a Recording<'a>);
 
 impl WithSimd for Surveying<'_> {

@@ -16,14 +16,15 @@ pub const TEMPERATURE_DEGC: [f64; 2] = [-60.0, 150.0];
 /// For implausible values, the finding recommends a unit in which the values, converted to degC, are in this range.
 const USUAL_DEGC: [f64; 2] = [-40.0, 85.0];
 
-/// Reports implausible temperatures, jumps between consecutive samples, and values that are not finite.
+/// Reports implausible temperatures, temperature jumps between consecutive samples, and temperatures that are not
+/// finite.
 ///
 /// Codes: `temperature_implausible`, `temperature_jump`.
 pub(super) fn check(recording: &Recording) -> Vec<Finding> {
     check_temperature(recording).into_iter().chain(jumps(recording)).collect()
 }
 
-/// Reports temperatures outside [`TEMPERATURE_DEGC`], with the unit in which they would be plausible.
+/// Reports temperatures outside [`TEMPERATURE_DEGC`], and recommends the unit in which they would be plausible.
 ///
 /// Code: `temperature_implausible`, an error, because every effect of temperature would be wrong.
 ///

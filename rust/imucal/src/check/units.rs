@@ -1,5 +1,5 @@
-//! Checks of units with the readings at rest. There the norm |f| of the specific force equals local gravity g, and a
-//! gyroscope reads its bias.
+//! Checks of the units of measurement. At rest, the norm |f| of the specific force must equal local gravity g, and a
+//! gyroscope must read only its bias.
 
 use std::ops::Range;
 
@@ -45,7 +45,8 @@ const COUNTS: f64 = 1500.0;
 /// Median norm |f| of the specific force, m/s^2. A smaller median shows that gravity was removed from the readings.
 const WITHOUT_GRAVITY_MPS2: f64 = 0.5;
 
-/// Findings of wrong units whose errors are so large that no rests are needed to detect them.
+/// Findings `accel_units` and `gyro_units` for wrong units whose errors are so large that the whole recording, with its
+/// moves, shows them.
 pub(super) fn check(recording: &Recording, (lengths, extremes): (&Lengths, &Extremes)) -> Vec<Finding> {
     let mut findings = Vec::new();
     let whole = 0..recording.len();
@@ -63,8 +64,8 @@ pub(super) fn check(recording: &Recording, (lengths, extremes): (&Lengths, &Extr
     findings
 }
 
-/// Counts of finite rows: all rows, rows whose norm is below a lower limit, and rows whose norm is above an upper
-/// limit.
+/// Numbers of finite samples (rows of three axes): all of them, those whose norm is below a lower limit, and those
+/// whose norm is above an upper limit.
 #[derive(Default)]
 pub(super) struct Lengths {
     rows: usize,
@@ -73,7 +74,8 @@ pub(super) struct Lengths {
 }
 
 impl Lengths {
-    /// Adds the rows of an accelerometer in SI units. The limits of the norm are [`WITH_MOVES`] times standard gravity.
+    /// Counts the accelerometer samples of a block if the accelerometer is in SI units. The limits of the norm are
+    /// [`WITH_MOVES`] times standard gravity.
     #[inline(always)]
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         if part.recording.accel_unit == RawUnit::Si {
@@ -91,7 +93,8 @@ impl Lengths {
         }
     }
 
-    /// Whether the median norm is between the two limits. The three counts decide this without sorting the norms.
+    /// Whether the median norm is between the two limits. This follows from the three numbers, without sorting the
+    /// norms: fewer than half of the samples are below the lower limit, and fewer than half are above the upper limit.
     fn have_median_within(&self) -> bool {
         2 * self.below < self.rows && 2 * self.above < self.rows
     }
@@ -133,7 +136,8 @@ fn length([x, y, z]: [f64; 3]) -> f64 {
     (x * x + y * y + z * z).sqrt()
 }
 
-/// Median norm of the finite rows in the ranges.
+/// Median norm of the samples (rows of three axes) in the index ranges. Samples that are not finite are ignored; `None`
+/// if no sample is left.
 fn median_norm(rows: Samples<'_>, ranges: &[Range<usize>]) -> Option<f64> {
     let rows = ranges.iter().flat_map(|range| rows.slice(range.clone()).iter());
     let mut norms: Vec<f64> = rows.map(length).filter(|norm| norm.is_finite()).collect();
@@ -155,8 +159,8 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
     let [given, _] = recording.column_units;
     let given = ACCEL_UNITS.iter().find(|unit| unit.0 == given.unwrap_or("mps2")).unwrap_or(&ACCEL_UNITS[0]);
     let in_file = norm / given.1;
-    // The unit in which the numbers have the magnitude of gravity is searched for first. It is the correct unit if the
-    // columns contain gravity.
+    // First, a unit is searched for in which the numbers of the file have the magnitude of gravity. If the columns
+    // contain gravity, it is the correct unit.
     let fitting: Vec<&str> = ACCEL_UNITS
         .iter()
         .filter(|unit| unit.0 != given.0 && within(in_file * unit.1 / gravity_mps2, AT_REST))
@@ -217,7 +221,7 @@ pub(super) fn given_gyro_unit(recording: &Recording) -> &'static (&'static str, 
     GYRO_UNITS.iter().find(|unit| unit.0 == given.unwrap_or("radps")).unwrap_or(&GYRO_UNITS[0])
 }
 
-/// Recommends a smaller unit for rates that are far too large in the given unit.
+/// Text that recommends smaller units of measurement, for rates that are far too large in the unit of the columns.
 fn smaller_gyro_units(recording: &Recording) -> String {
     let given = given_gyro_unit(recording);
     let (words, names): (Vec<&str>, Vec<String>) = GYRO_UNITS
@@ -267,8 +271,8 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
     })
 }
 
-/// Finding for a gyroscope with an impossible bias. A bias is steady within a rest. If a large rate varies within a
-/// rest, the unit was moved, and the rate is no evidence of a wrong unit.
+/// Finding `gyro_units` for a gyroscope whose bias is too large for any MEMS gyroscope. A bias is steady within a rest.
+/// If a large rate varies within a rest, the unit was moved, and the rate is no evidence of a wrong unit.
 fn biased(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
     if recording.gyro_unit != RawUnit::Si {
         return None;
@@ -299,7 +303,8 @@ fn biased(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
     })
 }
 
-/// Norm of the mean rate of a rest if the rate is steady, otherwise `None`.
+/// Norm of the mean angular rate of a rest, in the unit of `rows`; `None` if the rate varies within the rest (see
+/// [`STEADY`]).
 fn steady_norm(rows: Samples<'_>, rest: &Range<usize>) -> Option<f64> {
     let (mut count, mut sum, mut squares) = (0.0, [0.0; 3], 0.0);
     for row in rows.slice(rest.clone()).iter().filter(|row| row.iter().all(|v| v.is_finite())) {
@@ -396,7 +401,7 @@ mod tests {
             findings.extend(check_rests(&recording, &Columns::rests(), STANDARD_GRAVITY_MPS2));
             findings
         };
-        // There are three cases: numbers in m/s^2 read as g, numbers in mg read as g, and counts read as deg/s.
+        // The numbers are in m/s^2 but read as g, then in mg but read as g, and finally counts that are read as deg/s.
         for (force, hint) in [(9.80665, "m/s^2:"), (1000.0, "mg:")] {
             let findings = with_units(&scaled(force, 1.0), [Some("g"), None]);
             assert_eq!(findings[0].code, "accel_units");

@@ -1,9 +1,9 @@
 //! Check for negative counts that were read as unsigned numbers. A count n < 0 is then stored as 2^bits + n.
 //!
 //! With this fault, a channel that crosses zero jumps between the two ends of the number range, which resembles
-//! saturation. A sensor whose counts are really unsigned reads near the middle of the range at rest. If its upper half
-//! were read as negative numbers, there would be jumps at the middle. The numbers of jumps in both interpretations are
-//! therefore compared.
+//! saturation. A sensor whose counts are really unsigned reads near the middle of the range at rest. If the upper half
+//! of its range were read as negative numbers, there would be jumps at the middle. Therefore the jumps are counted
+//! twice, for counts read as unsigned and as signed numbers, and the two numbers are compared.
 
 use pulp::{Simd, WithSimd};
 
@@ -15,25 +15,25 @@ use crate::recording::{RawUnit, Recording, SIDE_BY_SIDE, Samples, each_step};
 
 /// Possible word lengths of converters and registers, bits.
 const BITS: std::ops::RangeInclusive<u32> = 8..=32;
-/// Width of the region at each end of the number range, as a share of the range. A jump goes from the region at one end
-/// to the region at the other end.
+/// A jump is a change from one end of the number range to the other between consecutive samples. Each end is a region
+/// whose width is this share of the range.
 const END: f64 = 0.125;
 /// A finding is reported only for at least this number of jumps. Fewer jumps may be single wrong samples.
 const FEWEST_JUMPS: u64 = 3;
-/// A finding is reported only if (jumps in the counts as they are, unsigned) / (jumps in the counts read as signed
-/// numbers) is at least this value.
+/// A finding is reported only if the unsigned counts have at least this many times as many jumps as the same counts
+/// read as signed numbers.
 const LEFT: u64 = 10;
-/// Number of samples in a block that fits into the processor's cache.
+/// Number of samples that are processed together. So many samples fit into the processor's cache.
 const PART: usize = 256;
 
-/// Reports only the finding `counts_unsigned`. Data that are corrected but not used for a calibration need no other
-/// check of this module. All columns must have the same length.
+/// Reports only the finding `counts_unsigned`. It is the only check that is needed for data that are corrected but not
+/// used for a calibration. All columns must have the same length.
 pub fn check_counts(recording: &Recording) -> Vec<Finding> {
     let is_raw = [recording.accel_unit, recording.gyro_unit].contains(&RawUnit::Lsb);
     if is_raw && !recording.is_empty() { check(recording, &Survey::of(recording)) } else { Vec::new() }
 }
 
-/// Finding `counts_unsigned`.
+/// Findings `counts_unsigned` for sensors whose negative counts were read as unsigned numbers.
 pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     let [accel, gyro] = &survey.extremes.ends;
     let accel = finding(recording, recording.accel_unit, (recording.specific_force, accel), ACCEL);
@@ -130,7 +130,8 @@ mod tests {
     use super::super::example::Columns;
     use super::*;
 
-    /// Unsigned gyroscope counts. Zero rate is at the count `zero`, and the range has `numbers` values.
+    /// The example recording with unsigned gyroscope counts. The count `zero` corresponds to zero rate, and the counts
+    /// wrap around after `numbers` values.
     fn unsigned(zero: f64, numbers: f64) -> Columns {
         let mut columns = Columns::tumbling();
         let scale = numbers / 8.0;

@@ -1,4 +1,5 @@
-//! Checks of single columns: non-finite values, extremes, and the resolution of the converter.
+//! Checks of single columns: values that are not finite, values that no sensor can measure, and the resolution of the
+//! converter.
 
 use super::part::{Part, all_finite};
 use super::{ACCEL, GYRO, Tally, names, unit_name};
@@ -61,20 +62,22 @@ impl NotFinite {
         }
     }
 
-    /// Whether two tables with different time stamps were joined row by row (an outer join).
+    /// Whether the rows are an outer join of two tables, one per sensor, with different time stamps. Many rows then
+    /// have values of only one sensor.
     fn is_outer_join(&self, samples: usize) -> bool {
         self.alone.iter().all(|&alone| alone as f64 > OWN_ROWS * samples as f64)
     }
 
-    /// Number of samples with a non-finite value, and the first interval of such samples.
+    /// Number of samples with a value that is not finite, and the first and last index of the first interval of such
+    /// samples.
     #[cfg(test)]
     pub(super) fn samples(&self) -> (usize, Option<(usize, usize)>) {
         (self.bad.samples, self.bad.first)
     }
 }
 
-/// Reports NaN and infinity, with the columns. In the stand's encoder columns, the finding is only a warning, because
-/// only the effects of the encoders need these columns.
+/// Reports NaN and infinity, with the columns. In the columns with the motor angles of a stand, the finding is only a
+/// warning, because only the effects of the angle encoders need these columns.
 pub(super) fn check_finite(recording: &Recording, not_finite: &NotFinite) -> Vec<Finding> {
     let NotFinite { bad, columns, bad_stand, stand_columns, alone, .. } = not_finite;
     let sensors = [&["time_s"], &ACCEL[..], &GYRO[..]].concat();
@@ -158,7 +161,7 @@ pub(super) fn check_possible(recording: &Recording, extremes: &Extremes) -> Vec<
     findings
 }
 
-/// Marks the columns whose value in `row` is not finite; returns whether there is any such column.
+/// Sets the elements of `columns` for which the value in `row` is not finite. Returns whether there is any such value.
 fn mark<const N: usize>(row: [f64; N], columns: &mut [bool; N]) -> bool {
     let mut any = false;
     for (value, column) in row.iter().zip(columns) {
@@ -191,13 +194,13 @@ fn missing_numbers(recording: &Recording, tally: Tally, all: &[&str], marked: &[
     }
 }
 
-/// Difference of the largest and the smallest finite value; 0 if no value is finite.
+/// Difference of the largest and the smallest finite value of one axis; 0 if no value is finite.
 pub(super) fn range(rows: Samples<'_>, axis: usize) -> f64 {
     let [low, high] = extremes(rows, axis);
     (high - low).max(0.0)
 }
 
-/// Smallest and largest finite value; [inf, -inf] if no value is finite.
+/// Smallest and largest finite value of one axis; [inf, -inf] if no value is finite.
 pub(super) fn extremes(rows: Samples<'_>, axis: usize) -> [f64; 2] {
     let values = rows.axis(axis).filter(|v| v.is_finite());
     // A plain comparison is faster than `f64::min`, which also handles NaN. Here NaN has been filtered out.
@@ -248,8 +251,8 @@ impl Extremes {
 }
 
 /// Resolution of the converter, in the unit of the samples; infinite for a constant channel. It is the 5 % quantile of
-/// the nonzero differences between consecutive samples. The quantile ignores rare smaller differences, for example from
-/// clipping between two steps. Differences as small as floating-point rounding errors are excluded.
+/// the nonzero differences between consecutive samples. The quantile ignores rare smaller differences, for example if a
+/// signal is clipped at a value between two steps. Differences as small as floating-point rounding errors are excluded.
 pub(super) fn converter_step(rows: Samples<'_>, axis: usize) -> f64 {
     let rounding = 1e-9 * range(rows, axis);
     let mut steps = Vec::new();

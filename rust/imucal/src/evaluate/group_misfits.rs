@@ -11,7 +11,7 @@ use crate::recording::Recording;
 use crate::rests::moves::{Ends, Move};
 use crate::verdict::{GroupMisfit, ResidualGroup};
 
-/// The usable rests and moves of control recordings, and the triads that are evaluated.
+/// The usable rests and moves of control recordings, and the sensors (triads) that are evaluated.
 pub(super) struct Judged<'a> {
     pub(super) recordings: &'a [Recording<'a>],
     pub(super) triads: [&'a Triad<f64>; 2],
@@ -24,9 +24,9 @@ pub(super) struct Judged<'a> {
 }
 
 impl Judged<'_> {
-    /// Goodness of fit of both kinds of residuals (norms and directions). `changed` returns the triads after a change
-    /// by one standard deviation along each eigenvector of the parameters' correlation matrix. It is called only if one
-    /// of the two p-values is below [`UNLIKELY`], so that noise alone does not explain the residuals.
+    /// Goodness of fit of both kinds of residuals (norms and directions). If one of the two p-values is below
+    /// [`UNLIKELY`], noise alone does not explain the residuals. Then `changed` is called. It returns the triads after
+    /// a change by one standard deviation along each eigenvector of the parameters' correlation matrix.
     pub(super) fn groups(&self, changed: impl FnOnce() -> Vec<[Triad<f64>; 2]>) -> Vec<GroupMisfit> {
         let norms: Vec<f64> = self.rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2).collect();
         let moves: Vec<f64> = self.move_residuals(self.triads, self.rotations);
@@ -83,7 +83,7 @@ impl Judged<'_> {
         self.rests.iter().map(change).collect()
     }
 
-    /// Residuals of the moves, divided by their standard deviations from noise. They are computed with the
+    /// Direction residuals of the moves, divided by their standard deviations from noise. They are computed with the
     /// accelerometer `accelerometer` and the rotations `rotations`, which may differ from the calibration.
     fn move_residuals(&self, [accelerometer, _]: [&Triad<f64>; 2], rotations: &[Matrix3<f64>]) -> Vec<f64> {
         let again = |up: &Vector3<f64>| {
@@ -107,7 +107,8 @@ impl Judged<'_> {
 /// few disturbed rests or moves are excluded, for example rests that were detected in a slow part of a move.
 fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     let chi2: Vec<f64> = z.chunks_exact(size).map(|own| own.iter().map(|z| z * z).sum()).collect();
-    // The values of chi2 are divided by this scale, so no rest or move is excluded if all of them scatter equally.
+    // Dividing the values of chi2 by this scale ensures that no rest or move is excluded if all of them scatter
+    // equally.
     // The median of chi2 for noise is 0.455 with one residual and 1.386 with two.
     let expected = if size == 1 { 0.455 } else { 1.386 };
     let scale = (median(&mut chi2.clone()) / expected).max(1.0);
@@ -119,8 +120,8 @@ fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     (0..chi2.len()).filter(|k| !outliers.contains(k)).collect()
 }
 
-/// Noise explains the residuals if their p-value is above this limit. Otherwise, the uncertainty of the calibration is
-/// also considered.
+/// If the p-value of the residuals is above this limit, noise explains them. Otherwise, the uncertainty of the
+/// calibration is also taken into account.
 const UNLIKELY: f64 = 0.1;
 /// Maximum share of rests, or of moves, that are excluded as outliers. It equals `MAX_CONTRADICTING_SHARE` of a
 /// calibration.
@@ -128,7 +129,7 @@ const MAX_OUTLIER_SHARE: f64 = 0.1;
 /// A rest or move is an outlier if its p-value is below this limit. The limit equals the significance level of the
 /// outlier detection in a joint fit.
 const OUTLIER_SIGNIFICANCE: f64 = 1e-5;
-/// Magnitude of gravity, m/s^2. It converts a change of the accelerometer's bias to a change of the gravity direction.
+/// Magnitude of gravity, m/s^2. It is used to compute how a change of the accelerometer changes the gravity direction.
 /// Local gravity differs from it by less than 1 %.
 const GRAVITY_MPS2: f64 = imucal_core::STANDARD_GRAVITY_MPS2;
 

@@ -1,4 +1,4 @@
-//! Errors of residuals on control recordings that are due to the uncertainty of the calibration.
+//! Errors that the uncertainty of the calibration causes in the residuals on control recordings.
 //!
 //! ```text
 //! cov(r) = N + D C D^T,     chi2 = z^T z - v^T (I + d^T d)^-1 v,     z = N^(-1/2) r,  d = N^(-1/2) D L,  v = d^T z
@@ -73,7 +73,7 @@ impl Uncertainty {
     }
 
     /// Both triads after a change by one standard deviation along each eigenvector of the correlation matrix.
-    /// `corrected` states whether `calibration` has already corrected the samples.
+    /// `corrected` is true if the samples have already been corrected with `calibration`.
     pub(super) fn changed(&self, calibration: &Calibration<f64>, corrected: bool) -> Vec<[Triad<f64>; 2]> {
         let triad = |triad: &Triad<f64>, (sensitivity, bias): (Matrix3<f64>, Vector3<f64>)| {
             if corrected {
@@ -109,8 +109,8 @@ impl Change {
 }
 
 /// chi2 of residuals relative to noise and the uncertainty of the calibration. `z` are the residuals. Each entry of
-/// `changes` is the change of the residuals due to one [`Change`] of the triads. Residuals and changes are divided by
-/// the standard deviations of noise.
+/// `changes` contains the changes of all residuals due to one [`Change`] of the triads. Residuals and changes are
+/// divided by the standard deviations of noise.
 pub(super) fn chi2_with(z: &[f64], changes: &[Vec<f64>]) -> f64 {
     let z = DVector::from_column_slice(z);
     let d = DMatrix::from_fn(z.len(), changes.len(), |row, k| changes[k][row]);

@@ -1,4 +1,4 @@
-//! Reasons for the verdict on a calibration that are derived from its evaluation.
+//! Reasons for the verdict that follow from the evaluation of a calibration.
 
 use imucal_core::sensor::Triad;
 
@@ -31,8 +31,8 @@ impl Figures {
         self.reason(RecordingSet::Calibration, Vec::new).is_some()
     }
 
-    /// The reason why these figures make a verdict poor; `None` if they do not. `uncorrected` returns the samples
-    /// that could not be corrected. The message lists them if chi2 has no value.
+    /// The reason why these figures make a verdict poor; `None` if they do not. `uncorrected` returns the samples that
+    /// could not be corrected. The message lists these samples if chi2 is not finite.
     pub fn reason(&self, set: RecordingSet, uncorrected: impl FnOnce() -> Vec<UncorrectedSamples>) -> Option<Reason> {
         if self.moves == 0 {
             return Some(Reason::NoUsableMove { set, rests: self.rests });

@@ -35,7 +35,7 @@ const LEAST_EXCESS: f64 = 1.5;
 /// corresponds to 2.6 standard deviations of one parameter.
 const LEAST_SIGNIFICANT: f64 = 0.01;
 /// An increase of chi2 of unseen data is significant if it exceeds SIGNIFICANT x its standard deviation under the null
-/// hypothesis.
+/// hypothesis that both fits predict equally well.
 const SIGNIFICANT: f64 = 3.0;
 
 /// A figure of merit on unseen data: control recordings, or held-out rests and moves.
@@ -97,7 +97,7 @@ pub enum Refusal {
     NotSignificant {
         /// Name of the effect.
         name: String,
-        /// p-value of its parameters.
+        /// p-value of the effect's parameters under the hypothesis that they are zero.
         p_value: f64,
     },
     /// The effect `gyro_time_offset` is not accepted, because a filter of the gyroscope also smooths its output.
@@ -106,7 +106,7 @@ pub enum Refusal {
         name: String,
         /// Mean delay of the filter: the mean time of its impulse response, s.
         tau_s: f64,
-        /// Half of the variance of the impulse response, s^2.
+        /// Half of the variance of the time under the impulse response of the filter, s^2; zero for a pure delay.
         k_s2: f64,
         /// Standard deviation of `k_s2`, s^2.
         k_sigma_s2: f64,
@@ -127,7 +127,8 @@ impl Refusal {
     }
 }
 
-/// Share of the excess chi2 of unseen data that one accepted effect removes, by kind of residuals.
+/// Share of the excess chi2 (chi2 beyond noise) of unseen data that one accepted effect removes, for each kind of
+/// residuals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EffectShare {
     /// Name of the effect.
@@ -142,11 +143,12 @@ pub struct EffectShare {
 
 /// Decrease of chi2 of unseen data when effects are added to the model.
 pub(super) struct Removed {
-    /// Decrease / chi2 without the effects, at most 1. The largest value of all kinds of residuals.
+    /// Relative decrease: decrease of chi2 / chi2 without the effects, at most 1. It is the largest value over the
+    /// kinds of residuals.
     pub(super) share: f64,
-    /// Decrease / standard deviation of the decrease. The largest value of all kinds of residuals.
+    /// Decrease of chi2 in standard deviations of the decrease. It is the largest value over the kinds of residuals.
     pub(super) significance: f64,
-    /// Decrease / standard deviation of the decrease, for all kinds of residuals together.
+    /// Decrease of chi2 of all kinds of residuals together, in standard deviations of this decrease.
     significance_of_all: f64,
 }
 
@@ -191,8 +193,9 @@ impl Fits<'_> {
             };
             let removed = fit.removed(&accepted.fit);
             let is_confirmed = match OF_TIME.contains(&name.as_str()) {
-                // A random walk of the bias resembles a function of time, whatever the evidence. In unseen data, the
-                // walk is another one.
+                // In one recording, a random walk of the bias may resemble a function of time with any amount of
+                // evidence. In unseen data, the walk takes another course, and the function of time does not improve
+                // the prediction.
                 true => removed.significance_of_all > LEAST_IMPROVEMENT,
                 false => !must_improve(name) || removed.significance > LEAST_IMPROVEMENT,
             };
@@ -264,7 +267,8 @@ pub(super) fn unless_it_fails(fit: Result<Rc<Fit>, Error>) -> Result<Result<Rc<F
     }
 }
 
-/// Expected value of a metric if sensor noise is the only error, and the number of residuals in the metric.
+/// Expected value of a [`Metric`] if sensor noise is the only error, and the number of residuals from which the metric
+/// is computed.
 struct Floor {
     value: f64,
     count: usize,
@@ -286,12 +290,12 @@ impl Fit {
         terms.iter().map(|(_, chi2)| chi2).sum::<f64>() / count.max(1) as f64
     }
 
-    /// The figure of merit on unseen data that improves most from this fit to the fit `after`: the figure with the
-    /// largest ratio of the two values.
+    /// The figure of merit on unseen data that improves most from this fit to the fit `after`. For this figure, the
+    /// value of this fit divided by the value of the fit `after` is largest.
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
-            // Without accepted effects, the figure uses the biases of the calibration. It therefore contains any change
-            // of the biases between the recording sessions.
+            // If no effect was accepted, both fits are the same fit. chi2 is then computed with the biases of the
+            // calibration. It therefore contains any change of the biases between the recording sessions.
             let is_same = std::ptr::eq(own, other);
             let chi2 = |control: &Control| match is_same {
                 true => control.evaluation.figures.chi2_per_dof,
@@ -333,9 +337,9 @@ impl Fit {
     }
 
     /// Whether this fit predicts unseen data significantly worse than the fit `other`. `before` is the fit without
-    /// effects; its standard deviations are used if there are no control recordings. If the effect `needs_heading`, a
-    /// small increase of chi2 does not count, even if it is significant: the heading of control recordings is unknown,
-    /// so only the vertical component of the effect is corrected there.
+    /// effects. If there are no control recordings, residuals are divided by the standard deviations of `before`. If
+    /// the effect `needs_heading`, a small increase of chi2 does not count, even if it is significant: the heading of
+    /// control recordings is unknown, so only the vertical component of the effect is corrected there.
     fn is_worse_than(&self, other: &Self, before: &Self, needs_heading: bool) -> bool {
         let [value, least] = [self, other].map(|fit| fit.unseen_chi2(before));
         if value <= least * (1.0 + SAME) {

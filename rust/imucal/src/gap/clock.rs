@@ -19,11 +19,11 @@ use crate::recording::Recording;
 use crate::rests::noise_density::variance_by_axis;
 use crate::rounding::step::step_of;
 
-/// Minimum change of chi2, or of 2 ln L with the likelihood L, for a fault to be reported. It corresponds to 5 sigma
-/// with one degree of freedom.
+/// Minimum change of chi2, or of 2 ln L (L: likelihood), for a fault to be reported. It corresponds to 5 sigma with one
+/// degree of freedom.
 const SIGNIFICANT: f64 = 25.0;
-/// Largest harmless effect of time-stamp errors: relative increase of the noise variance of the angular rate inside
-/// moves. Smaller increases are ignored.
+/// Time-stamp errors are ignored if they increase the noise variance of the angular rate inside moves by less than this
+/// fraction.
 const HARMLESS: f64 = 0.1;
 /// Half-width of the five-point stencil of a fourth difference, samples.
 const REACH: usize = 2;
@@ -138,7 +138,8 @@ impl Differences {
     }
 
     /// Reports why residuals of moves exceed noise while residuals of rests do not. The two tested causes are jitter of
-    /// the time stamps, and gyroscope noise that is larger in motion.
+    /// the time stamps, and gyroscope noise that is larger in motion. `widened` is the factor by which the calibration
+    /// increased the standard deviations of the moves.
     fn noise_fault(&self, recording: &Recording<'_>, widened: f64) -> Option<Finding> {
         if self.noise.is_empty() {
             return None;

@@ -1,5 +1,5 @@
-//! Elimination of a model's parameters from the normal equations. It is computed once, and the result is used for many
-//! candidate columns.
+//! Elimination of a model's parameters from the normal equations. The elimination is computed once, and its result is
+//! used to score many candidate effects.
 
 use std::ops::Range;
 
@@ -10,17 +10,18 @@ use super::weighing::{Aside, Columns, Swept, Weighing};
 use crate::numerics::instructions::Instructions;
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// Gram matrices of a model and of many candidate columns. Only the products model column x any column are stored.
-/// [`Common::weighing`] adds the products candidate column x candidate column, for a few candidates at a time.
+/// Gram matrices of the Jacobian columns of a model and of many candidate effects. Only the products of a model column
+/// with any column are stored. [`Common::weighing`] adds the products of two candidate columns, for one candidate at a
+/// time.
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
-    /// For each group of residuals: the normalised Gram matrix, without the products candidate column x candidate
-    /// column.
+    /// For each group of residuals: the normalised Gram matrix, without the products of two candidate columns.
     parts: Vec<SymmetricMatrix>,
 }
 
 /// The normal matrix after elimination of the model's parameters, for given noise scales s_g^2 of the residual groups.
-/// Only the rows of the model's columns are computed, because these rows are needed for every candidate.
+/// Of this matrix, only the rows of the model's parameters are computed, because these rows are needed for every
+/// candidate.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
     /// `whole` is the sum over the groups of Gram matrix / noise scale, plus the prior precisions of the model. `sums`
@@ -45,7 +46,7 @@ impl<'a> Common<'a> {
         Instructions::Best.run(SweepCommon(self, scales))
     }
 
-    /// Gram matrices of the model's columns and the candidate columns `own`.
+    /// Gram matrices of the model's columns and of the candidate columns with the indices `own`.
     pub(crate) fn weighing(&self, own: Range<usize>) -> Weighing<'a> {
         let Columns { gram, model, ref beside, ref unit } = self.columns;
         let runs = self.runs(own.clone());
@@ -60,8 +61,8 @@ impl<'a> Common<'a> {
         Weighing { columns, parts }
     }
 
-    /// The normal matrix after the elimination, restricted to the model's columns, the candidate columns `own`, and the
-    /// residual.
+    /// The normal matrix after the elimination, restricted to the model's columns, the candidate columns with the
+    /// indices `own`, and the residual.
     pub(crate) fn part_of(&self, swept: &SweptCommon, weighing: &Weighing<'_>, own: Range<usize>) -> Swept {
         let runs = self.runs(own);
         let known = swept.sums.part(&runs);
@@ -98,7 +99,7 @@ struct SweepAs<'a> {
     common: &'a SweptCommon,
     /// The model's rows of the Gram matrix after the elimination, restricted to the columns of `weighing`.
     known: SymmetricMatrix,
-    /// Index of each column of `weighing` among all candidate columns.
+    /// Indices of the candidate columns of `weighing` and of the residual, among all columns of `common`.
     columns: Vec<usize>,
 }
 

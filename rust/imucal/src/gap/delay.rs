@@ -5,11 +5,11 @@
 //! filter              mean of w(t - s)       = w - tau w' + (tau^2 / 2 + k) w'' - ...
 //! ```
 //!
-//! w is the angular rate, w' and w'' are its derivatives. The output of a filter is the mean of the earlier rates w(t -
-//! s), weighted by the impulse response of the filter. tau is the mean of s under these weights, and k is half of the
-//! variance of s. k is zero for a delay, and tau^2 / 2 for a low-pass filter of first order with the time constant tau.
-//! k is also zero for a Butterworth filter of second or higher order: up to the term with w'', this filter only delays
-//! its input.
+//! w is the angular rate, w' and w'' are its derivatives. The output of a filter is the mean of the earlier rates
+//! `w(t-s)`, weighted by the impulse response of the filter. tau is the mean of s under these weights, and k is half of
+//! the variance of s. k is zero for a delay, and tau^2 / 2 for a low-pass filter of first order with the time constant
+//! tau. k is also zero for a Butterworth filter of second or higher order: up to the term with w'', this filter only
+//! delays its input.
 //!
 //! The test adds the gyroscope error `k w''` to a model with the effect `gyro_time_offset`. Without this error, the
 //! model describes a pure delay exactly.

@@ -26,7 +26,7 @@ pub(crate) struct Candidate {
     pub(crate) columns: Range<usize>,
     /// Typical size of each parameter, SI units.
     pub(crate) typical: Vec<f64>,
-    /// Trial time constant of the columns, s; `None` if the effect has no time constant.
+    /// Trial time constant at which the columns are evaluated, s; `None` if the effect has no time constant.
     pub(crate) shape: Option<f64>,
 }
 
@@ -36,27 +36,28 @@ pub(crate) struct Design {
     /// Gram matrices (products of Jacobian columns), one for each group of residuals. Products of two columns from
     /// different candidates are NaN until one of these candidates has been added to the model.
     pub(crate) gram: Gram,
-    /// Columns of the model, in the order base parameters, effects, stand parameters.
+    /// Jacobian columns of the model's parameters, in the order base parameters, effects, stand parameters.
     pub(crate) model: Vec<Column>,
     pub(crate) candidates: Vec<Candidate>,
     pub(crate) residual: Vec<f64>,
     pub(crate) rows: Arc<Rows>,
 }
 
-/// The Jacobian at one linearisation point, and the residual group of each row.
+/// The Jacobian at one linearisation point, and the group (kind) of the residual in each row.
 pub(crate) struct Rows {
     /// The Jacobian as computed from the samples; `None` if `columns` was given instead.
     made: Option<Made>,
-    /// All columns in one matrix; computed when first needed.
+    /// All Jacobian columns in one matrix, without the residual; computed when first needed.
     columns: OnceLock<Mat<f64>>,
     /// Gram matrices of all columns, one for each residual group; computed when first needed.
     products: OnceLock<Vec<Mat<f64>>>,
-    /// Residual group of each row.
+    /// Group (kind) of the residual in each row, as an index.
     groups: Vec<usize>,
-    /// Index of the rest or move to which each row belongs, in order of time.
+    /// Index of the rest or move to which the residual of each row belongs. Rests and moves are numbered together in
+    /// order of time.
     items: Vec<usize>,
-    /// For each rest and each end of a move: the body axis from which the directions of its two tilt residuals are
-    /// constructed.
+    /// For each end of a move and each rest: the body axis from which two directions perpendicular to gravity are
+    /// constructed, see [`axes_of`].
     axes: Vec<usize>,
     /// Whether the columns include those of generic hypotheses (unknown variations of a bias or scale).
     has_variations: bool,
@@ -64,15 +65,15 @@ pub(crate) struct Rows {
 
 /// Whitened Jacobian columns. The last column is the residual.
 struct Made {
-    /// All rows or, if `inside` is present, only the rows that are not inside moves.
+    /// Rows of the residuals that are not inside moves. If `inside` is `None`, these are all rows.
     head: Lanes,
     inside: Option<Insides>,
-    /// Position of each column within a stored row.
+    /// For each column: its position within a stored row.
     order: Vec<usize>,
 }
 
 impl Made {
-    /// All rows as one matrix, without the residual.
+    /// The Jacobian of all rows as one matrix, without the residual.
     fn together(&self, rows: usize) -> Mat<f64> {
         let Self { head, inside, order } = self;
         let columns = &order[..order.len() - 1];
@@ -90,18 +91,19 @@ impl Made {
 }
 
 impl Rows {
-    /// All columns as one matrix, without the residual.
+    /// The Jacobian of all rows as one matrix, without the residual.
     pub(crate) fn columns(&self) -> &Mat<f64> {
         let rows = self.groups.len();
         self.columns.get_or_init(|| self.made.as_ref().map_or_else(|| Mat::zeros(rows, 0), |made| made.together(rows)))
     }
 
-    /// Residual group of each row.
+    /// Group (kind) of the residual in each row, as an index.
     pub(crate) fn groups(&self) -> &[usize] {
         &self.groups
     }
 
-    /// Index of the rest or move of each row, in order of time.
+    /// Index of the rest or move to which the residual of each row belongs. Rests and moves are numbered together in
+    /// order of time.
     pub(crate) fn items(&self) -> &[usize] {
         &self.items
     }
@@ -164,7 +166,7 @@ fn base_of(prepared: &Prepared<'_>, linear: &Linear) -> [(f64, f64); BASE] {
 }
 
 /// Columns of a model at the indices `places` of the Gram matrices. `values` are the parameters of the model's effects.
-/// `base` contains the precision and the value of each base parameter.
+/// `base` contains, for each base parameter, the precision of its prior and its value minus the mean of the prior.
 fn columns_of(
     (own, precisions): (&Terms<'_>, &[f64]),
     values: &[f64],
@@ -198,10 +200,11 @@ impl Design {
         self.candidates.iter().filter(is_full)
     }
 
-    /// This design with some candidates moved into the model, and with the residuals of the new model. `None` if the
-    /// rows of the two models cannot be compared. The Jacobian of the old model is reused. Its relative error is about
-    /// the relative size of the effects, typically at most 1 %. The new residuals are exact, so this error does not
-    /// change the optimum.
+    /// This design with some candidates moved into the model, and with the residuals of the new model. `None` if this
+    /// design has no candidate for an effect of the new model, or if the residuals of the two models cannot be compared
+    /// row by row (see [`axes_of`]). The Jacobian of the old model is reused. Its relative error is about the relative
+    /// size of the effects, typically at most 1 %. The new residuals are exact, so this error does not change the
+    /// optimum.
     pub(crate) fn joined(
         &self,
         prepared: &Prepared<'_>,
@@ -243,8 +246,8 @@ impl Design {
         left
     }
 
-    /// Gram matrices in which the residual rows inside moves form one group for each recording, and the indices of
-    /// these groups.
+    /// Gram matrices of the groups of residuals. The specific-force residuals inside moves form one group for each
+    /// recording. The second result contains the indices of these groups.
     pub(crate) fn insides_apart(&self, prepared: &Prepared<'_>) -> (Cow<'_, Gram>, Range<usize>) {
         if prepared.recordings.len() == 1 {
             let gram = match self.candidates.is_empty() {
@@ -312,8 +315,8 @@ impl Design {
         Self { gram, model, candidates: self.candidates.clone(), residual: self.residual.clone(), rows: Arc::new(rows) }
     }
 
-    /// For each rest and each end of a move: the body axis from which the directions of its two tilt residuals are
-    /// constructed.
+    /// For each end of a move and each rest: the body axis from which two directions perpendicular to gravity are
+    /// constructed, see [`axes_of`].
     pub(crate) fn axes(&self) -> &[usize] {
         &self.rows.axes
     }

@@ -54,7 +54,7 @@ struct Tails {
     dof: usize,
     limit: f64,
     known: Vec<f64>,
-    /// Next probability minus the last probability in `known`.
+    /// Next probability (for two more degrees of freedom) minus the last probability in `known`.
     step: f64,
 }
 

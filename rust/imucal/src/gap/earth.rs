@@ -14,8 +14,9 @@ pub(super) const NAME: &str = "earth_rate";
 /// Threshold of two tests, in standard deviations sigma of the estimated rate w. The estimate agrees with the Earth's
 /// rate W if |w - W| <= SURE x sigma. The Earth's rate is detectable if W >= SURE x sigma.
 const SURE: f64 = 3.0;
-/// Largest factor, up or down, between the standard deviations of the rate in the search and in the final fit. They
-/// differ because the search assumes constant biases, but the final fit estimates slowly varying biases.
+/// The standard deviation of the rate in the search may be larger or smaller than in the final fit, by up to this
+/// factor. The two differ because the search assumes constant biases, but the final fit estimates slowly varying
+/// biases.
 const SLACK: f64 = 2.0;
 
 /// Whether an estimated rate agrees with the Earth's rate, and is so accurate that the Earth's rate is detectable.

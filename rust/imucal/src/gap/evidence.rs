@@ -34,8 +34,8 @@ pub(crate) struct Gram {
     pub(crate) residual: usize,
 }
 
-/// One column of a model: its index in the Gram matrices, the precision of its prior (0 without a prior), and the value
-/// of its parameter at the linearisation point.
+/// The Jacobian column of one parameter of a model: the index of the column in the Gram matrices, the precision of the
+/// parameter's prior (0 without a prior), and the value of the parameter at the linearisation point.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Column {
     pub(crate) place: usize,

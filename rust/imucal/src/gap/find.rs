@@ -77,11 +77,13 @@ pub struct Analysis {
     /// correction by the fit with effects. Both are computed on the control recordings, or on the calibration
     /// recordings if there are no control recordings. `None` if no effect was accepted.
     pub corrected_errors: Option<PredictedErrors>,
-    /// Scores of all candidates, generic hypotheses and detection limits.
+    /// Result of the forward search: scores of all candidates, generic hypotheses (unknown variations of a bias or
+    /// scale), and detection limits.
     pub search: Search,
 }
 
-/// Estimated parameters of a rival, from a fit in which the rival replaces an accepted effect.
+/// Estimated parameters of a rival, from a fit in which the rival replaces an accepted effect. A rival is an effect
+/// that explains nearly the same residuals as the accepted effect.
 #[derive(Clone, Debug)]
 pub struct RivalFit {
     /// Name of the accepted effect.
@@ -251,8 +253,8 @@ impl Fits<'_> {
         Ok(search)
     }
 
-    /// Tests the magnitude of an estimated `earth_rate` against the known magnitude. The direction is not tested,
-    /// because heading and latitude are unknown.
+    /// Tests whether the rate estimated as the effect `earth_rate` has the known magnitude of the Earth's rate. The
+    /// direction is not tested, because heading and latitude are unknown.
     fn earth(&mut self, search: &Search) -> Result<Earth, Error> {
         if let Some((size_radps, sigma_radps)) = search.not_the_earth {
             return Ok(Earth::Other(NotTheEarth { size_radps, sigma_radps }));

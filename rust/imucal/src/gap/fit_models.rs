@@ -20,7 +20,7 @@ const SHAPE_WIDTH: f64 = 3.0;
 /// moves.
 const MOST_RECENT: usize = 3;
 
-/// Error message of a fit in which a lag of the temperature is longer than the recordings.
+/// Error message of a fit in which the time constant of a temperature lag is longer than the recordings.
 const TOO_LONG: &str = "the time constant of the temperature lag is longer than the recordings";
 
 impl<'a> ForwardSearch<'a> {
@@ -39,8 +39,9 @@ impl<'a> ForwardSearch<'a> {
         (members.iter().filter_map(find).collect(), fields)
     }
 
-    /// Fits a model with the effects `members`, and linearises it together with the columns selected by `beside`. The
-    /// sensor models (sensitivity and bias) `near` are the start values of the fit.
+    /// Fits a model with the effects `members`, and linearises it. If `beside` requests the candidates, the
+    /// linearisation includes the candidate effects `open`. The sensor models (sensitivity and bias) `near` are the
+    /// start values of the fit.
     pub(super) fn stage(
         &self,
         prepared: &Prepared<'_>,

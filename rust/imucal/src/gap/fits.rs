@@ -39,8 +39,8 @@ pub struct Fit {
 pub struct Control {
     /// Figures of merit, and residuals of rests and moves.
     pub evaluation: Evaluation,
-    /// chi2 of the mean angular rate of each rest relative to the mean over all rests of its recording, with three
-    /// degrees of freedom; `None` for rests that the evaluation excludes.
+    /// For each rest: chi2, with three degrees of freedom, of the difference between its mean angular rate and the mean
+    /// over all rests of the same recording. `None` for rests that the evaluation excludes.
     pub rate_chi2: Vec<Option<f64>>,
     /// Significant change of the biases from the calibration recordings to the control recordings. `None` if the fit
     /// without effects, or this fit, has no such change.
@@ -78,6 +78,7 @@ impl<'a> Fits<'a> {
     }
 
     /// Sets the forms of the effects for the next fits: each selected effect gets the form that the search selected.
+    /// Earlier fits with effects are discarded.
     pub(super) fn use_forms(&mut self, path: &[Score]) {
         self.forms = path.iter().map(|score| (score.name.clone(), score.parameters)).collect();
         self.made.retain(|fit| fit.effects.is_empty());
@@ -105,8 +106,8 @@ impl<'a> Fits<'a> {
             None => self.checked.calibrate(&model, warm_start),
         };
         let outcome = outcome.map_err(|error| match error {
-            // The fit without effects succeeded with the same recordings, so the effects are the cause. For example,
-            // the heading is lost where the fit leaves out a move.
+            // The fit without effects succeeded with the same recordings, so the effects cause this error. For example,
+            // an effect depends on the heading, and the heading is lost in a move that the fit leaves out.
             Error::Input(words) if !names.is_empty() && !self.made.is_empty() => Error::Fit(words),
             other => other,
         })?;
@@ -129,7 +130,8 @@ impl<'a> Fits<'a> {
         Ok(Fit { effects: names.to_vec(), outcome, control })
     }
 
-    /// The model with the effects of the catalogue among `names`, in the selected forms.
+    /// Options of a calibration with the catalogue effects among `names`. Each effect has the form (for example linear
+    /// or quadratic) that the search selected.
     pub(super) fn model(&self, names: &[String]) -> Result<ModelOptions<'static>, Error> {
         let partly: Vec<String> = names.iter().filter(|name| !self.options.user_effect(name)).cloned().collect();
         let choice = |name: &String| {

@@ -33,8 +33,8 @@ pub(super) const MOST_EFFECTS: usize = 6;
 const MOST_ROUNDS: usize = 2;
 /// Smallest standard deviation of the prior of an effect's parameter, in multiples of the parameter's typical size.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
-/// Minimum range of the temperature, K, for temperature effects to be candidates. Temperatures are averaged over
-/// [`MEAN_S`] before their range is determined.
+/// Minimum range of the temperature, in kelvin, for temperature effects to be candidates. Temperatures are averaged
+/// over [`MEAN_S`] before their range is determined.
 const LEAST_CHANGE_K: f64 = 0.5;
 /// Time over which temperature readings are averaged to suppress their noise, s.
 const MEAN_S: f64 = 1.0;
@@ -130,8 +130,8 @@ fn at_start<T>(
 }
 
 /// Temperatures shifted so that their mean over all recordings is the reference temperature. Without this shift, the
-/// columns of temperature effects would contain a multiple of the columns of the base parameters. The search could then
-/// explain noise by this multiple.
+/// Jacobian columns of a temperature effect would contain a multiple of the columns of base parameters. This multiple
+/// could fit noise, and the search could therefore select the effect.
 fn centred_temperatures(recordings: &[Recording<'_>]) -> Vec<Option<Vec<f64>>> {
     let (sum, count) = (recordings.iter().filter_map(|recording| recording.temperature_degc).flatten())
         .filter(|degc| degc.is_finite())
@@ -155,12 +155,14 @@ fn is_warmed(recordings: &[Recording<'_>]) -> bool {
 
 /// The state of a search.
 pub(super) struct ForwardSearch<'a> {
+    /// Kinds of residuals that the search uses.
     pub(super) kinds: Kinds,
     /// Whether the unit was moved by hand; `None` if this is not known yet.
     pub(super) is_hand_moved: Option<bool>,
     /// Name of each effect that is not observable, and the data that would make it observable.
     pub(super) left_out: Vec<(String, String)>,
     pub(super) user_fields: &'a [UserField<'a>],
+    /// Number of samples of each recording.
     pub(super) samples: Vec<usize>,
     /// The fitted models of this search. Each key contains the effects and the kinds of residuals of the fit.
     pub(super) fits: RefCell<Vec<(FitKey, Model)>>,

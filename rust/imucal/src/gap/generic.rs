@@ -112,10 +112,9 @@ pub(crate) struct Hypothesis {
 enum Shape {
     /// The deviation of the parameter is a linear combination of eigenfunctions of the kernel.
     Varies(Arc<Shares>),
-    /// The deviation is a nonlinear function of the sensor's input (angular rate or specific force). The second field
-    /// is the largest magnitude of the input. Each axis has three kinds of columns: the input multiplied by smooth
-    /// functions of this input, the products of the inputs on two axes and, for the gyroscope, the angular
-    /// acceleration.
+    /// The deviation is a nonlinear function of the sensor's input (angular rate or specific force). The `f64` is the
+    /// largest magnitude of the input. Each axis has three kinds of columns: the input multiplied by smooth functions
+    /// of this input, the products of the inputs on two axes and, for the gyroscope, the angular acceleration.
     Follows(Smooth<f64>, f64),
     /// The deviation is linear in the products of two components of the angular rate and in the components of the
     /// angular acceleration.
@@ -127,11 +126,12 @@ const CURVE_LENGTH: f64 = 0.5;
 /// Number of nodes of the smooth function of the input on one axis. The nodes are equally spaced from minus to plus the
 /// largest input.
 const CURVE_POINTS: usize = 9;
-/// Factor, s, by which columns of the angular acceleration are multiplied. With this factor, their coefficients have
-/// the same typical size as deviations of the scale.
+/// Factor, in seconds, by which the Jacobian columns of the angular acceleration are multiplied. With this factor,
+/// their coefficients have the same typical size as deviations of the scale.
 const LAG_S: f64 = 0.1;
 
-/// All hypotheses that are observable in the recordings and for which `asked` is true.
+/// All hypotheses that are observable in the recordings and for which `asked` is true. `inside` is true if
+/// accelerometer samples inside moves are used.
 pub(crate) fn hypotheses(
     moments: &Moments,
     inside: bool,
@@ -177,12 +177,12 @@ fn near_on_curve(a: &f64, others: &[f64], to: &mut [f64]) {
 }
 
 impl Hypothesis {
-    /// Typical size of the coefficient of each column, SI units.
+    /// Typical size of the coefficient of each Jacobian column, SI units.
     pub(crate) fn typical(&self) -> f64 {
         self.block.typical()
     }
 
-    /// Number of columns. A third of the columns belongs to each axis, in the order x, y, z.
+    /// Number of Jacobian columns. A third of them belongs to each axis, in the order x, y, z.
     pub(crate) fn width(&self) -> usize {
         3 * match &self.shape {
             Shape::Varies(shares) => shares.width(),
@@ -192,8 +192,8 @@ impl Hypothesis {
         }
     }
 
-    /// For each evaluation time and each column: the error of the angular rate or specific force, SI units, if the
-    /// coefficient of this column is 1 and all other coefficients are 0.
+    /// For each evaluation time (a rest, or a time inside a move) and each column: the error of the angular rate or
+    /// specific force, SI units, if the coefficient of this column is 1 and all other coefficients are 0.
     pub(crate) fn columns(&self, moments: &Moments, place: Place) -> Vec<f64> {
         let force = |at: &Moment| at.up * self.gravity_mps2;
         let moments = moments.at(place);
@@ -234,8 +234,8 @@ impl Hypothesis {
         }
     }
 
-    /// For each evaluation time and each column: the deviation of the sensor parameter if the coefficient of this
-    /// column is 1 and all other coefficients are 0.
+    /// For each evaluation time (a rest, or a time inside a move) and each column: the deviation of the sensor
+    /// parameter if the coefficient of this column is 1 and all other coefficients are 0.
     pub(crate) fn shares(&self, moments: &Moments, place: Place) -> Vec<f64> {
         match &self.shape {
             Shape::Varies(shares) => shares.times(place, std::iter::repeat(Vector3::repeat(1.0))),

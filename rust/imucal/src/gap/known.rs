@@ -7,13 +7,15 @@ use super::evidence::Gram;
 use super::products::{Part, Rows, cross, square};
 use crate::numerics::stats::dot;
 
-/// Columns, residual and Gram matrix of a design, for each group of residual rows.
+/// Jacobian columns and residuals of a design, divided into groups of residual rows, and the Gram matrix of each group.
 pub(crate) struct Known<'a> {
+    /// For each group: the indices of its rows, the columns at these rows, and the residuals at these rows.
     groups: Vec<(Rows, Part<'a>, Vec<f64>)>,
     gram: &'a Gram,
 }
 
-/// Additional columns with the same residual rows as the design, and their Gram matrices.
+/// Additional Jacobian columns, for example of a generic hypothesis, for the residual rows of a design, and their Gram
+/// matrices.
 pub(crate) struct Others<'a> {
     /// For each group: the rows of the additional columns, and the Gram matrix of these columns.
     parts: Vec<(Part<'a>, Mat<f64>)>,

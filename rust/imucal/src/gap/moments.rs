@@ -1,5 +1,5 @@
-//! Times at which generic hypotheses (variations of a bias or scale) are evaluated, and their whitened Jacobian
-//! columns.
+//! Evaluation times of generic hypotheses (unknown variations of a bias or scale), and whitened Jacobian columns of the
+//! hypotheses.
 
 use std::cmp::Ordering::Equal;
 use std::sync::Arc;
@@ -17,15 +17,17 @@ use crate::joint::{Field, Joint, Linear, Model, MoveSegments, Prepared, Terms, m
 use crate::numerics::stats::dot;
 use crate::rests::moves::Move;
 
-/// Interval, in blocks of samples, between the times inside moves at which hypotheses are evaluated. It applies if
-/// accelerometer samples inside moves are not used. The interval is short enough, because biases vary slowly.
+/// Interval between the times inside moves at which hypotheses are evaluated, in blocks of samples (about 40 ms each).
+/// It applies if accelerometer samples inside moves are not used. The interval is short enough, because biases vary
+/// slowly.
 const EVERY: usize = 5;
 /// Minimum angular rate about an axis, rad/s, that determines the sense of rotation about the axis. At lower rates, the
 /// sense of the last rotation is kept. The value exceeds the noise of a consumer gyroscope.
 const LEAST_RATE_RADPS: f64 = 0.05;
 
-/// Maximum number of epochs. The time of the computation grows with the third power of this number. With 240 epochs,
-/// the shortest correlation length of a smooth time course (1/40 of the duration) still contains six epochs.
+/// Maximum number of epochs (rests and moves, see [`Epoch`]). The time of the computation grows with the third power of
+/// this number. With 240 epochs, the shortest correlation length of a smooth time course (1/40 of the duration) still
+/// contains six epochs.
 const MOST_EPOCHS: usize = 240;
 
 /// A rest or a move, during which the deviation of a sensor parameter is constant. If there are more than
@@ -76,7 +78,7 @@ impl<'a> Setting<'a> {
         axes_of(&self.linear) == axes
     }
 
-    /// Whitened Jacobian columns of a hypothesis.
+    /// Whitened Jacobian columns of a hypothesis: derivatives of all residuals with respect to its coefficients.
     pub(crate) fn columns(&self, hypothesis: &Hypothesis) -> Mat<f64> {
         let (sensor, width) = (hypothesis.block.sensor(), hypothesis.width());
         let mut rests = vec![0.0; self.prepared.rests.len() * width];

@@ -33,8 +33,8 @@ const SLIP_FACTOR: f64 = 10.0;
 const PLAY_DEG: f64 = 0.25;
 /// Step of the numerical derivatives (central differences) with respect to stand parameters and motor angles, rad.
 const STEP_RAD: f64 = 1e-4;
-/// Threshold of the rank decision: singular values of the stand-error columns below this share of the largest one count
-/// as zero.
+/// Threshold of the rank decision: a singular value of the matrix of stand-error derivatives counts as zero if it is
+/// below this share of the largest one.
 const RANK: f64 = 1e-6;
 /// Number of mount angles. They are the first parameters of the stand model.
 const MOUNT: usize = 3;
@@ -168,7 +168,7 @@ fn best_mount(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Matrix3<f64> {
 /// Residuals of the gravity directions at the rests of one recording. Stand errors have been fitted and subtracted.
 struct Residuals<'a> {
     rests: Vec<&'a StandRest>,
-    /// Residuals; each rest has three components.
+    /// Residuals of the direction up. Each rest has three consecutive components.
     values: Mat<f64>,
     /// Orthonormal basis of the residuals that errors of the stand can cause.
     basis: Mat<f64>,
@@ -186,7 +186,8 @@ struct Step {
 }
 
 impl<'a> Residuals<'a> {
-    /// `None` if there are fewer than four times [`FEWEST_RESTS`] rests, or if there are no motor angles.
+    /// Fits the stand errors to the directions at `rests`. `None` if there are fewer than four times [`FEWEST_RESTS`]
+    /// rests, or if there are no motor angles.
     fn new(accelerometer: &Triad<f64>, recording: &Recording<'_>, rests: Vec<&'a StandRest>) -> Option<Self> {
         if rests.len() < 4 * FEWEST_RESTS {
             return None;
@@ -201,8 +202,8 @@ impl<'a> Residuals<'a> {
         let difference = |at: &dyn Fn(f64, &Vector3<f64>) -> Vector3<f64>, angle: &Vector3<f64>| {
             mount * (at(STEP_RAD, angle) - at(-STEP_RAD, angle)) / (2.0 * STEP_RAD)
         };
-        // The derivatives with respect to the stand parameters come first. The derivatives with respect to two
-        // harmonics of each encoder follow.
+        // Derivatives of the direction up at rest `k`: first with respect to the stand parameters, then with respect to
+        // two harmonics of each encoder.
         let row = |k: usize| -> Vec<Vector3<f64>> {
             let angle = &angles[k];
             let by_parameter = |p: usize| {
@@ -239,7 +240,7 @@ impl<'a> Residuals<'a> {
         Some(Self { rests, values, basis, by_mount: errors.subcols(0, MOUNT).to_owned() })
     }
 
-    /// The mount step that decreases chi2 most.
+    /// The lasting rotation of the unit on its mount that decreases chi2 most.
     fn largest_step(&self) -> Step {
         let mut best = Step { first: 0, turn_rad: 0.0, factor: 1.0 };
         let chi2 = self.values.squared_norm_l2();
@@ -270,7 +271,7 @@ impl<'a> Residuals<'a> {
     }
 }
 
-/// The part of each column that is orthogonal to a basis.
+/// The part of each column of a matrix that is orthogonal to all columns of an orthonormal basis.
 fn without(basis: &Mat<f64>, columns: Mat<f64>) -> Mat<f64> {
     let along = basis * (basis.transpose() * &columns);
     columns - along

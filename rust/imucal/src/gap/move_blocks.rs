@@ -137,8 +137,8 @@ impl Block {
     }
 }
 
-/// A temperature column with a range that is large enough to test the dependence of residuals on it, and the mean of
-/// the column.
+/// The temperatures of a recording and their mean. The range of the temperature is large enough to test whether
+/// residuals depend on it.
 pub(super) struct RelativeTemperature<'a> {
     temperature_degc: &'a [f64],
     mean_degc: f64,

@@ -32,7 +32,7 @@ pub(super) type Signals = [f64; 6];
 /// The estimated parameters of a calibration. A parameter with a standard deviation of zero was not estimated and is
 /// omitted.
 pub(super) struct Parameters {
-    /// Index of each parameter in the calibration.
+    /// Index of each parameter among all parameters of the calibration, including those that were not estimated.
     places: Vec<usize>,
     /// Standard deviations, in the units of the parameters.
     sigma: Vec<f64>,
@@ -60,7 +60,7 @@ impl Windows {
         self.samples.len()
     }
 
-    /// Mean over each window; NaN for windows without samples.
+    /// Mean of `row` over the samples of each window; NaN for windows without samples.
     pub(super) fn means(&self, row: impl Fn(usize) -> Vector3<f64>) -> Vec<Vector3<f64>> {
         let mean = |samples: &Range<usize>| samples.clone().map(&row).sum::<Vector3<f64>>() / samples.len() as f64;
         self.samples.iter().map(mean).collect()
@@ -84,9 +84,10 @@ impl Parameters {
     /// Change of the corrected signals in each window if one parameter changes by its standard deviation. The shape is
     /// (P, windows) for P parameters.
     ///
-    /// `corrected` is `recording` after correction. `user_fields` are the columns of user-defined effects at the
-    /// samples of `corrected`. Effects are evaluated at the corrected signals instead of the true signals. The
-    /// difference is negligible, because effects are small compared with the signals.
+    /// `corrected` is `recording` after correction. `user_fields` contains, for each user-defined effect, its sensor
+    /// and the error of this sensor per unit of each parameter at each sample of `corrected`. Effects are evaluated at
+    /// the corrected signals instead of the true signals. The difference is negligible, because effects are small
+    /// compared with the signals.
     pub(super) fn slopes(
         &self,
         outcome: &Outcome,
@@ -107,8 +108,8 @@ impl Parameters {
     /// deviation of its parameter. `typical` are the typical sizes of the linear parameters of each effect.
     ///
     /// The prior width in the fit is at least the typical size of the effect (docs/model.md (23)). If the estimated
-    /// effect is smaller, the result is computed for a prior with the estimated size as its width. This prior is
-    /// narrower also in directions that the data do not determine.
+    /// effect is smaller, the result is computed for a prior with the estimated size as its width. This prior also
+    /// reduces the uncertainty in directions of parameter space that the data do not determine.
     pub(super) fn expected_errors(&self, outcome: &Outcome, typical: &[Vec<f64>]) -> (Vec<f64>, Mat<f64>) {
         let (mut errors, mut covariance) = (vec![0.0; self.count()], self.correlation.clone());
         let mut first = 21;

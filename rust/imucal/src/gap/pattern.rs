@@ -19,7 +19,7 @@ use crate::numerics::workers::{in_order, processors};
 /// parameter.
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
 /// A generic hypothesis (unknown variation of a bias or scale) replaces the selected effects only if its log evidence
-/// is larger by more than this number of nats. 3 nats are odds of 20 to 1.
+/// exceeds the log evidence of the effects by more than this number of nats. 3 nats are odds of 20 to 1.
 const LEAD: f64 = 3.0;
 /// A generic hypothesis replaces the selected effects only if its log Bayes factor is above this number of nats. 8 nats
 /// are odds of 3000 to 1.

@@ -10,7 +10,8 @@
 //! is estimated without fold f. s_g^2 is the noise scale of the group g of a row, and P contains the precisions of the
 //! priors. l_i is the log predictive density of item i, and n is the number of items. u is 0, or the variance of the
 //! prediction J delta_f if the model contains generic hypotheses. Rows outside a fold do not determine how, for
-//! example, a random walk continues within the fold. With u = 0 its unknown course would hide all other differences.
+//! example, a random walk continues within the fold. With u = 0, the error of the predicted walk would therefore hide
+//! all other differences between two models.
 //!
 //! If residuals exceed sensor noise, p-values computed from sensor noise are too small. Cross-validation remains valid
 //! in this case, because an effect that only fits excess scatter does not improve the prediction. Each superfluous
@@ -37,7 +38,8 @@ pub(crate) struct Gain {
 }
 
 impl Gain {
-    /// Increase between the log predictive densities of two models, one value for each rest and move.
+    /// Increase of the log predictive density from the model `without` an effect to the model `with` it. Each list
+    /// contains one log density for each rest and move.
     pub(crate) fn of(without: &[Option<f64>], with: &[Option<f64>]) -> Self {
         let gains: Vec<f64> =
             with.iter().zip(without).filter_map(|(with, without)| Some((*with)? - (*without)?)).collect();
@@ -54,13 +56,14 @@ impl Gain {
 
 /// Residuals and Jacobian for cross-validation.
 pub(crate) struct Held<'a> {
-    /// Jacobian of all columns of a design, without the residual.
+    /// Jacobian of a design, one column for each parameter, without the residual.
     pub(crate) columns: &'a Mat<f64>,
     pub(crate) residual: &'a [f64],
     pub(crate) gram: &'a Gram,
-    /// Residual group of each row.
+    /// Group (kind) of the residual in each row, as an index.
     pub(crate) groups: &'a [usize],
-    /// Index of the rest or move to which each row belongs, in order of time.
+    /// Index of the rest or move to which the residual of each row belongs. Rests and moves are numbered together in
+    /// order of time.
     pub(crate) items: &'a [usize],
     /// Whether the models contain columns of generic hypotheses (unknown variations of a bias or scale).
     pub(crate) has_variations: bool,
@@ -86,8 +89,8 @@ impl Held<'_> {
         let weight: Vec<f64> = scale.iter().map(|scale| 1.0 / scale.sqrt()).collect();
         let place = |c: usize| columns.get(c).map_or(self.gram.residual, |column| column.place);
         let mut all = self.gram.at_scales(scales, place, n + 1, 0..n + 1);
-        // The rows are weighted first. The columns are then normalised as in `Gram::sizes`. The residual is the last
-        // column.
+        // `all` is the sum over the groups of Gram matrix / noise scale. Its rows and columns are now normalised as in
+        // `Gram::sizes`. The last row and column belong to the residual.
         let length = |c: usize| columns.get(c).map_or(1.0, |own| all[(c, c)].max(own.precision).sqrt().max(1e-300));
         let size: Vec<f64> = (0..=n).map(length).collect();
         for (j, of_column) in size.iter().enumerate() {

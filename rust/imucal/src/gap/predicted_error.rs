@@ -32,9 +32,9 @@ const DRAWS: usize = 1000;
 const SEED: u64 = 1;
 /// Probabilities of the quantiles at the ends of the 95 % interval.
 const INTERVAL: [f64; 2] = [0.025, 0.975];
-/// Relative variance of the estimated squared noise density N^2, times the total duration T of the rests, s: var(N^2) /
-/// N^4 = NOISE_VARIANCE_S / T. N^2 is estimated from the differences between consecutive means over 0.25 s, on three
-/// axes (docs/model.md (10)).
+/// The squared noise density N^2 is estimated from the differences between consecutive means over 0.25 s, on three axes
+/// (docs/model.md (10)). The variance of this estimate is var(N^2) = N^4 x NOISE_VARIANCE_S / T, where T is the total
+/// duration of the rests, s.
 const NOISE_VARIANCE_S: f64 = 0.25;
 /// In a random draw, the mean squared error and the mean squared noise are at least this share of the expected mean
 /// squared noise. Without this bound, random products of noise and errors could make the mean squared error of a draw
@@ -65,8 +65,8 @@ pub struct PredictedError {
     pub factor_high: f64,
 }
 
-/// Signals and fields that the caller computes if a calibration has user-defined effects: the corrected [`BriefMeans`]
-/// of each recording, and the fields of the user-defined effects.
+/// Data that the caller computes if a calibration has user-defined effects: the corrected [`BriefMeans`] of each
+/// recording, and the fields (signal errors per unit of each parameter) of the user-defined effects.
 #[derive(Clone, Copy)]
 pub struct UserCorrection<'a> {
     /// [`BriefMeans`] corrected by the calibration without the effects, SI units, body frame.
@@ -226,8 +226,8 @@ fn difference(before: &Recording<'_>, after: &Recording<'_>, windows: &Windows) 
         .collect()
 }
 
-/// Mean of column x column, for each pair of columns, over all windows and the given axes, and the number of values in
-/// the mean. A window is omitted on an axis on which any column is not finite.
+/// For each pair of columns: the mean of their product over all windows and the given axes. The second result is the
+/// number of values in each mean. A window is omitted on an axis on which any column is not finite.
 fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat<f64>, usize) {
     let windows = columns.first().map_or(0, Vec::len);
     let (mut sums, mut count) = (Mat::<f64>::zeros(columns.len(), columns.len()), 0);
@@ -284,11 +284,12 @@ struct Signal<'a> {
     relative_variance: f64,
 }
 
-/// Standard normal random numbers. Both signals use the same numbers.
+/// Standard normal random numbers. The predictions for angular rate and specific force use the same numbers.
 struct Draws {
     /// (P, draws) standard normal numbers from which the parameter errors are computed.
     parameters: Mat<f64>,
-    /// (P+1, draws) standard normal numbers from which the products of noise and each column are computed.
+    /// (P+1, draws) standard normal numbers from which the mean products of the noise with each signal change (see
+    /// [`Signal::gram`]) are computed.
     products: Mat<f64>,
     /// (draws,) standard normal numbers from which the deviations of the mean squared noise are computed.
     noise: Vec<f64>,

@@ -44,14 +44,15 @@ pub(super) struct Channel {
     /// Number of rests or moves that contribute residuals. All blocks of a move have the attitude errors of the move in
     /// common, so the moves are counted instead of the blocks.
     pub(super) items: usize,
-    /// Regressors of the channel, with one row for each residual.
+    /// Quantities on which the residuals may depend (regressors). Each has one row for each residual, with the
+    /// components of the quantity.
     pub(super) regressors: Vec<(Regressor, Vec<Vec<f64>>)>,
 }
 
-/// Residual of a rest or move.
+/// The residuals of one rest or move, summarised by their chi2.
 pub(super) struct Item {
     pub(super) recording: usize,
-    /// Index of the rest or move in the calibration.
+    /// Index of the rest or move in the calibration's list of rests or of moves.
     pub(super) index: usize,
     pub(super) chi2: f64,
     /// Degrees of freedom of chi2.
@@ -68,8 +69,8 @@ pub(super) struct Residuals {
     pub(super) channels: Vec<Channel>,
     pub(super) rests: Vec<Item>,
     pub(super) moves: Vec<Item>,
-    /// Rotation vector of each move, rad, by index of the move in the calibration. It rotates from the body frame at
-    /// the end of the move to the body frame at its start.
+    /// Rotation vector of each move, rad. The key is the index of the move in the calibration's list of moves. The
+    /// vector describes the rotation from the body frame at the end of the move to the body frame at its start.
     pub(super) rotation_vectors: HashMap<usize, Vector3<f64>>,
 }
 

@@ -24,8 +24,8 @@ const SIGNIFICANCE: f64 = 1e-3;
 const MOST_REGRESSORS: usize = 3;
 /// A regressor is reported only if it explains more than this share of the sum of the squared residuals.
 const LEAST_SHARE: f64 = 0.1;
-/// Threshold of the rank decision: singular values of a regressor's columns below this share of the largest one count
-/// as zero.
+/// Threshold of the rank decision: a singular value of the matrix of a regressor's values counts as zero if it is below
+/// this share of the largest one.
 const DEPENDENT_COLUMNS: f64 = 1e-6;
 /// Body axis i is the common rotation axis of several moves if v_i^2 / |v|^2 > ALONG_ONE_AXIS for the rotation vector v
 /// of each move.
@@ -87,7 +87,7 @@ pub struct Dependence {
 pub struct ItemResidual {
     /// Index of the recording.
     pub recording: usize,
-    /// Index of the rest or move in the calibration.
+    /// Index of the rest or move in the calibration's list of rests or of moves.
     pub index: usize,
     /// Square root of chi2 per degree of freedom.
     pub times_noise: f64,
@@ -171,8 +171,9 @@ fn dependences(channel: &Channel) -> Vec<Dependence> {
     found
 }
 
-/// Linear regression of a channel on the columns of `rows` and a constant. Returns the explained share of the weighted
-/// sum of squares about the mean, and the number of linearly independent columns.
+/// Linear regression of the residuals of a channel on a regressor and a constant. `rows` contains the components of the
+/// regressor for each residual. Returns the explained share of the weighted sum of squares about the mean, and the
+/// number of linearly independent columns.
 fn explained_share(channel: &Channel, rows: &[Vec<f64>]) -> Option<(f64, usize)> {
     let (n, width) = (rows.len(), rows.first()?.len());
     let weights: Vec<f64> = channel.sigma.iter().map(|sigma| sigma.powi(-2)).collect();

@@ -33,7 +33,7 @@ const VERY_MUCH: f64 = 2000.0;
 const CLOSE: f64 = 0.9;
 
 impl Judged {
-    /// The effects `members` of a model and this candidate.
+    /// The list of effects of a model that contains the effects `members` and this candidate.
     pub(super) fn beside(&self, members: &[Member]) -> Vec<Member> {
         let own = Member {
             name: self.score.name.clone(),
@@ -49,11 +49,12 @@ impl Judged {
 /// A model in which an alias replaces an effect.
 struct Replacement {
     effect: &'static Effect<f64>,
-    /// Increase of the log evidence, nats.
+    /// Increase of the log evidence by the replacement, nats.
     gain: f64,
-    /// Increase of the log posterior odds, nats: the gain + the difference of the log prior odds.
+    /// Increase of the log posterior odds by the replacement, nats: `gain` + log prior odds of the alias - log prior
+    /// odds of the replaced effect.
     odds: f64,
-    /// Decrease of the deviance.
+    /// Decrease of the deviance (-2 ln of the maximum likelihood) by the replacement.
     statistic: f64,
     found: Stage,
 }
@@ -102,13 +103,14 @@ impl ForwardSearch<'_> {
     }
 
     /// Replaces an effect by an alias if the log posterior odds (log evidence + log prior odds) of the alias are larger
-    /// by more than [`RIVAL_NATS`]. Aliases with a time constant are compared because candidates are scored only at a
-    /// few trial time constants. The effects of the temperature history (lag, rate and hysteresis) are compared because
-    /// adding the temperature effect changes their evidence. Aliases whose log posterior odds are smaller than the
-    /// largest ones by less than [`RIVAL_NATS`] become rivals. A temperature lag is also fitted from a second start
-    /// value of its time constant, because effects may have been added after its selection. A lag that is not
-    /// distinguishable from a rate effect is replaced by the alias with the largest posterior odds. Returns whether an
-    /// effect was replaced.
+    /// by more than [`RIVAL_NATS`]. An alias is an effect that causes nearly the same residuals. Aliases with a time
+    /// constant are compared because candidates are scored only at a few trial time constants. The effects of the
+    /// temperature history (lag, rate and hysteresis) are compared because adding the temperature effect changes their
+    /// evidence. Aliases whose log posterior odds are smaller than the largest ones by less than [`RIVAL_NATS`] become
+    /// rivals. A temperature lag is also fitted from a second start value of its time constant, because effects may
+    /// have been added after its selection. If a temperature lag is not distinguishable from an effect of the rate of
+    /// change of temperature, the alias with the largest posterior odds replaces it. Returns whether an effect was
+    /// replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,
@@ -173,9 +175,10 @@ impl ForwardSearch<'_> {
         Ok(swapped)
     }
 
-    /// The fit of the model in which the effect `other` replaces the effect `own`, which is member `k`. A lag starts at
-    /// the time constant `lag_s`. If `own` is an effect of the temperature history, the form of `other` with the
-    /// largest evidence is used, up to the number of parameters of `own`.
+    /// The fit of the model in which the effect `other` replaces the effect `own`, which has the index `k` in the
+    /// model. The fit of a temperature lag starts at the time constant `lag_s`. If `own` is an effect of the
+    /// temperature history, the form of `other` with the largest evidence is used, up to the number of parameters of
+    /// `own`.
     fn replacement(
         &self,
         prepared: &Prepared<'_>,

@@ -35,8 +35,8 @@ const SCATTER_CHANCE: f64 = 1e-6;
 /// The scatter of the residuals at rests is reported only if their standard deviation is larger than WIDE x white
 /// noise. Coloured noise and bias instability may cause smaller ratios.
 const WIDE: f64 = 2.5;
-/// Share of the residual variance of the model without effects. Scatter up to this share is not reported, because
-/// linearisation errors of a large effect may cause it.
+/// If effects were selected, scatter is not reported if its variance is at most this share of the residual variance of
+/// the model without effects. Linearisation errors of a large effect may cause such scatter.
 const REMAINDER: f64 = 0.05;
 
 /// A candidate's score at the prior width and the trial time constant with the largest evidence.
@@ -200,8 +200,8 @@ impl Candidate {
 }
 
 /// For each candidate: the residuals that an effect of typical size causes in the model without this candidate. The
-/// parameters of the model are refitted to these residuals. For a candidate with a time constant, the trial value with
-/// the largest residuals is used.
+/// parameters of the model are refitted to these residuals. A candidate with a time constant has several trial values.
+/// The result is for the value at which the refit removes the smallest share of chi2.
 pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
     const NAMES: [&str; 11] = [
         "rest_norm",

@@ -36,7 +36,7 @@ pub(crate) struct Moments {
     pub(crate) moves: Vec<Vec<Moment>>,
 }
 
-/// Selects the rests or one move.
+/// Selects the times at which quantities are evaluated: the rests, or the evaluation times inside one move.
 #[derive(Clone, Copy)]
 pub(crate) enum Place {
     Rests,

@@ -22,17 +22,17 @@ pub(super) struct Stage {
     pub(super) members: Vec<Member>,
     /// Sensors on which the effects in the model act.
     pub(super) sensors: Vec<Sensor>,
-    /// Name of each effect and the range of its parameters in the model.
+    /// For each effect of the model: its name, and the indices of its parameters among all parameters of the model.
     pub(super) places: Vec<(String, std::ops::Range<usize>)>,
 }
 
 impl Stage {
-    /// Range of an effect's parameters among the model's columns; `None` if the effect is not in the model.
+    /// Indices of an effect's parameters among all parameters of the model; `None` if the effect is not in the model.
     pub(super) fn place(&self, name: &str) -> Option<std::ops::Range<usize>> {
         self.places.iter().find(|(member, _)| member == name).map(|(_, place)| place.clone())
     }
 
-    /// This stage without the candidate `name`.
+    /// A copy of this stage without the candidate effect `name`. The model is unchanged.
     pub(super) fn without(&self, name: &str) -> Self {
         Self { design: Arc::new(self.design.without(|own| own == name)), ..self.clone() }
     }
@@ -49,26 +49,29 @@ pub(super) struct Member {
     pub(super) name: String,
     /// Number of linear parameters.
     pub(super) parameters: usize,
+    /// Standard deviation of the prior of each linear parameter, in multiples of the parameter's typical size.
     pub(super) width: f64,
-    /// Start value of the effect's time constant, s; `None` if it has no time constant.
+    /// Start value of the effect's time constant in a fit, s; `None` if the effect has no time constant, or if the fit
+    /// starts at the default value.
     pub(super) shape: Option<f64>,
-    /// Parameters in the last fit, SI units; empty before the first fit.
+    /// Parameter values of the last fit, SI units; empty before the first fit.
     pub(super) values: Vec<f64>,
 }
 
 impl Member {
-    /// The form of an effect with the fewest parameters, before its first fit, with a prior of the typical size.
+    /// An effect in its form with the fewest parameters, not yet fitted. The standard deviations of the prior are the
+    /// typical sizes of the parameters.
     pub(super) fn plain(effect: &Effect<f64>) -> Self {
         let (name, parameters) = (effect.name.to_owned(), effect.plain);
         Self { name, parameters, width: 1.0, shape: None, values: Vec::new() }
     }
 }
 
-/// Key of a fit: kinds of residuals, number of moves, and the name, number of parameters, prior width and start
-/// value of the time constant of each effect. Two fits with equal keys have equal results.
+/// Key by which an earlier fit is found again: kinds of residuals, number of moves, and the name, number of parameters,
+/// prior width and start value of the time constant of each effect. Two fits with equal keys have equal results.
 pub(super) type FitKey = (Kinds, usize, Vec<(String, usize, f64, Option<f64>)>);
 
-/// Columns that are computed in addition to the columns of the model.
+/// The effects whose Jacobian columns are computed in addition to the columns of the model.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Beside {
     Candidates,

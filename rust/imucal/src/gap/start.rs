@@ -19,9 +19,10 @@ const STRETCH_S: f64 = 4.0 * BLOCK_S;
 /// Hand motion is detected only if the averaged specific force scatters more than HAND x noise, and if effects do not
 /// explain this scatter.
 const HAND: f64 = 10.0;
-/// Effects of the angular acceleration (for example the lever arm of the accelerometer) explain a share of the averaged
-/// specific force's variance. Hand motion is detected only if the unexplained share is above this value. Without hand
-/// motion, the unexplained share is largest with a long lever arm and a noisy gyroscope, but below this value.
+/// Threshold of the share of the averaged specific force's variance that effects of the angular acceleration (for
+/// example the lever arm of the accelerometer) do not explain. Hand motion is detected only if this share is above the
+/// threshold. Without hand motion, the share stays below the threshold even with a long lever arm and a noisy
+/// gyroscope.
 const UNEXPLAINED: f64 = 0.003;
 /// Standard deviation of the prior of the gyroscope's delay in the test for hand motion, in multiples of the typical
 /// delay.
@@ -131,8 +132,9 @@ impl ForwardSearch<'_> {
         if !is_unexplained(self, (&none, &[]), &model)? {
             return Ok(false);
         }
-        // The columns above describe errors to first order in the parameters. A long delay of the gyroscope also causes
-        // errors of higher order, so the delay is fitted.
+        // The Jacobian columns describe the errors of effects to first order in the parameters. A long delay of the
+        // gyroscope also causes errors of higher order. The delay is therefore fitted, and the test is repeated at the
+        // fit.
         let Some(delay) =
             explaining.iter().find(|choice| choice.effect.number == Effect::<f64>::GYRO_TIME_OFFSET.number)
         else {

@@ -16,9 +16,9 @@ use super::stage::{Beside, Member, Stage};
 use crate::calibrate::EffectChoice;
 use crate::joint::Prepared;
 
-/// Log prior odds, nats, of an effect without memory relative to an effect of the temperature history. If the
-/// temperature-history effect of a bias is in the model, the temperature effect of the same bias has these log prior
-/// odds relative to other effects. 3 nats are odds of 20 to 1.
+/// Log prior odds, nats, of an effect without memory relative to an effect of the temperature history. They are also
+/// the log prior odds of a bias's temperature effect relative to other effects, if the temperature-history effect of
+/// the same bias is in the model. 3 nats are odds of 20 to 1.
 const PRIOR_NATS: f64 = 3.0;
 /// Maximum p-value of a bias's temperature effect if the temperature-history effect of the same bias is in the model.
 /// It is larger than for other effects, because the time constant of a lag would be biased without the temperature
@@ -54,18 +54,19 @@ pub(super) fn log_prior_odds(name: &str) -> f64 {
     if Effect::find(name).is_some_and(is_of_history) { -PRIOR_NATS } else { 0.0 }
 }
 
-/// Log prior odds, nats, of member `k` of a model that also contains the other members.
+/// Log prior odds, nats, of the effect `members[k]` in a model with all effects in `members`.
 pub(super) fn log_prior_odds_of_member(members: &[Member], k: usize) -> f64 {
     if is_temperature_of_history(members, k) { PRIOR_NATS } else { log_prior_odds(&members[k].name) }
 }
 
-/// Maximum p-value at which member `k` stays in a model. `usual` is the maximum p-value of effects without a partner.
+/// Maximum p-value at which the effect `members[k]` stays in a model with all effects in `members`. `usual` is the
+/// maximum p-value of effects without a partner.
 pub(super) fn largest_chance(members: &[Member], k: usize, usual: f64) -> f64 {
     if is_temperature_of_history(members, k) { PARTNER_CHANCE } else { usual }
 }
 
-/// Whether member `k` is the temperature effect of a bias, and the temperature-history effect of the same bias is also
-/// a member.
+/// Whether `members[k]` is the temperature effect of a bias, and `members` also contains the temperature-history effect
+/// of the same bias.
 fn is_temperature_of_history(members: &[Member], k: usize) -> bool {
     has_partner(&members[k].name, members.iter().map(|member| &member.name), is_of_history)
 }
@@ -77,7 +78,8 @@ pub(super) fn is_temperature_of_lag<'n>(name: &str, names: impl Iterator<Item = 
     has_partner(name, names, is_lag)
 }
 
-/// Whether `name` is the temperature effect of a bias, and one of `names` is a partner that `counts`.
+/// Whether `name` is the temperature effect of a bias, and one of `names` is a partner of this effect for which
+/// `counts` is true.
 fn has_partner<'n>(name: &str, names: impl Iterator<Item = &'n String>, counts: fn(&Effect<f64>) -> bool) -> bool {
     let own = Effect::<f64>::find(name).filter(|own| is_bias_of_temperature(own));
     let mut others = names.filter_map(|other| Effect::find(other)).filter(|other| counts(other));
@@ -130,8 +132,8 @@ impl ForwardSearch<'_> {
         Some((own, score))
     }
 
-    /// The model with the candidate `pick`. `None` unless the prediction of held-out data improves when the partner of
-    /// `pick` is also added.
+    /// The model with the candidate `pick`, whose partner is not yet in the model. `None` if `pick` does not increase
+    /// the evidence, or if the prediction of held-out data does not improve when the partner is also added.
     pub(super) fn with_partner(
         &self,
         prepared: &Prepared<'_>,
@@ -155,8 +157,8 @@ impl ForwardSearch<'_> {
         (is_predictive && next.evidence.log > stage.evidence.log).then_some(next)
     }
 
-    /// The trial time constant, s, with the largest evidence for a temperature lag on the sensor of member `k`. The lag
-    /// is added to the model without member `k`.
+    /// The trial time constant, s, with the largest evidence for a temperature lag on the sensor of effect `k` of the
+    /// model. The lag is added to the model without effect `k`.
     pub(super) fn best_lag_s(
         &self,
         prepared: &Prepared<'_>,

@@ -248,8 +248,8 @@ impl Observed {
     fn scattered(&self, scatter: f64) -> Option<Scattered> {
         let White { factor, most_likely, log } = self.white([scatter; 3])?;
         // White scatter adds w^2 I to the covariance Lambda^-1 of the deviations. Lambda is `self.information`, w is
-        // `scatter`, and `factor` is that of Lambda + w^-2 I. The information that remains about the time course is
-        // (Lambda^-1 + w^2 I)^-1 = Lambda - Lambda (Lambda + w^-2 I)^-1 Lambda.
+        // `scatter`, and `factor` is the Cholesky factor of Lambda + w^-2 I. The information that remains about the
+        // time course is (Lambda^-1 + w^2 I)^-1 = Lambda - Lambda (Lambda + w^-2 I)^-1 Lambda.
         let information = &self.information - &self.information * factor.solve(&self.information);
         let slope = most_likely.iter().map(|x| x / (scatter * scatter)).collect();
         Some(Scattered { information, slope, log })
@@ -277,7 +277,7 @@ fn starts_of(x: &[f64]) -> Vec<Vec<f64>> {
 
 /// The fit of independent deviations with a normal prior.
 struct White {
-    /// Cholesky factor of the information about the deviations, prior included.
+    /// Cholesky factor of the information matrix of the deviations plus the precisions of their prior.
     factor: Llt<f64>,
     most_likely: Vec<f64>,
     /// Log evidence.
@@ -293,7 +293,7 @@ struct Scattered {
 }
 
 impl Scattered {
-    /// Block of the information matrix for the deviations in the epochs `k` and `j`.
+    /// Submatrix (3 x 3, axis x axis) of the information matrix for the deviations in the epochs `k` and `j`.
     fn between(&self, k: usize, j: usize) -> Matrix3<f64> {
         let n = self.slope.len() / 3;
         Matrix3::from_fn(|a, b| self.information[(a * n + k, b * n + j)])

@@ -28,10 +28,11 @@ const CERTAIN_NATS: f64 = 8.0;
 /// fit used). The limit applies if the fit with the effects is poor, or if residuals of unseen data exceed noise. If
 /// the effects remove a smaller share, unseen data contradict them.
 const LEAST_REMOVED: f64 = 0.1;
-/// Share of chi2 of unseen data, the threshold of three tests. If residuals at rest scatter more than noise, the
-/// effects are confirmed only if they remove at least this share from one kind of residuals. Residuals that the effects
-/// leave unexplained do not limit the use of the calibration if the effects remove at least this share. A change of the
-/// biases between sessions explains the residuals if the change removes more than this share.
+/// Share of chi2 of unseen data; three tests use it as their threshold. First, if residuals at rest scatter more than
+/// noise, the effects are confirmed only if they remove at least this share of chi2 from one kind of residuals. Second,
+/// if the effects remove at least this share, the residuals that remain do not limit the use of the calibration. Third,
+/// a change of the biases between sessions explains the residuals if a model with this change has a chi2 that is
+/// smaller by more than this share.
 const MOST_REMOVED: f64 = 0.5;
 /// Decrease of chi2 of unseen data, in standard deviations, that confirms the effects even if they remove a smaller
 /// share than [`LEAST_REMOVED`]. This criterion is not used if the fit is poor, or if residuals at rest scatter more

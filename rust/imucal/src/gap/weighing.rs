@@ -38,13 +38,14 @@ const FORESEEN: f64 = 0.05;
 /// An additional column, given by its index in the Gram matrices and the typical size of its parameter.
 pub(crate) type Aside = (usize, f64);
 
-/// Columns of a model and additional columns, all normalised as described at [`Gram::sizes`].
+/// Jacobian columns of a model and additional columns (of candidate effects or hypotheses). All are normalised as
+/// described at [`Gram::sizes`].
 pub(super) struct Columns<'a> {
     pub(super) gram: &'a Gram,
     pub(super) model: &'a [Column],
     pub(super) beside: Vec<Aside>,
-    /// Factor of the normalisation for each column. The last entry is one, because it belongs to the residual, which
-    /// is not normalised.
+    /// Factor by which each column is multiplied to normalise it. The last factor belongs to the residual. It is one,
+    /// because the residual is not normalised.
     pub(super) unit: Vec<f64>,
 }
 
@@ -61,7 +62,7 @@ pub(crate) struct Weighing<'a> {
 pub(crate) struct Swept {
     pub(super) scales: Vec<f64>,
     pub(super) sums: SymmetricMatrix,
-    /// Squared length of each additional column before the elimination.
+    /// Squared length of each additional column before the elimination (diagonal element of the normal matrix).
     whole: Vec<f64>,
     /// Log determinant of the model's normal matrix.
     pub(super) volume: f64,
@@ -100,8 +101,8 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Computes the rows of `to` from row `from` on: the sum over the groups of Gram matrix / noise scale, plus the
-    /// prior precisions of the model.
+    /// Computes the matrix `to`, but only its rows from index `from` on. The matrix is the sum over the groups of Gram
+    /// matrix / noise scale, plus the prior precisions of the model.
     #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn add_up<S: Simd>(
         &self,

@@ -1,8 +1,8 @@
 //! Prior of an accelerometer that is already calibrated, for the calibration of the gyroscope of the same unit.
 //!
-//! The covariance of the nine parameters p is C = S V L V^T S. S is the diagonal matrix of the standard deviations. V
-//! and L contain the eigenvectors and the eigenvalues of the correlation matrix. C defines nine uncorrelated
-//! combinations with a standard deviation of 1:
+//! The nine parameters p have the covariance C = S V L V^T S. S is the diagonal matrix of their standard deviations. V
+//! and L contain the eigenvectors and the eigenvalues of their correlation matrix. C defines nine uncorrelated
+//! combinations of the parameters with a standard deviation of 1:
 //!
 //! ```text
 //! h = L^-1/2 V^T S^-1 (p - value)
@@ -27,7 +27,7 @@ pub struct KnownAccelerometer {
 /// Lower limit of the eigenvalues of the correlation matrix. Smaller eigenvalues are rounding errors and are set to
 /// this limit.
 const LEAST_EIGENVALUE: f64 = 1e-9;
-/// Name of the combinations of accelerometer parameters in messages.
+/// Name of a held combination of accelerometer parameters in messages.
 const CALIBRATED: &str = "the accelerometer of the given calibration";
 
 impl KnownAccelerometer {

@@ -90,9 +90,9 @@ pub struct Priors {
     /// Requests for priors in addition to the priors of `model`. A request replaces the prior of the model for the same
     /// parameter.
     pub hold: Vec<Hold>,
-    /// Standard deviations from the unit's profile. Each entry has the name of a group, and one value for all its
-    /// parameters or three values for x, y and z. Biases are in SI units, scales are relative, and misalignments are in
-    /// rad.
+    /// Standard deviations of priors from the unit's profile. Each entry has the name of a group. It has either one
+    /// value for all parameters of the group, or three values for x, y and z. Biases are in SI units, scales are
+    /// relative, and misalignments are in rad.
     pub profile: Vec<(String, Vec<f64>)>,
     /// An accelerometer that is already calibrated. Its prior replaces all other priors of the accelerometer.
     pub accelerometer: Option<KnownAccelerometer>,
@@ -102,13 +102,14 @@ pub struct Priors {
 /// and `None` for counts with unknown sensitivity.
 pub(super) type Nominal = [Option<f64>; 2];
 
-/// A parameter that can be held.
+/// A parameter for which a prior can be requested.
 struct Holdable {
     name: String,
     group: &'static str,
-    /// Index of the axis of the parameter. It is used for profiles with one value per axis.
+    /// Index of the axis to which the parameter belongs. It selects the value of a profile with one value per axis.
     axis: usize,
-    /// Value for a sensor without errors, and default standard deviation, in SI units.
+    /// Value of the parameter for a sensor without errors, and the default standard deviation of its prior, in SI
+    /// units.
     standard: (f64, f64),
     kind: Kind,
 }
@@ -122,7 +123,7 @@ enum Kind {
 
 const AXES: [char; 3] = ['x', 'y', 'z'];
 
-/// All parameters that can be held, in the order of the groups.
+/// All parameters for which a prior can be requested, in the order of the groups.
 fn holdable() -> Vec<Holdable> {
     let mut all = Vec::new();
     let mut add = |group: &'static str, suffix: String, axis: usize, standard: (f64, f64), kind: Kind| {

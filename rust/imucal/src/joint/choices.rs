@@ -29,7 +29,7 @@ impl EffectChoice {
     }
 }
 
-/// User-defined effect, given by its columns (derivatives of the sensor reading) at every sample.
+/// User-defined effect, given by the derivatives of the sensor reading with respect to its parameters, at every sample.
 #[derive(Clone, Debug)]
 pub struct UserField<'a> {
     /// Name of the effect, used in messages and results.
@@ -38,22 +38,23 @@ pub struct UserField<'a> {
     pub sensor: Sensor,
     /// Typical size of each parameter, in SI units.
     pub typical: Vec<f64>,
-    /// Derivatives at each sample, one slice per recording. Each slice has the shape (N, 3, p) in C order: sample,
-    /// axis, parameter.
+    /// Derivatives of the sensor reading with respect to the parameters, one slice per recording. Each slice has the
+    /// shape (N, 3, p) in C order: sample, axis, parameter.
     pub columns: Vec<&'a [f64]>,
 }
 
-/// Kinds of residuals used in a fit in addition to the residuals of rests and moves.
+/// Residuals that a fit may use in addition to force norms and mean rates at rests and gravity directions after moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Kinds {
-    /// Specific force inside the moves (model.md (20)).
+    /// Whether the fit uses the specific force inside the moves (model.md (20)).
     pub(crate) in_motion: bool,
-    /// Encoder angles of a stand (model.md (21)); the fit then also estimates the parameters of the stand.
+    /// Whether the fit uses the encoder angles of a stand (model.md (21)). It then also estimates the parameters of the
+    /// stand.
     pub(crate) encoders: bool,
 }
 
 impl Kinds {
-    /// Kinds of residuals that are needed to observe the effects.
+    /// The additional residuals without which the effects `choices` are not observable.
     pub(crate) fn needed_by(choices: &[EffectChoice]) -> Self {
         Self {
             in_motion: choices.iter().any(|choice| choice.effect.needs.contains(&Need::AngularAcceleration)),
@@ -61,7 +62,8 @@ impl Kinds {
         }
     }
 
-    /// Whether residuals inside the moves are used.
+    /// Whether the fit uses residuals inside the moves: of the specific force, or of the attitude relative to the
+    /// stand.
     pub(super) fn look_inside(self) -> bool {
         self.in_motion || self.encoders
     }

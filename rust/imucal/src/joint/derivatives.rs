@@ -75,8 +75,8 @@ fn derivatives_in_a_hand_meet_central_differences() {
 /// more than this value.
 const SEEN: f64 = 1e-3;
 
-/// Error of each Jacobian column: the largest entry of |column - central difference|, divided by the largest entry of
-/// the column.
+/// For each parameter: the error of its column of the Jacobian. It is the largest entry of |column - central
+/// difference|, divided by the largest entry of the column.
 ///
 /// The step of the difference changes a whitened residual by at most one, and an effect by at most its typical size.
 fn errors(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Vec<f64> {
@@ -107,7 +107,7 @@ fn name(terms: &Terms<'_>, p: usize) -> String {
     base.chain(names).nth(p).unwrap_or_else(|| format!("stand {}", p - BASE - terms.count))
 }
 
-/// Asserts that the error of each column, as a share of the largest entry of the column, is below `tolerance`.
+/// Asserts that the error of each Jacobian column p (see [`errors`]) is below `tolerance(p)`.
 fn check(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64], tolerance: impl Fn(usize) -> f64) {
     for (p, error) in errors(problem, terms, parameters).into_iter().enumerate() {
         assert!(error < tolerance(p), "{:?} {}: {error:e}", terms.kinds, name(terms, p));
@@ -116,8 +116,8 @@ fn check(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64], tolerance: 
 
 const FEW: [&str; 4] = ["gyro_g_sensitivity", "earth_rate", "accel_scale_temperature", "accel_bias_warmup"];
 
-/// Without effects, the derivatives are exact for all rows except the encoder rows inside moves. The derivatives of
-/// these rows use the attitude of the stand in the middle of a 40 ms block.
+/// If all effects are zero, the derivatives are exact, except those of the attitudes inside moves relative to the
+/// stand. These derivatives are evaluated at the attitude of the stand in the middle of a 40 ms block.
 #[test]
 fn derivatives_meet_central_differences() {
     const NONE: (bool, bool) = (false, false);
@@ -155,8 +155,8 @@ fn derivatives_meet_central_differences() {
     }
 }
 
-/// Rows whitened move by move are equal to rows whitened in one matrix, also after a first-order update of the
-/// linearisation.
+/// The residuals inside moves can be whitened move by move, or together with all other residuals in one matrix. Both
+/// ways give the same values, also after a first-order update of the linearisation.
 #[test]
 fn what_stands_apart_is_whitened_alike() {
     let kinds = Kinds { in_motion: true, encoders: false };
@@ -200,10 +200,10 @@ fn what_stands_apart_is_whitened_alike() {
     );
 }
 
-/// The Jacobian neglects that an effect is computed from the corrected rate and force, which depend on the parameters
-/// of the sensors. The relative error of the Jacobian is about the derivative of the effect with respect to the rate
-/// and the force. For a delay or a lever arm of typical size, the error is largest in the columns of the gyroscope
-/// sensitivity. A delay depends on the derivative of the rate, and a lever arm also on the square of the rate.
+/// An effect is computed from the corrected rate and force, which depend on the parameters of the sensors. The Jacobian
+/// neglects this dependence. Its relative error is about the derivative of the effect with respect to the rate and the
+/// force. For a delay or a lever arm of typical size, the error is largest in the columns of the gyroscope sensitivity.
+/// A delay depends on the derivative of the rate, and a lever arm also on the square of the rate.
 #[test]
 fn derivatives_at_an_effect_leave_its_slope_out() {
     for name in [

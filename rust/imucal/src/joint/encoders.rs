@@ -42,8 +42,8 @@ const STEP_RAD: f64 = 1e-4;
 /// A change of an encoder reading up to this size counts as a rounding error of the stored numbers, rad. The count
 /// (resolution) of any real encoder is far larger.
 const LEAST_COUNT_RAD: f64 = 1e-11;
-/// Number of fixed-point iterations for the motor angles. The encoder effects depend on the true motor angles and
-/// rates, which are known only after the correction, so the correction is repeated.
+/// Number of fixed-point iterations that correct the encoder readings. The effects on the encoders depend on the true
+/// motor angles and rates, which are known only after the correction, so the correction is repeated.
 const PASSES: usize = 3;
 
 /// Model of the stand: its attitude as a function of the motor angles, for given stand parameters.
@@ -109,11 +109,11 @@ pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Ve
     )))
 }
 
-/// Encoder angles of a range of samples, after correction of the effects on the encoders.
+/// Motor angles for a range of samples: the encoder readings, corrected for the effects on the encoders.
 pub(crate) struct Angles {
     pub(super) angle_rad: Vec<Vector3<f64>>,
-    /// Columns Phi of the encoder effects, `terms.count` columns for each sample. The effect is the product of Phi and
-    /// the parameters.
+    /// Derivatives Phi of the encoder readings with respect to the parameters of the effects: `terms.count` vectors for
+    /// each sample, with one component per motor. An effect is the sum of Phi times its parameters.
     columns: Vec<Vector3<f64>>,
 }
 
@@ -158,8 +158,8 @@ impl Angles {
     }
 
     /// Derivative of the attitude with respect to every parameter: one rotation vector in the world frame for each
-    /// parameter, averaged over `samples`. The stand is linearised at the middle sample. The columns of the effects
-    /// are averaged over all samples, because they may jump when a motor reverses.
+    /// parameter, averaged over `samples`. The stand is linearised at the middle sample. The derivatives of the
+    /// readings with respect to the effects are averaged over all samples, because they may jump when a motor reverses.
     pub(super) fn attitude_jacobian(
         &self,
         samples: Range<usize>,
@@ -182,8 +182,8 @@ impl Angles {
 }
 
 /// Two residuals of a rest, rad: the gravity direction computed from the stand minus the measured gravity direction,
-/// along two axes perpendicular to the measured direction. Each row contains the derivatives of a residual, followed by
-/// the residual.
+/// along two axes perpendicular to the measured direction. For each residual, the result contains its derivatives with
+/// respect to all parameters, followed by the residual.
 pub(crate) fn rest_rows(
     angles: &Angles,
     terms: &Terms<'_>,

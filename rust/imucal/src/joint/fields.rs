@@ -1,6 +1,6 @@
 //! Whitened derivatives of the residuals with respect to generic error fields (model.md (24)). A generic error field is
-//! a variation of a bias or scale that no effect of the catalogue describes. Each column of a field has one value at
-//! each rest and in each segment of a move.
+//! a variation of a bias or scale that no effect of the catalogue describes. It is a linear combination of basis
+//! functions (its columns). Each basis function has one value at each rest and in each segment of a move.
 //!
 //! ```text
 //! gyroscope       rest rates    -T Phi_k
@@ -33,16 +33,16 @@ use super::problem::Joint;
 use crate::cancellation::checkpoint;
 use crate::rests::moves::{Move, rows_across};
 
-/// Columns (basis functions) of a generic error field of one sensor. Each column acts on one body axis. The columns of
-/// the x axis come first, then equally many columns of the y axis, then those of the z axis. Values are in rad/s
-/// (gyroscope) or m/s^2 (accelerometer).
+/// Basis functions (columns) of a generic error field of one sensor. Each basis function acts on one body axis. Those
+/// of the x axis come first, then equally many of the y axis, then those of the z axis. Values are in rad/s (gyroscope)
+/// or m/s^2 (accelerometer).
 pub(crate) struct Field {
     pub(crate) sensor: Sensor,
-    /// Number of columns.
+    /// Number of basis functions.
     pub(crate) width: usize,
-    /// Values at the rests: `width` values per rest.
+    /// Values of the basis functions at the rests: `width` values per rest.
     pub(crate) rests: Vec<f64>,
-    /// Values inside the moves: for each move, `width` values per segment.
+    /// Values of the basis functions inside the moves: for each move, `width` values per segment.
     pub(crate) moves: Vec<Vec<f64>>,
 }
 
@@ -55,19 +55,20 @@ impl Field {
         &self.moves[k][stretch * self.width..][..self.width]
     }
 
-    /// Body axis (0 to 2) on which a column acts.
+    /// Body axis (0 to 2) on which the basis function `column` acts.
     fn axis(&self, column: usize) -> usize {
         3 * column / self.width
     }
 
-    /// Range of the columns that act on a body axis.
+    /// Index range of the basis functions that act on the body axis `axis`.
     fn own(&self, axis: usize) -> Range<usize> {
         let count = self.width / 3;
         axis * count..(axis + 1) * count
     }
 
-    /// Adds the product of `matrix` and the field to `to`. `numbers` contains one value for each column. A column with
-    /// the value v on body axis `axis` adds `matrix[(i, axis)] * v` to component i of its vector in `to`.
+    /// Multiplies the vector of each basis function by `matrix` and adds the product to `to`. `numbers` contains one
+    /// value for each basis function. The vector of a basis function has this value along its body axis. `to` contains
+    /// the x components of all products, then the y components, then the z components.
     fn add(&self, matrix: &Matrix3<f64>, numbers: &[f64], to: &mut [f64]) {
         let width = to.len() / 3;
         for (component, to) in to.chunks_exact_mut(width.max(1)).enumerate() {
@@ -89,8 +90,8 @@ pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usi
 }
 
 impl Field {
-    /// Attitude change due to each column of the field, rad, at the midpoint of each segment of a move and at the end
-    /// of the move. Between two midpoints, the field is assumed to be the mean of its values in the two segments.
+    /// Attitude change due to each basis function, rad, at the midpoint of each segment of move `k` and at the end of
+    /// the move. Between two midpoints, the field is assumed to be the mean of its values in the two segments.
     fn turns(&self, k: usize, way: &MoveSegments) -> Planes {
         let count = way.stretches.len();
         let mut turns = Planes::new((0..self.width).collect(), count + 1);
@@ -109,8 +110,8 @@ impl Field {
 }
 
 impl Joint<'_> {
-    /// Whitened derivatives of the residuals with respect to the columns of a field. Derivatives of the residuals
-    /// relative to the stand are not computed.
+    /// Whitened derivatives of the residuals with respect to the coefficients of a field's basis functions. The
+    /// derivatives of the residuals relative to the stand are not computed and are zero in the result.
     pub(crate) fn by_field(&self, linear: &Linear, ways: &[MoveSegments], field: &Field) -> Mat<f64> {
         let mut all = Mat::zeros(self.rows(), field.width);
         let mut lines = Mat::zeros(linear.lines.len(), field.width);
@@ -125,9 +126,9 @@ impl Joint<'_> {
         all
     }
 
-    /// Derivatives with respect to an error of the angular rate. The derivatives of force norms and of directions after
-    /// moves are written to `lines` and are not yet whitened. The derivatives of all other residuals are whitened and
-    /// written to `all`.
+    /// Derivatives of the residuals with respect to an error field of the gyroscope. The derivatives of force norms and
+    /// of directions after moves are written to `lines` and are not yet whitened. The derivatives of all other
+    /// residuals are whitened and written to `all`.
     fn by_rate(&self, linear: &Linear, ways: &[MoveSegments], field: &Field, lines: &mut Mat<f64>, all: &mut Mat<f64>) {
         let (width, gravity_mps2) = (field.width, self.prepared.gravity_mps2);
         let mut row = lines.nrows();
@@ -167,9 +168,9 @@ impl Joint<'_> {
         }
     }
 
-    /// Derivatives with respect to an error of the specific force. The derivatives of force norms and of directions
-    /// after moves are written to `lines` and are not yet whitened. The derivatives of all other residuals are whitened
-    /// and written to `all`.
+    /// Derivatives of the residuals with respect to an error field of the accelerometer. The derivatives of force norms
+    /// and of directions after moves are written to `lines` and are not yet whitened. The derivatives of all other
+    /// residuals are whitened and written to `all`.
     fn by_force(
         &self,
         linear: &Linear,

@@ -1,8 +1,8 @@
 //! Temperature histories of the recordings of a fit.
 //!
-//! A temperature history contains the lag, the rate of change and the direction of the temperature. It is computed from
-//! every temperature of a recording, as in the correction of the recording. It is stored only at nodes, which are some
-//! of the samples, and is interpolated linearly between them.
+//! A temperature history contains the lags of the temperature in both sensors, the rate of the temperature, and the
+//! direction of its last change. It is computed from every temperature of a recording, as in the correction of the
+//! recording. It is stored only at nodes, which are some of the samples, and is interpolated linearly between them.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -18,7 +18,7 @@ const NODE_S: f64 = 0.02;
 /// hour, the nodes are further apart.
 const MOST_NODES: usize = 100_000;
 
-/// Samples of a recording at which user-defined effects and temperature histories are looked up. A user-defined effect
+/// Samples of a recording for which user-defined effects and temperature histories are evaluated. A user-defined effect
 /// is evaluated at the first sample, and a temperature history is averaged over all samples.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sample {
@@ -32,8 +32,9 @@ pub(crate) struct Sample {
 #[derive(Clone, Debug)]
 pub(super) struct TemperatureHistories(Arc<Vec<Option<Nodes>>>);
 
-/// Histories that all models have in common: without lags, or with a time constant that is not estimated. They are
-/// computed when first needed and then stored. Each entry contains the time constant of the lags, s, and the histories.
+/// Temperature histories that do not depend on the fitted parameters: without lags, or with a fixed time constant of
+/// the lags. They are computed when first needed and then stored. Each entry contains the time constant of the lags, s,
+/// and the histories of all recordings.
 #[derive(Debug, Default)]
 pub(crate) struct SharedHistories(Mutex<Vec<(Option<f64>, TemperatureHistories)>>);
 
@@ -57,7 +58,7 @@ impl SharedHistories {
 }
 
 impl TemperatureHistories {
-    /// The histories for a time constant of the lags, s; `None` without lags.
+    /// Temperature histories of the recordings. `tau_s` is the time constant of the lags, s; `None` without lags.
     pub(super) fn new(recordings: &[Recording<'_>], tau_s: Option<f64>) -> Self {
         Self::map(recordings, TemperatureMemory::with_time_constants(tau_s, None), |history| TemperatureHistory {
             accelerometer_lag_k: history.gyroscope_lag_k,
@@ -92,7 +93,8 @@ impl TemperatureHistories {
         Self(Arc::new(recordings.iter().map(nodes).collect()))
     }
 
-    /// Mean history over samples of a recording. `None` if the temperature of the recording is unknown.
+    /// Temperature history, averaged over samples of a recording. `None` if the temperature of the recording is
+    /// unknown.
     pub(super) fn at(&self, Sample { recording, index, count }: Sample) -> Option<TemperatureHistory<f64>> {
         let nodes = self.0.get(recording)?.as_ref()?;
         // The samples are divided into equal sections of at most one stride. The mean is over the values at their
@@ -108,8 +110,8 @@ impl TemperatureHistories {
 }
 
 impl Nodes {
-    /// History at a sample, or between two samples if its index is not an integer. The samples after the last node are
-    /// extrapolated from the last two nodes.
+    /// Temperature history at the sample with the index `sample`, or between two samples if `sample` is not an integer.
+    /// After the last node, the history is extrapolated from the last two nodes.
     fn at(&self, sample: f64) -> TemperatureHistory<f64> {
         let place = sample / self.stride as f64;
         let before = (place as usize).min(self.history.len().saturating_sub(2));

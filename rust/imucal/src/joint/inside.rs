@@ -7,7 +7,9 @@
 //!
 //! f is the specific force, and R is the rotation from the body frame at a sample to the body frame at the start of the
 //! move. mean_j is the mean over block j of 40 ms, and z_j is the residual of this block along the unit vector d. g is
-//! local gravity, u is the unit vector up at the start of the move, and x_j is the state of the Kalman filter.
+//! local gravity, and u is the unit vector up at the start of the move. x_j is the part of z_j that is due to the error
+//! of the attitude relative to gravity. It is a random walk and the state of the Kalman filter. `white` is the noise of
+//! the mean force.
 //!
 //! The direction d is along gravity or along one of two directions perpendicular to it. The component along gravity
 //! contains no random walk, because an attitude error does not change it to first order. The perpendicular components
@@ -30,24 +32,25 @@ use crate::numerics::instructions::Instructions;
 use crate::rests::moves::across;
 use blocks::{Derivatives, IntoColumns, IntoLanes};
 
-/// Contributions to the derivatives of a move's residuals with respect to one parameter, m/s^2, for the three
-/// directions d. `start` is due to the measured gravity direction at the start of the move, and is added for every
-/// residual. `end` is due to the gravity direction at the end of the move, rotated to its start. It is added for the
-/// last residuals of the move, which are along the two directions perpendicular to gravity.
+/// Contributions of the gravity directions at both ends of a move to the derivatives of the move's residuals with
+/// respect to one parameter, m/s^2. `start` contains the contribution of the direction at the start along each of the
+/// three directions d. It is added to the derivatives of every residual. `end` contains the contribution of the
+/// direction at the end, rotated to the start, along the two directions perpendicular to gravity. It is added to the
+/// derivatives of the last two residuals.
 pub(super) struct Edges {
     pub(super) start: [f64; 3],
     pub(super) end: [f64; 2],
 }
 
-/// Writes the whitened rows of one move after another.
+/// Writes the whitened residuals inside the moves and their derivatives to a matrix, one move after another.
 pub(super) struct Rows<'a> {
     target: Target<'a>,
     next: usize,
-    /// Number of positions already written in the rows of the current move. Only `Target::Lanes` uses it.
+    /// Number of values already written in each row of the current move. Only `Target::Lanes` uses it.
     place: usize,
 }
 
-/// The matrix to which the rows are written.
+/// The matrix to which the whitened residuals and their derivatives are written.
 enum Target<'a> {
     Columns(&'a mut Mat<f64>),
     Lanes(&'a mut Lanes),
@@ -59,7 +62,7 @@ impl<'a> Rows<'a> {
         Self { target: Target::Columns(matrix), next: first, place: 0 }
     }
 
-    /// Writes the rows of one move to `lanes`.
+    /// Writes the rows of one move to `lanes`, a matrix that is stored row by row.
     pub(super) fn side_by_side(lanes: &'a mut Lanes) -> Self {
         Self { target: Target::Lanes(lanes), next: 0, place: 0 }
     }

@@ -1,4 +1,5 @@
-//! Whitened residuals and their derivatives, stored row by row.
+//! Whitened residuals and their derivatives, as a matrix that is stored row by row. A row contains one residual and its
+//! derivatives. A column contains the derivatives of all residuals with respect to one parameter.
 
 use std::ops::Range;
 
@@ -7,12 +8,12 @@ use faer::Mat;
 use super::pass::Pass;
 use crate::numerics::aligned::{Aligned, WIDEST};
 
-/// Matrix of derivatives, stored row by row. The residual is the last column. Columns without nonzero values are not
-/// stored.
+/// Matrix of derivatives, one column per parameter, stored row by row. The residual is the last column. Columns without
+/// nonzero values are not stored.
 #[derive(Clone)]
 pub(crate) struct Lanes {
-    /// Position of each column within a row; `None` for a column that is zero. The last entry is the position of the
-    /// residual.
+    /// For each column (parameter): its position within a row; `None` for a column that is zero. The last entry is the
+    /// position of the residual.
     places: Vec<Option<usize>>,
     of_residual: usize,
     /// Number of stored values per row, including padding.
@@ -36,8 +37,8 @@ impl Lanes {
         Self::at(places, pass.changes.lanes())
     }
 
-    /// Matrix without rows. Column k is stored at position `places[k]` of a row, and the residual at position
-    /// `of_residual`.
+    /// Matrix without rows. The derivatives with respect to parameter k are stored at position `places[k]` of a row,
+    /// and the residual at position `of_residual`.
     fn at(mut places: Vec<Option<usize>>, of_residual: usize) -> Self {
         places.push(Some(of_residual));
         // The padding after the last column lets SIMD code read a full register from any position.
@@ -93,12 +94,13 @@ impl Lanes {
         self.rows_mut(row..row + 1)
     }
 
-    /// Position of a column within each row; `None` if the column is not stored because it is zero.
+    /// Position of the column of one parameter within each row; `None` if the column is zero and therefore not stored.
     pub(crate) fn place(&self, column: usize) -> Option<usize> {
         self.places[column]
     }
 
-    /// Values of a column from the first row to the last.
+    /// Values of one column (derivatives with respect to one parameter, or the residuals), from the first row to the
+    /// last.
     pub(crate) fn column(&self, column: usize) -> impl Iterator<Item = f64> {
         let place = self.places[column];
         self.numbers.chunks_exact(self.width).map(move |row| place.map_or(0.0, |place| row[place]))

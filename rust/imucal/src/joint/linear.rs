@@ -29,8 +29,8 @@ use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 pub(crate) struct Line {
     pub(crate) residual: f64,
     pub(crate) jacobian: Vec<f64>,
-    /// Each rest whose mean force changes the residual: its index, and the derivative of the residual with respect to
-    /// its mean force in raw units.
+    /// Each rest whose mean force changes the residual: the index of the rest, and the derivative of the residual with
+    /// respect to this mean force in raw units.
     pub(crate) by_means: Vec<(usize, Vector3<f64>)>,
     pub(crate) source: Source,
     /// Whether the residual belongs to the second or a later epoch of a long rest, or to the move that leads to such an
@@ -58,10 +58,11 @@ pub(crate) enum Source {
 pub(crate) struct Linear {
     pub(crate) model: Model,
     pub(crate) lines: Vec<Line>,
-    /// Mean-rate residuals of each rest that the fit uses: measured minus predicted rate, raw units, axes x, y and z.
+    /// For each rest that the fit uses: its index, and the residuals of its mean rate about x, y and z (measured minus
+    /// predicted rate), raw units.
     pub(crate) rates: Vec<(usize, [Line; 3])>,
     pub(crate) moves: Arc<Vec<AtMove>>,
-    /// Gravity direction at each rest that the fit uses.
+    /// Index and gravity direction of each rest that the fit uses.
     pub(super) directions: Vec<(usize, Arc<EndDirection>)>,
     /// Change of the parameters since the samples of the moves were last integrated; empty if the parameters have not
     /// changed. The residuals inside the moves are corrected to first order: their derivatives times this change are
@@ -70,8 +71,9 @@ pub(crate) struct Linear {
     kinds: Kinds,
 }
 
-/// Row ranges of three groups of whitened residuals: forces inside the moves, gravity directions relative to the stand,
-/// and attitudes relative to the stand. These rows follow the force norms, directions after moves and mean rates.
+/// Row ranges of three groups of residuals in the whitened matrices: forces inside the moves, gravity directions
+/// relative to the stand, and attitudes relative to the stand. The rows of force norms, directions after moves and mean
+/// rates come first.
 pub(crate) struct Groups {
     pub(crate) inside: Range<usize>,
     pub(crate) stand_rests: Range<usize>,
@@ -100,7 +102,8 @@ impl Linear {
         moved
     }
 
-    /// Number of rows of force norms, directions after moves and mean rates. They precede all other rows.
+    /// Number of residuals of three kinds: force norms, directions after moves, and mean rates. Their rows precede all
+    /// others.
     pub(crate) fn head_rows(&self) -> usize {
         self.lines.len() + 3 * self.rates.len()
     }
@@ -265,8 +268,8 @@ impl Prepared<'_> {
         Linear { model, lines, rates, moves, directions, change: Vec::new(), kinds }
     }
 
-    /// Direction residual of a move: the propagated minus the measured gravity direction after the move. Its two
-    /// components are perpendicular to the measured direction.
+    /// Direction residual of a move: the propagated minus the measured gravity direction after the move, as two
+    /// components perpendicular to the measured direction.
     fn move_lines(&self, index: usize, at_move: &AtMove, forces: &[Force], by_mean: &Matrix3<f64>) -> [Line; 2] {
         let m = &self.moves[index];
         let AtMove { pass, after, .. } = at_move;
@@ -304,8 +307,8 @@ impl Prepared<'_> {
         let mut turned_by_effects = vec![Vector3::zeros(); terms.count];
         if let Some((PropagatedMean { mean_s, .. }, error)) = propagated.as_ref().zip(bias_error) {
             // At a hand-held rest, a mean rotation rate was subtracted from the mean rate. It was computed from the
-            // gravity directions at the two ends of the rest. The residual depends on the gyroscope bias because these
-            // directions were propagated with a bias (model.md (27)).
+            // gravity directions at the two ends of the rest, which were propagated with an assumed gyroscope bias. The
+            // residual therefore depends on the bias of the model minus the assumed bias (model.md (27)).
             let across = Matrix3::identity() - up * up.transpose();
             let turned = sensitivity * across * (2.0 * mean_s / (rest.end_s - rest.start_s));
             residual += turned * error.value;
@@ -337,8 +340,8 @@ impl Prepared<'_> {
     }
 }
 
-/// Residuals of the force inside the moves at a linearisation. The rows of a move are whitened only when a caller
-/// requests them.
+/// Residuals of the force inside the moves at given parameters, with their derivatives. The residuals of a move are
+/// whitened only when a caller requests them (`look`).
 pub(crate) struct Insides {
     linear: Arc<Linear>,
     noise: Vec<InsideNoise>,
@@ -358,7 +361,7 @@ impl Insides {
         self.linear.moves.len()
     }
 
-    /// Number of rows of all moves.
+    /// Number of residuals inside all moves.
     pub(crate) fn rows(&self) -> usize {
         self.linear.moves.iter().map(|at_move| count(&at_move.pass, false)).sum()
     }
@@ -368,7 +371,7 @@ impl Insides {
         &self.no_rows
     }
 
-    /// Overwrites `lanes` with the whitened rows of move `k`.
+    /// Overwrites `lanes` with the whitened residuals inside move `k` and their derivatives, one row per residual.
     pub(crate) fn look(&self, k: usize, lanes: &mut Lanes) {
         let at_move = &self.linear.moves[k];
         lanes.resize(count(&at_move.pass, false));

@@ -57,14 +57,14 @@ pub(crate) struct Misfits {
     pub(crate) moves: Vec<Option<Misfit>>,
     /// Goodness of fit of each kind of residuals that has degrees of freedom.
     pub(crate) groups: Vec<GroupMisfit>,
-    /// For each parameter with a prior: the residual of the prior in standard deviations, and 1 - h. h is the leverage
-    /// of this residual, and 1 - h is the share of its variance that remains after the fit. `None` if no other residual
-    /// depends on the parameter.
+    /// For each parameter with a prior: the residual of the prior divided by its standard deviation after the fit, and
+    /// 1 - h. h is the leverage of this residual, and 1 - h is the share of its variance that remains after the fit.
+    /// `None` if no other residual depends on the parameter.
     pub(crate) held: Vec<Option<(f64, f64)>>,
 }
 
 impl Misfits {
-    /// Goodness of fit of a joint fit; `linear` is the linearisation at the end of the fit.
+    /// Goodness of fit of a joint fit. `linear` contains the residuals at the end of the fit and their derivatives.
     pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Arc<Linear>) -> Result<Self, Error> {
         let problem = Joint::of_noise(prepared, terms, Arc::clone(linear))?;
         let (residuals, jacobian) = problem.whiten(linear);
@@ -108,7 +108,8 @@ const LEAST: f64 = 1e-6;
 /// Prediction errors of held-out rests and moves (model.md (34)). An error is `None` if the other residuals do not
 /// determine all parameters.
 pub(crate) struct HeldOut {
-    /// Angle between propagated and measured gravity direction of each move, rad.
+    /// Angle between the propagated and the measured gravity direction after each move, for parameters estimated
+    /// without this move, rad.
     pub(crate) direction_rad: Vec<Option<f64>>,
     /// Index of each rest that the fit uses, and |f| - g at this rest for the parameters estimated without this rest,
     /// m/s^2.
@@ -152,7 +153,7 @@ impl Joint<'_> {
 }
 
 /// Whitened residuals in two parts: residuals with correlated errors, and residuals with independent errors. With this
-/// division, the fit can be repeated quickly without the residuals of a fold (the rests or moves held out together).
+/// division, the fit can be repeated quickly without the rests or moves of a fold, which are held out together.
 struct Parts {
     /// Length of each column of the whitened Jacobian before scaling.
     size: Vec<f64>,
@@ -166,9 +167,9 @@ struct Parts {
     others: Vec<(Source, Mat<f64>)>,
     /// Gram matrix `[J r]^T [J r]` of the residuals of the priors.
     given: Mat<f64>,
-    /// One column per error: the change of the whitened residuals due to a unit error of a force norm, of a direction
-    /// after a move, of a mean rate, or of a component of a mean force. A column is stored as the index of its first
-    /// nonzero row and the values from that row on.
+    /// For each possible error of a force norm, of a direction after a move, of a mean rate, or of a component of a
+    /// mean force: the change of the whitened residuals due to a unit error. The change is stored as the index of its
+    /// first nonzero entry and the entries from there on.
     units: Vec<(usize, Vec<f64>)>,
 }
 
@@ -206,11 +207,11 @@ impl Parts {
         places.flat_map(|place| [rates, means].map(|first| first + 3 * place)).flat_map(|at| at..at + 3).collect()
     }
 
-    /// Change of the parameters in a fit with held-out residuals; `None` if this fit does not determine all parameters.
-    /// The residuals of a rest or move whose errors are independent of other residuals are omitted if `is_out` is true
-    /// for it. Other residuals (force norms, directions after moves, mean rates) have errors in common. Such a residual
-    /// is held out by a free parameter for its error, because a residual with an unknown error has no influence on the
-    /// fit. `columns` are the indices of these errors in `units`.
+    /// Change of the parameters in a fit without some of the residuals; `None` if this fit does not determine all
+    /// parameters. Residuals with independent errors are omitted if `is_out` is true for their rest or move. Force
+    /// norms, directions after moves and mean rates have errors in common with other residuals, so they are not
+    /// omitted. Instead, such a residual is held out by a free parameter for its error, because a residual with an
+    /// unknown error has no influence on the fit. `columns` are the indices of these errors in `units`.
     fn without(&self, columns: &[usize], is_out: impl Fn(Source) -> bool) -> Option<Vec<f64>> {
         let (rows, n) = (self.shared.nrows(), self.kept.len());
         let mut basis: Vec<Stretch> = Vec::with_capacity(columns.len());
@@ -248,8 +249,8 @@ impl Parts {
     }
 }
 
-/// Sparse column with consecutive nonzero rows. The nonzero rows of few columns overlap, because only neighbouring
-/// residuals are correlated.
+/// Vector with one entry per residual, of which only consecutive entries from index `first` on are nonzero. The nonzero
+/// entries of few vectors overlap, because only neighbouring residuals are correlated.
 struct Stretch {
     first: usize,
     values: Vec<f64>,
@@ -264,7 +265,7 @@ impl Stretch {
         row.checked_sub(self.first).and_then(|k| self.values.get(k)).copied().unwrap_or(0.0)
     }
 
-    /// Subtracts the component along the column `known`, whose length is one.
+    /// Subtracts the component along `known`, a vector of length one.
     fn leave_out(&mut self, known: &Self) {
         let (own, other) = (self.rows(), known.rows());
         let both = own.start.max(other.start)..own.end.min(other.end);

@@ -1,4 +1,4 @@
-//! Sensor model that corresponds to the parameter vector of the joint fit.
+//! Parameters of the joint fit as a model of both sensors, and their conversion to and from the parameter vector.
 
 use std::ops::Range;
 
@@ -44,8 +44,9 @@ impl Model {
     }
 }
 
-/// Derivative of the corrected force `seen = T^-1 (m - b)` with respect to the nine accelerometer parameters. m is the
-/// measured force, raw units. The parameters are the bias x, y, z and the six entries of the symmetric T. Shape (3, 9).
+/// Derivative of the corrected force `seen = T^-1 (m - b)` with respect to the nine accelerometer parameters, a 3 x 9
+/// matrix. m is the measured force in raw units. The parameters are the bias b (x, y, z) and the six entries of the
+/// symmetric sensitivity T.
 pub(crate) fn force_by_parameters(accelerometer: &Triad<f64>, seen: &Vector3<f64>) -> SMatrix<f64, 3, 9> {
     let inverse = -accelerometer.inverse();
     let mut columns = SMatrix::<f64, 3, 9>::zeros();
@@ -73,14 +74,14 @@ pub(crate) fn surroundings(recording: &Recording<'_>, index: usize) -> Surroundi
 /// and warm-up within a rest.
 const PARTS: usize = 16;
 
-/// A part of a rest, with the quantities on which the effects depend, except the force and the attitude.
+/// A part of a rest, with the mean temperature and time on which effects depend.
 pub(super) struct Part {
     pub(super) samples: Range<usize>,
-    /// Mean temperature and time.
+    /// Mean temperature and mean time of the samples of the part.
     pub(super) surroundings: Surroundings<f64>,
 }
 
-/// The parts of a rest.
+/// Divides the samples `range` of a rest into at most `PARTS` parts of about equal size.
 pub(super) fn parts(recording: &Recording<'_>, range: Range<usize>) -> Vec<Part> {
     let parts = PARTS.min(range.len()).max(1);
     let edge = |part: usize| range.start + range.len() * part / parts;

@@ -62,8 +62,8 @@ pub(crate) enum Item {
     Move(usize),
 }
 
-/// A rest or move, and those columns of A that are tested together. Each column of A is an error pattern of the
-/// residuals (model.md (25)).
+/// A rest or move, and the columns of A that are tested together for it. A column of A is an error pattern: the changes
+/// of all residuals due to a unit error (model.md (25)).
 struct Group {
     item: Item,
     columns: Vec<usize>,
@@ -95,8 +95,8 @@ enum Kind {
 /// Rests and moves that contradict all others, in the order of their exclusion. The model must be near the optimum.
 ///
 /// Moves are tested only with the gravity directions at their ends, even if the fit also uses the force inside the
-/// moves or the stand. `known` is an existing linearisation at the model. It must contain all rests and moves to be
-/// tested.
+/// moves or the stand. `known` contains residuals and derivatives that were already computed for `model`. It must
+/// contain all rests and moves to be tested.
 pub(crate) fn outliers(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -232,9 +232,9 @@ fn groups(linear: &Linear) -> Vec<Group> {
     groups
 }
 
-/// One column per rest and axis: the change of the whitened residuals due to a unit error of the mean force. `units`
-/// are the changes due to a unit error of each force norm and each direction after a move. A column is stored as the
-/// index of its first nonzero row and the values from that row on.
+/// Changes of the whitened residuals due to a unit error of the mean force, for each rest and axis. `units` are the
+/// changes due to a unit error of each force norm and each direction after a move. A change is stored as the index of
+/// its first nonzero entry and the entries from there on.
 pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
     let of_axis = |rest: usize, axis: usize| {
         let lines = linear.lines.iter().zip(units);
@@ -265,21 +265,22 @@ fn scale((kind, later): (Kind, bool), judged: &[(&Group, f64, usize)]) -> f64 {
 }
 
 /// Linearised and whitened fit from which residuals can be excluded. To exclude a residual, the fit gets an additional
-/// free parameter. The derivatives with respect to this parameter are a column of A (model.md (25)).
+/// free parameter: the error of this residual. The derivatives with respect to this error are a column of A (model.md
+/// (25)).
 pub(super) struct LeaveOut {
     /// Columns of `L^-1 A` (model.md (25)), where L is the Cholesky factor of the residual covariance C. Each is stored
     /// as the index of its first nonzero row and the values from that row on.
     columns: Vec<(usize, Vec<f64>)>,
     /// Orthonormal basis of the columns of the whitened Jacobian, one vector per dimension.
     basis: Vec<Vec<f64>>,
-    /// Dot products of the basis vectors and each of `columns`.
+    /// For each entry of `columns`: its dot products with the basis vectors.
     seen: Vec<Vec<f64>>,
     /// Residuals of the linearised fit: the whitened residuals after projection orthogonal to the basis.
     residuals: Vec<f64>,
 }
 
 impl LeaveOut {
-    /// `residuals` and `jacobian` are those of the linearisation `linear`, whitened by `problem`.
+    /// `residuals` and `jacobian` are those of `linear`, whitened by `problem`.
     pub(super) fn new(problem: &Joint<'_>, linear: &Linear, (residuals, jacobian): (&Mat<f64>, &Mat<f64>)) -> Self {
         let mut columns = problem.whitened_units(linear);
         columns.extend(by_means(linear, &columns));
@@ -311,9 +312,9 @@ impl LeaveOut {
         self.basis.push(direction);
     }
 
-    /// Residual of one row divided by its standard deviation after the fit, and 1 - h, where h is the leverage of the
-    /// row. 1 - h is the share of the variance that remains after the fit. `None` if the fit reproduces any value of
-    /// the measurement, because h is close to one.
+    /// Residual with the index `row`, divided by its standard deviation after the fit, and 1 - h, where h is the
+    /// leverage of the residual. 1 - h is the share of the variance that remains after the fit. `None` if the fit
+    /// reproduces any value of the measurement, because h is close to one.
     pub(super) fn standardised(&self, row: usize) -> Option<(f64, f64)> {
         let free = 1.0 - self.basis.iter().map(|direction| direction[row] * direction[row]).sum::<f64>();
         (free > MIN_JUDGED).then(|| (self.residuals[row] / free.sqrt(), free))

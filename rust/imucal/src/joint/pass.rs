@@ -12,7 +12,7 @@
 //! ```
 //!
 //! m is the measured rate, T the sensitivity, and b the bias of the gyroscope. Phi is the field of an effect and theta
-//! its parameters. v is the rate corrected for T and b only, and w is the rate corrected for the effects, too. w_0 and
+//! its parameters. v is the rate corrected for T and b only. w is the rate corrected for T, b and the effects. w_0 and
 //! w_1 are the values of w at the start and at the end of a step of length h. w_(-1) and w_2 are the values of w at the
 //! samples before and after the step. e_i is the unit vector along axis i, v_j is component j of v, and p is any
 //! parameter. R is computed at every sample. The derivative d is evaluated at the midpoints of segments, which consist
@@ -23,11 +23,12 @@
 //! interpolation between samples neglects the curvature of the rate, and would give only the second power. Its errors
 //! add up to zero over a move only if the axis of the rotation is fixed.
 //!
-//! d neglects that the effects depend on the rate. For most effects, this changes d by less than 1 % (exceptions:
-//! model.md (17)). The residuals do not contain this approximation. The derivative of the force with respect to the
-//! accelerometer parameters is evaluated at the propagated gravity instead of the sampled force. Evaluated at the
-//! sampled force, this column of the Jacobian would contain the noise of the residual. A linear combination of this
-//! column and a noise-free column could then fit this noise (docs/decisions/0022).
+//! The derivative d neglects that the effects depend on the rate, which depends on the parameters. For most effects,
+//! this changes d by less than 1 % (exceptions: model.md (17)). The residuals do not contain this approximation. The
+//! derivative of the force with respect to the accelerometer parameters is evaluated at the propagated gravity instead
+//! of the sampled force. Evaluated at the sampled force, this column of the Jacobian would contain the noise of the
+//! residual. A linear combination of this column and a noise-free column could then fit this noise
+//! (docs/decisions/0022).
 
 mod attitude_jacobian;
 mod corrected;
@@ -65,7 +66,7 @@ pub(crate) struct Pass {
     pub(crate) turn: Vec<Vector3<f64>>,
     /// Blocks (short intervals with a mean force) inside the move; empty unless requested.
     pub(crate) blocks: Vec<Block>,
-    /// Derivatives of attitude and force in each block.
+    /// Derivatives of the mean attitude and of the mean force of each block with respect to the parameters.
     pub(super) changes: Changes,
     /// Rotation from every sample to the start of the move; empty unless residuals relative to the encoders are
     /// computed.
@@ -94,7 +95,7 @@ impl<'a> EvaluatedTerms<'a> {
     }
 }
 
-/// A short interval inside a move, over which the force is averaged.
+/// A short interval inside a move. The force is averaged over it.
 pub(crate) struct Block {
     /// Time from the start of the move to the centre of the block, s.
     pub(crate) time_s: f64,
@@ -179,8 +180,8 @@ impl Route<'_> {
         attitudes(UnitQuaternion::identity(), &turns)
     }
 
-    /// Mean force over the samples at the ends of these integration steps, rotated to the body frame at the start of
-    /// the move.
+    /// Mean force over the samples at the ends of the integration steps `steps`, rotated to the body frame at the start
+    /// of the move.
     fn mean_force(&self, steps: Range<usize>, all: &Corrected, rotations: &[UnitQuaternion<f64>]) -> Vector3<f64> {
         let (first, reach, count) = (self.span.first, self.reach().start, steps.len() as f64);
         let turned = |i: usize| rotations[i - first].to_rotation_matrix() * all.force[i - reach];

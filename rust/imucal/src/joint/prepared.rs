@@ -21,7 +21,7 @@ use crate::rests::unit_rest::UnitRest;
 pub(crate) struct Prepared<'a> {
     pub(crate) recordings: &'a [Recording<'a>],
     pub(crate) rests: &'a [UnitRest],
-    /// Whether each rest is used.
+    /// For each rest, whether the fit uses it.
     pub(crate) used: &'a [bool],
     pub(crate) moves: &'a [Move],
     /// Measured gravity direction at the start and the end of each move, with its variance.
@@ -43,7 +43,7 @@ pub(crate) struct Prepared<'a> {
     pub(crate) encoders: Option<Encoders>,
     /// Maximum number of iterations of a joint fit.
     pub(crate) max_iterations: u64,
-    /// Duration of the blocks inside a move over which the force is averaged, s.
+    /// Duration of a block, s. Blocks are the short intervals inside a move over which the force is averaged.
     pub(crate) block_s: f64,
 }
 

@@ -51,7 +51,8 @@ impl<'a> Joint<'a> {
         Self::with(prepared, terms, linear, weights)
     }
 
-    /// The problem with weights from noise only, at the linearisation `linear`.
+    /// The problem with weights from noise only. `linear` contains the residuals and derivatives from which it is
+    /// computed.
     pub(crate) fn of_noise(
         prepared: &'a Prepared<'a>,
         terms: &'a Terms<'a>,
@@ -111,7 +112,7 @@ impl<'a> Joint<'a> {
         (seen != [0.0; 3]).then(|| UnitWander::of_gyroscope(seen.map(|b| b / raw)))
     }
 
-    /// Replaces the weights by weights that are estimated from the residuals of the fit `found`.
+    /// Replaces the weights by new weights, which are estimated from the residuals of the fit `found`.
     pub(crate) fn weigh_by(&mut self, found: &Solution) -> Result<(), Error> {
         let excess = self.excess_of(found, None)?;
         self.weigh_with(found, &excess)
@@ -217,9 +218,9 @@ impl<'a> Joint<'a> {
         }
     }
 
-    /// Columns of L^-1, where L is the Cholesky factor of the residual covariance. Column k is the change of the
-    /// whitened residuals due to a unit error of the k-th residual (force norms, directions after moves, mean rates). A
-    /// column is stored as the index of its first nonzero row and the values from that row on.
+    /// Columns of L^-1, where L is the Cholesky factor of the covariance of force norms, directions after moves and
+    /// mean rates. Column k is the change of the whitened residuals due to a unit error of the k-th of these residuals.
+    /// A column is stored as the index of its first nonzero row and the values from that row on.
     pub(crate) fn whitened_units(&self, linear: &Linear) -> Vec<(usize, Vec<f64>)> {
         let head = linear.lines.len();
         let lines = (0..head).map(|row| (row, self.weights.whitening.unit(row)));
@@ -251,7 +252,7 @@ impl<'a> Joint<'a> {
     }
 
     /// Whitened residuals and Jacobian without priors, stored row by row. The residual is the last column. If the fit
-    /// uses the force inside the moves and no stand, the second result contains the rows of this force. They are
+    /// uses the force inside the moves and no stand, the second result contains the residuals of this force. They are
     /// whitened when they are requested.
     pub(crate) fn whiten_apart(&self, linear: &Arc<Linear>) -> (Lanes, Option<Insides>) {
         let rows = self.whiten_rows(linear);
@@ -269,7 +270,8 @@ impl<'a> Joint<'a> {
         let (head, groups) = (linear.lines.len(), linear.groups());
         let count = if self.terms.kinds.encoders { groups.stand_moves.end } else { groups.inside.start };
         let mut rows = Lanes::zeros(n, count);
-        // Writing the zeros of a matrix of several hundred megabytes takes some tenths of a second.
+        // Zeroing a matrix of several hundred megabytes takes some tenths of a second, so a cancellation is checked
+        // here.
         checkpoint();
         for (row, line) in linear.lines.iter().enumerate() {
             let to = rows.row_mut(row);

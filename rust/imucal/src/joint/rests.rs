@@ -23,7 +23,7 @@ use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 /// Specific force at a rest.
 pub(super) struct Force {
     pub(super) value: Vector3<f64>,
-    /// Derivative with respect to every parameter.
+    /// Derivative of the force with respect to every parameter.
     pub(super) jacobian: Vec<Vector3<f64>>,
     /// Direction of the force, which is the gravity direction.
     pub(super) direction: Arc<EndDirection>,
@@ -36,19 +36,19 @@ pub(super) struct Rate {
     pub(super) columns: Vec<Vector3<f64>>,
 }
 
-/// All rests at given parameters.
+/// Mean forces and rate changes at all rests, at given parameters.
 pub(super) struct Rests<'a> {
     prepared: &'a Prepared<'a>,
     model: &'a Model,
     on_force: Terms<'a>,
     on_rate: Terms<'a>,
-    /// For each rest: the inputs of the effects, and the columns (derivatives with respect to the parameters) of the
-    /// effects on the force. Only effects that do not depend on the force itself have columns here.
+    /// For each rest: the temperature and time on which effects depend, and the derivatives of the force with respect
+    /// to the parameters of the effects. The derivatives of effects that depend on the force itself are not contained.
     stills: Vec<(Still, Vec<Vector3<f64>>)>,
     /// Mean force at each rest.
     pub(super) forces: Vec<Force>,
-    /// For each recording: the rate change by the effects, averaged over its rests. Empty if no rest is hand-held, or
-    /// if no effect changes the rate.
+    /// For each recording: the change of the rate by the effects, averaged over the rests of the recording. Empty if no
+    /// rest is hand-held, or if no effect changes the rate.
     mean_rates: Vec<Rate>,
 }
 
@@ -88,7 +88,7 @@ impl<'a> Rests<'a> {
         rests
     }
 
-    /// Rate change by the effects, averaged over all rests of a recording that the fit uses.
+    /// Change of the rate by the effects, averaged over all rests of a recording that the fit uses.
     fn mean_rate(&self, recording: usize) -> Rate {
         let (own, _) = self.prepared.rests_of(recording);
         let mut mean = Rate { added: Vector3::zeros(), columns: vec![Vector3::zeros(); self.on_rate.count] };

@@ -21,12 +21,12 @@ const LARGEST_STEP: f64 = 10.0;
 /// State of the iteration over the weights.
 #[derive(Default)]
 pub(super) struct Reweighting {
-    /// For each set of weights used so far: the kinds of residuals whose standard deviations were increased.
+    /// For each set of weights used so far: the kinds of residuals whose standard deviations it increases.
     widened: Vec<Widened>,
     /// Kinds of residuals whose standard deviations are increased even if their excess is not significant.
     kept: Option<Widened>,
-    /// Logarithms of the excess that the last weights contain, and of the excess estimated from the fit with these
-    /// weights.
+    /// Logarithms of two excesses: the excess that the last weights contain, and the excess that was estimated from the
+    /// fit with these weights.
     last: Option<[[f64; WIDENINGS]; 2]>,
     fits: usize,
 }

@@ -4,8 +4,10 @@
 //! sum_i z_i^2 / (1 + s lambda_i) = free,     N^-1/2 C N^-1/2 = Q Lambda Q^T,   z = Q^T N^-1/2 r
 //! ```
 //!
-//! r are residuals with independent noise of covariance N. Lambda contains the eigenvalues lambda_i, and Q the
-//! eigenvectors. `s C` is the covariance that must be added to N so that chi2 equals its degrees of freedom `free`
+//! r are the residuals of the mean rates on one axis. Their noise is independent, with the covariance N. The excess
+//! scatter is modelled by a covariance s C that is added to N. C is an assumed covariance of the excess between rests,
+//! up to a factor: the identity, or the covariance of bias instability. Lambda contains the eigenvalues lambda_i of
+//! `N^-1/2 C N^-1/2`, and Q its eigenvectors. The factor s is chosen so that chi2 equals its degrees of freedom `free`
 //! (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). Each candidate matrix C, with its own s, gives the same chi2. The
 //! likelihood is therefore largest for the candidate with the smallest `sum_i ln(1 + s lambda_i)`.
 
@@ -13,14 +15,14 @@ use faer::Mat;
 
 use crate::numerics::fit_report::significance_limit;
 
-/// Squared whitened residuals z_i^2 of one axis and the eigenvalues lambda_i.
+/// Squared whitened residuals z_i^2 of the mean rates on one axis, and the eigenvalues lambda_i.
 pub(super) struct Scatter {
     squares: Vec<f64>,
     lambda: Vec<f64>,
 }
 
-/// Simultaneous diagonalisation of the noise covariance N and another covariance C: the eigenvectors and eigenvalues of
-/// `N^-1/2 C N^-1/2`.
+/// Simultaneous diagonalisation of the noise covariance N and of the assumed covariance C of the excess: the
+/// eigenvectors and eigenvalues of `N^-1/2 C N^-1/2`.
 pub(crate) struct Modes {
     sigma: Vec<f64>,
     directions: Mat<f64>,
@@ -46,17 +48,20 @@ impl Modes {
     }
 }
 
-/// Excess scatter of one axis.
+/// Excess scatter of the mean rates on one axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Excess {
-    /// Factor s of the added covariance `s C`.
+    /// Factor s. The covariance `s C` is added to the covariance of the noise, where C is the assumed covariance of the
+    /// excess between rests, up to a factor.
     pub(super) variance: f64,
-    /// `sum_i ln(1 + s lambda_i)`; the candidate C with the smallest sum has the largest likelihood.
+    /// Value of `sum_i ln(1 + s lambda_i)`. Among several candidates C, the one with the smallest value has the largest
+    /// likelihood.
     pub(super) cost: f64,
 }
 
 impl Scatter {
-    /// Scatter for the candidate C = identity, which describes independent errors of equal variance at all rests.
+    /// Scatter for the candidate C = identity: an excess that is independent between rests and has the same variance at
+    /// all rests.
     pub(super) fn from_rest_to_rest(residuals: &[f64], variances: &[f64]) -> Self {
         let squares = residuals.iter().zip(variances).map(|(r, v)| r * r / v).collect();
         Self { squares, lambda: variances.iter().map(|v| 1.0 / v).collect() }
@@ -71,7 +76,7 @@ impl Scatter {
         free > 0.0 && self.chi2(0.0) > free * significance_limit(free)
     }
 
-    /// Estimates the factor s at which chi2 equals `free`, and the cost `sum_i ln(1 + s lambda_i)`. `None` if chi2 does
+    /// Estimates the factor s at which chi2 equals `free`, and computes `sum_i ln(1 + s lambda_i)`. `None` if chi2 does
     /// not exceed `free` at s = 0, or if no s reduces chi2 to `free`.
     pub(super) fn excess(&self, free: f64) -> Option<Excess> {
         if free <= 0.0 || self.chi2(0.0) <= free {

@@ -1,5 +1,5 @@
-//! True rate and force for effects that depend on the true values. They are computed from the corrected readings by
-//! fixed-point iteration (model.md (16)).
+//! True rate and force, for effects that depend on the true values. The true values are computed from the corrected
+//! readings by fixed-point iteration (model.md (16)).
 
 use std::ops::Range;
 
@@ -33,8 +33,8 @@ impl<'a> Settling<'a> {
         Self { terms, values, reads_rate, reads_force, columns: terms.room() }
     }
 
-    /// True state of one sample by fixed-point iteration. `seen_rate` (rad/s) and `seen_force` (m/s^2) are the readings
-    /// corrected for T and b only.
+    /// True state of one sample by fixed-point iteration. `seen_rate` (rad/s) and `seen_force` (m/s^2) are the
+    /// readings, corrected for the sensitivity and the bias only.
     #[inline]
     pub(super) fn settle(
         &mut self,
@@ -65,17 +65,18 @@ impl<'a> Settling<'a> {
     }
 }
 
-/// Quantities at a rest on which the effects depend, except the force.
+/// A rest, with the temperature and time on which effects depend.
 pub(super) struct Still {
     pub(super) recording: usize,
     pub(super) samples: Range<usize>,
-    /// At least one part.
+    /// Parts of the rest, each with its mean temperature and time. There is at least one part.
     pub(super) parts: Vec<Part>,
 }
 
 impl Terms<'_> {
-    /// True force at a rest. On entry, `columns` contains the columns of the effects that do not depend on the force.
-    /// The columns of the other effects are computed here.
+    /// True force at a rest, m/s^2. `columns` contains the derivatives of the force with respect to the parameters of
+    /// the effects. On entry, only those of effects that do not depend on the force are known. The others are computed
+    /// here.
     pub(super) fn force_at_rest(
         &self,
         values: &[f64],
@@ -95,9 +96,10 @@ impl Terms<'_> {
         force
     }
 
-    /// Computes the mean columns over a rest at the given force and attitude, for the effects that `is_asked` selects.
-    /// Columns that are constant during a rest are evaluated only for the first part of the rest. The columns of a
-    /// user-defined effect are averaged over the samples of the rest.
+    /// Computes the derivatives of the sensor readings with respect to the parameters (`columns`) at the given force
+    /// and attitude, averaged over a rest, for the effects that `is_asked` selects. If the derivatives of an effect are
+    /// constant during a rest, they are evaluated only for the first part of the rest. Those of a user-defined effect
+    /// are averaged over the samples of the rest.
     pub(super) fn mean_columns(
         &self,
         values: &[f64],
@@ -144,7 +146,8 @@ impl Terms<'_> {
         }
     }
 
-    /// Computes the means of the user-defined effects over a range of samples.
+    /// For each user-defined effect, computes the means of its columns (derivatives of the reading) over a range of
+    /// samples.
     pub(super) fn user_means(&self, recording: usize, range: &Range<usize>, columns: &mut [Vector3<f64>]) {
         for term in &self.all {
             if let Kind::User(field) = term.kind {
@@ -158,7 +161,7 @@ impl Terms<'_> {
     }
 
     /// Converts the mean columns of user-defined effects over a segment to values at the midpoint of the segment. The
-    /// conversion subtracts `share` times the second difference of the means of three consecutive segments.
+    /// conversion subtracts `share` times the second difference of the mean columns of three consecutive segments.
     pub(super) fn user_middles(
         &self,
         recording: usize,
@@ -177,7 +180,8 @@ impl Terms<'_> {
     }
 }
 
-/// Mean of a user-defined effect over a range of samples. The effect may vary from sample to sample.
+/// Means of the columns (derivatives of the reading) of a user-defined effect over a range of samples. The columns may
+/// vary from sample to sample.
 fn user_mean(field: &UserField<'_>, recording: usize, range: &Range<usize>, columns: &mut [Vector3<f64>]) {
     let p = columns.len();
     columns.fill(Vector3::zeros());

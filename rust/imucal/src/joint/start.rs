@@ -9,8 +9,8 @@ use super::prepared::Prepared;
 use super::terms::{Term, Terms};
 use crate::parameters::STAND_PARAMETERS;
 
-/// Model at the end of an earlier fit. Fits with the same effects start from it. A warm start saves iterations and does
-/// not change the result.
+/// Sensor models and effects at the end of an earlier fit. Fits with the same effects start from them. A warm start
+/// saves iterations and does not change the result.
 #[derive(Clone, Debug)]
 pub struct WarmStart {
     model: Model,
@@ -28,8 +28,8 @@ impl WarmStart {
         Self::new(model, effects(terms))
     }
 
-    /// The model if it has the effects of `terms`, otherwise `None`. Also `None` for effects with time constants,
-    /// because their fits try several start values.
+    /// The model of the warm start if it has the effects of `terms`, otherwise `None`. Also `None` for effects with
+    /// time constants, because their fits try several start values.
     fn model(&self, terms: &Terms<'_>) -> Option<Model> {
         let is_same = self.effects == effects(terms) && !terms.all.iter().any(Term::has_shape);
         is_same.then(|| self.model.clone())
@@ -92,7 +92,7 @@ pub(super) fn start_values(terms: &Terms<'_>) -> Vec<f64> {
     values
 }
 
-/// Normal prior with zero mean for the parameters of one effect (model.md (23)).
+/// Normal prior with zero mean for the linear parameters of one effect (model.md (23)).
 #[derive(Clone)]
 pub(crate) struct Prior {
     /// Index of the first parameter of the effect in the parameter vector.
@@ -133,8 +133,8 @@ impl ShapePrior {
     /// effect with a time constant far shorter than the first rest changes no rest.
     const WIDTH: f64 = std::f64::consts::LN_10;
 
-    /// Whitened residual of the prior at a value of the time constant, and its derivative. If the value is not
-    /// positive, the residual is NaN, and the solver takes a shorter step.
+    /// Residual of the prior at a value of the time constant, in standard deviations of the prior, and the derivative
+    /// of the residual. If the value is not positive, the residual is NaN, and the solver takes a shorter step.
     pub(super) fn residual(&self, value: f64) -> (f64, f64) {
         ((value / self.centre).ln() / Self::WIDTH, 1.0 / (value * Self::WIDTH))
     }

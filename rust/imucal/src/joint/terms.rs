@@ -1,14 +1,15 @@
-//! Terms of a fit in addition to the base parameters: effects of the catalogue, and user-defined effects given by their
-//! columns.
+//! Terms of a fit in addition to the base parameters: effects of the catalogue, and user-defined effects that are given
+//! by their derivatives at every sample.
 //!
 //! ```text
 //! seen = true + sum_c Phi_c(true) theta_c,   true = seen - sum_c Phi_c(true) theta_c        model.md (15), (16)
 //! ```
 //!
-//! The parameters of a term are consecutive in the parameter vector. The last parameter may be a nonlinear shape
-//! parameter, for example a time constant. The column of a shape parameter is `d(Phi theta)/d(shape)`. Every column is
-//! thus the derivative of the sensor reading, before multiplication by the sensitivity T, with respect to its
-//! parameter.
+//! `seen` is the rate or force that follows from the reading without correction of the effects, and `true` is the true
+//! rate or force. The column Phi_c is the derivative of the sensor reading, before multiplication by the sensitivity T,
+//! with respect to the parameter theta_c. The parameters of a term are consecutive in the parameter vector. The last
+//! parameter may be a nonlinear shape parameter, for example a time constant. The column of a shape parameter is
+//! `d(Phi theta)/d(shape)`.
 
 use std::borrow::Cow;
 
@@ -39,7 +40,7 @@ pub(crate) struct Term<'a> {
     /// Temperature histories at the time constant of this term; `None` before [`Terms::with_histories`], and if the
     /// term does not depend on them.
     pub(super) histories: Option<TemperatureHistories>,
-    /// Derivatives of the histories with respect to the time constant, if it is estimated.
+    /// Derivatives of the temperature histories with respect to the time constant, if it is estimated.
     pub(super) by_time_constant: Option<TemperatureHistories>,
 }
 
@@ -59,7 +60,7 @@ impl Term<'_> {
         }
     }
 
-    /// Catalogue entry; `None` for a user-defined effect.
+    /// Description of the effect in the catalogue; `None` for a user-defined effect.
     pub(crate) fn effect(&self) -> Option<&'static Effect<f64>> {
         match self.kind {
             Kind::Catalogue(effect) | Kind::Frozen(effect, _) => Some(effect),
@@ -79,8 +80,8 @@ impl Term<'_> {
         matches!(self.kind, Kind::Catalogue(effect) if effect.shape.is_some())
     }
 
-    /// Computes the columns of this term at `state`. They are written to the first entries of `own`, a buffer of
-    /// [`MAX_PARAMETERS`] columns.
+    /// Computes the derivatives of the sensor reading with respect to the parameters of this term at `state`. They are
+    /// written to the first entries of `own`, a buffer of [`MAX_PARAMETERS`] vectors.
     #[inline]
     pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, own: &mut [Vector3<f64>]) {
         match self.kind {
@@ -101,7 +102,7 @@ impl Term<'_> {
         }
     }
 
-    /// Derivative `d(Phi theta)/d(shape)`.
+    /// Derivative `d(Phi theta)/d(shape)` of the contribution of an effect with respect to its shape parameter.
     fn shape_column(
         &self,
         effect: &Effect<f64>,
@@ -115,7 +116,8 @@ impl Term<'_> {
             set_field(effect, state, histories, sample, shape, &mut columns);
             columns.iter().zip(linear).map(|(column, value)| column * *value).sum::<Vector3<f64>>()
         };
-        // The field is linear in the history. Its derivative is therefore the field at the derivative of the history.
+        // The field Phi is linear in the temperature history. Its derivative with respect to the time constant is
+        // therefore the field at the derivative of the history.
         if self.by_time_constant.is_some() {
             return sum(shape, self.by_time_constant.as_ref());
         }
@@ -128,12 +130,12 @@ impl Term<'_> {
         self.needs(Need::Time) || (temperature_is_known && self.needs(Need::Temperature))
     }
 
-    /// Whether the term depends on the quantity `need`.
+    /// Whether the term depends on the quantity `need`, for example temperature or attitude.
     pub(super) fn needs(&self, need: Need) -> bool {
         self.effect().is_some_and(|effect| effect.needs.contains(&need))
     }
 
-    /// Whether the term depends on the true value of `sensor`.
+    /// Whether the term depends on the true value of the quantity that `sensor` measures.
     pub(super) fn reads(&self, sensor: Sensor) -> bool {
         self.effect().is_some_and(|effect| effect.reads.contains(&sensor))
     }
@@ -161,7 +163,7 @@ impl Term<'_> {
         }
     }
 
-    /// Typical size of each parameter. The shape parameter is last.
+    /// Typical size of each parameter in a MEMS sensor. The shape parameter is last.
     pub(crate) fn typical(&self) -> Vec<f64> {
         match self.kind {
             Kind::User(field) => field.typical.clone(),
@@ -181,9 +183,10 @@ pub(crate) struct Terms<'a> {
     pub(crate) all: Vec<Term<'a>>,
     /// Number of parameters of all terms.
     pub(crate) count: usize,
-    /// Sensor on which each parameter acts.
+    /// For each parameter, the sensor on which it acts.
     pub(crate) sensors: Vec<Sensor>,
-    /// Kinds of residuals used in addition to the residuals of rests and moves.
+    /// Residuals that the fit uses in addition to force norms and mean rates at rests and gravity directions after
+    /// moves.
     pub(crate) kinds: Kinds,
 }
 
@@ -191,8 +194,8 @@ pub(crate) struct Terms<'a> {
 pub(super) struct SideBySide<'a> {
     /// The terms. Their parameter indices count only the parameters in this set.
     pub(super) terms: Terms<'a>,
-    /// Values of the parameters of these terms, and in `places` the index of each parameter among the parameters of all
-    /// terms.
+    /// Values of the parameters of these terms. `places` contains the index of each parameter among the parameters of
+    /// all terms.
     pub(super) values: Vec<f64>,
     pub(super) places: Vec<usize>,
 }
@@ -252,14 +255,14 @@ impl<'a> Terms<'a> {
         Ok(())
     }
 
-    /// Buffer for the columns of all terms. Each term writes the columns of its full form. Its columns beyond the
-    /// estimated parameters are overwritten by the next term.
+    /// Buffer for the derivatives of the sensor readings with respect to the parameters of all terms. Each term writes
+    /// the derivatives of its full form. Those beyond its estimated parameters are overwritten by the next term.
     pub(super) fn room(&self) -> Vec<Vector3<f64>> {
         vec![Vector3::zeros(); self.count + MAX_PARAMETERS]
     }
 
-    /// Computes the column of each parameter at a true state. `room` is a buffer from [`Self::room`]. Its entries after
-    /// the last parameter are undefined.
+    /// Computes the derivative of the sensor readings with respect to each parameter at the true state `state`. `room`
+    /// is a buffer from [`Self::room`]. Its entries after the last parameter are undefined.
     #[inline]
     pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, room: &mut [Vector3<f64>]) {
         for term in &self.all {
@@ -267,7 +270,7 @@ impl<'a> Terms<'a> {
         }
     }
 
-    /// Total contribution of the terms on `sensor`, rad/s or m/s^2.
+    /// Total contribution of the terms that act on `sensor`: rad/s, m/s^2, or rad for encoders.
     #[inline]
     pub(super) fn sum_of(&self, sensor: Sensor, values: &[f64], columns: &[Vector3<f64>]) -> Vector3<f64> {
         let mut sum = Vector3::zeros();
@@ -298,12 +301,12 @@ impl<'a> Terms<'a> {
         Self { all: self.all.iter().filter(is_active).cloned().collect(), ..self.clone() }
     }
 
-    /// The terms on one sensor. The indices of their parameters do not change.
+    /// The terms that act on one sensor. The indices of their parameters do not change.
     pub(super) fn of(&self, sensor: Sensor) -> Self {
         Self { all: self.all.iter().filter(|term| term.sensor == sensor).cloned().collect(), ..self.clone() }
     }
 
-    /// The terms on one sensor, with new consecutive indices.
+    /// The terms that act on one sensor. Their parameters get new, consecutive indices.
     pub(super) fn side_by_side(&self, sensor: Sensor, values: &[f64]) -> SideBySide<'a> {
         let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new(), kinds: self.kinds };
         for term in self.all.iter().filter(|term| term.sensor == sensor) {
@@ -320,7 +323,7 @@ impl<'a> Terms<'a> {
         (0..self.count).filter(move |&p| self.sensors[p] == sensor)
     }
 
-    /// Whether any term depends on the true value of `sensor`.
+    /// Whether any term depends on the true value of the quantity that `sensor` measures.
     pub(super) fn reads(&self, sensor: Sensor) -> bool {
         self.all.iter().any(|term| term.reads(sensor))
     }
@@ -357,8 +360,9 @@ impl Terms<'_> {
     }
 }
 
-/// Computes the columns of a catalogue effect. An effect of the temperature history is evaluated with its history. The
-/// columns are written to the first entries of `room`, which holds at least [`MAX_PARAMETERS`] columns.
+/// Computes the derivatives of the sensor reading with respect to the parameters of a catalogue effect. An effect of
+/// the temperature history is evaluated with the history at `sample`. The derivatives are written to the first entries
+/// of `room`, which holds at least [`MAX_PARAMETERS`] vectors.
 #[inline]
 fn set_field(
     effect: &Effect<f64>,

@@ -11,7 +11,7 @@ use crate::simulate::motion::{Motion, gyroscope_delay_s};
 use crate::simulate::stand::Stand;
 use crate::simulate::{Program, RandomMoves, Unit};
 
-/// Mount rotation, base tilt, and angles between the axes of the stand, rad.
+/// True parameters of the stand, rad: mount rotation (3), base tilt (2) and non-orthogonality of the axes (2).
 pub(super) const STAND_RAD: [f64; 7] = [0.02, -0.03, 0.05, 0.01, -0.02, 0.005, -0.003];
 
 /// Samples of a simulated unit without noise, on a stand with geometric errors and with a varying temperature.
@@ -109,7 +109,8 @@ fn errors(outcome: &Outcome, truth: &EffectValues<f64>) -> (f64, f64) {
     (values, shape)
 }
 
-/// One effect of each kind is tested here. The Python tests cover the whole catalogue.
+/// Tests one effect of each of four kinds: on the gyroscope, with a time constant, on the force inside moves, and on
+/// the encoders. The Python tests cover the whole catalogue.
 #[test]
 fn effects_come_back() {
     for name in ["gyro_g_sensitivity", "accel_bias_warmup", "accel_size_effect", "encoder_eccentricity"] {

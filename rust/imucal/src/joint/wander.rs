@@ -16,8 +16,8 @@ use faer::Mat;
 
 use crate::error::Error;
 
-/// Maximum number of residuals (force norms, directions after moves, mean rates) for which the full covariance is
-/// factorised. The time of the factorisation grows with the third power of this number.
+/// Maximum number of force norms, directions after moves and mean rates for which the full covariance is factorised.
+/// The time of the factorisation grows with the third power of this number.
 pub(super) const MOST_ROWS: usize = 6000;
 
 /// Model of the bias variation between rests.
@@ -86,7 +86,7 @@ impl BiasWander {
         self.bias_instability[axis] > 0.0 || self.random_walk[axis] > 0.0
     }
 
-    /// Covariance function of the bias of one axis, integrated twice with respect to the time lag.
+    /// Covariance function of the bias of one axis at the time lag `lag_s`, integrated twice with respect to the lag.
     fn integrated(&self, axis: usize, lag_s: f64) -> f64 {
         let lag_s = lag_s.abs();
         if lag_s == 0.0 {
@@ -103,8 +103,8 @@ impl BiasWander {
         (g(d - a) - g(c - a) - g(d - b) + g(c - b)) / ((b - a) * (d - c))
     }
 
-    /// Covariance of the mean biases at the rests of one recording. Each mean bias is taken relative to the mean bias
-    /// over the interval `whole`.
+    /// Covariance of the mean biases of one axis at the rests of one recording. Each mean bias is taken relative to the
+    /// mean bias over the interval `whole`.
     pub(super) fn of_rests(&self, axis: usize, rests: &[[f64; 2]], whole: [f64; 2]) -> Mat<f64> {
         let with_whole: Vec<f64> = rests.iter().map(|rest| self.covariance(axis, *rest, whole)).collect();
         let all = self.covariance(axis, whole, whole);

@@ -39,7 +39,7 @@ const FINEST_RADPS: f64 = 1e-6;
 pub(crate) struct Weights {
     pub(crate) whitening: Whitening,
     /// Whitening matrix of the mean rate of each rest, per raw unit. It is the inverse of the lower Cholesky factor of
-    /// the covariance.
+    /// the covariance of this mean rate.
     pub(crate) rates: Vec<Matrix3<f64>>,
     /// Noise variances of the residuals inside each move.
     pub(crate) inside: Vec<InsideNoise>,
@@ -58,14 +58,14 @@ impl Weights {
         Self::with(prepared, terms, linear, &Widening::NONE)
     }
 
-    /// Weights before the first fit. The variances of the mean rates include their excess over noise, computed at the
-    /// linearisation `linear`. All other standard deviations are from noise only.
+    /// Weights before the first fit. The variances of the mean rates include their excess over noise, computed from the
+    /// residuals `linear`. All other standard deviations are from noise only.
     pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Linear) -> Self {
         Self::with(prepared, terms, linear, &Widening::of(prepared, linear, None, None))
     }
 
-    /// Excess of the residuals of the fit `found`, which had these weights and ended at `linear`. For the kinds of
-    /// residuals in `kept`, the standard deviations are increased even if the excess is not significant.
+    /// Excess of the residuals over noise after the fit `found`, which had these weights and ended at `linear`. For the
+    /// kinds of residuals in `kept`, the standard deviations are increased even if the excess is not significant.
     pub(super) fn excess(
         &self,
         prepared: &Prepared<'_>,
@@ -76,7 +76,7 @@ impl Weights {
         Widening::of(prepared, linear, Some((found, &self.widening.scales)), kept)
     }
 
-    /// Weights at a linearisation, with a given excess of the residuals over noise.
+    /// Weights for the residuals `linear`, with a given excess of the residuals over noise.
     pub(super) fn with(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Linear, widening: &Widening) -> Self {
         let model = &linear.model;
         let scales = &widening.scales;
@@ -134,14 +134,14 @@ impl Weights {
         self.widening.bias_instability
     }
 
-    /// Variance of the mean rates between the epochs (parts) of a long rest that noise does not explain, for each
-    /// axis, squared raw units.
+    /// Excess variance of the mean rates between the epochs (parts) of a long rest. It is the part that noise does not
+    /// explain, for each axis, squared raw units.
     pub(crate) fn epoch_rates(&self) -> [f64; 3] {
         self.widening.epoch_rates
     }
 
-    /// Ratio of scatter to noise that the weights assume, for each kind of residuals. The last entry is for the mean
-    /// rates, and is the largest ratio over all rests and axes.
+    /// Ratio of scatter to noise that the weights assume, for each kind of residuals. The last value is for the mean
+    /// rates. It is the largest ratio over all rests and axes.
     pub(crate) fn times_noise(&self, prepared: &Prepared<'_>) -> [f64; 7] {
         let Scales { norms, moves, inside, stand_rests, stand_moves, epochs } = self.widening.scales;
         let mut rates = 1.0f64;

@@ -13,8 +13,8 @@ use std::num::NonZeroUsize;
 use crate::error::Error;
 use crate::numerics::workers::in_order;
 
-/// Number of differences in a block. A block is processed for all averaging times before the next block, so that its
-/// data stay in the cache.
+/// Number of second differences in a block. A block is processed for all averaging times before the next block, so that
+/// its data stay in the processor's cache.
 const BLOCK: usize = 4096;
 /// Number of blocks in a job. The results of the jobs are added in a fixed order, so the sum does not depend on the
 /// number of threads.
@@ -22,15 +22,16 @@ const BLOCKS_PER_JOB: usize = 64;
 /// Number of partial sums in [`block_sum`], which fill the vector registers.
 const LANES: usize = 8;
 
-/// Averaging factors 1, 2, 4, 8, ... up to half of `samples`. With this limit, there are at least two means.
+/// Averaging times 1, 2, 4, 8, ... up to half of the record, in samples. `samples` is the length of the record. With
+/// this limit, there are at least two means.
 pub fn octave_factors(samples: usize) -> Vec<usize> {
     std::iter::successors(Some(1), |&m: &usize| m.checked_mul(2))
         .take_while(|m| m.saturating_mul(2) <= samples)
         .collect()
 }
 
-/// Averaging factors with about four per octave: 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 13, 16, ..., up to half of `samples`.
-/// This density shows the slopes in a plot.
+/// Averaging times in samples, about four per octave: 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 13, 16, ..., up to half of
+/// `samples`. So many points show the slopes in an Allan plot.
 pub fn quarter_octave_factors(samples: usize) -> Vec<usize> {
     let mut factors: Vec<usize> = octave_factors(samples)
         .into_iter()
@@ -41,7 +42,7 @@ pub fn quarter_octave_factors(samples: usize) -> Vec<usize> {
     factors
 }
 
-/// Averaging factors 1, 2, 4, 10, 20, 40, 100, ... up to half of `samples`.
+/// Averaging times 1, 2, 4, 10, 20, 40, 100, ... in samples, up to half of `samples`, the length of the record.
 pub fn decade_factors(samples: usize) -> Vec<usize> {
     std::iter::successors(Some(1), |&decade: &usize| decade.checked_mul(10))
         .take_while(|&decade| decade <= samples)
@@ -98,7 +99,8 @@ fn sums(values: impl ExactSizeIterator<Item = f64> + Clone) -> Result<Vec<f64>, 
     Ok(phase)
 }
 
-/// The sum over i of the squared second differences of the cumulative sums `phase`, for each factor.
+/// For each averaging time in `factors` (in samples): the sum over i in the formula of the module documentation.
+/// `phase` contains the cumulative sums p.
 fn squared_differences(phase: &[f64], factors: &[usize], threads: usize) -> Vec<f64> {
     // The factors are processed in ascending order, which makes the best use of the cache.
     let mut order: Vec<usize> = (0..factors.len()).collect();
@@ -125,8 +127,8 @@ fn squared_differences(phase: &[f64], factors: &[usize], threads: usize) -> Vec<
     total
 }
 
-/// Sum of the squared second differences of one block. With several partial sums, the compiler can use vector
-/// instructions.
+/// Sum of (third - 2 second + first)^2 over the elements of a block. With several partial sums, the compiler can use
+/// vector instructions.
 fn block_sum(first: &[f64], second: &[f64], third: &[f64]) -> f64 {
     let (a, a_rest) = first.as_chunks::<LANES>();
     let (b, b_rest) = second.as_chunks::<LANES>();
@@ -152,12 +154,13 @@ mod tests {
         overlapping_deviations(values.iter().copied(), factors, ONE).unwrap()
     }
 
-    /// Test data that are neither smooth nor random.
+    /// Test data that vary strongly from sample to sample but are not random.
     fn rough(n: usize) -> Vec<f64> {
         (0..n).map(|i| ((i * i) as f64 * 0.37).sin() + (i as f64 * 1e-3).cos() + 9.81).collect()
     }
 
-    /// Nine frequency values from NBS Monograph 140, Annex 8.E. Their Allan deviations are in NIST SP 1065, table 31.
+    /// The nine frequencies are from NBS Monograph 140, Annex 8.E, and their Allan deviations from NIST SP 1065, table
+    /// 31.
     #[test]
     fn nine_published_points_have_the_published_deviations() {
         let values = [892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0];

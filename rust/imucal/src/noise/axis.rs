@@ -1,4 +1,5 @@
-//! Noise of one axis: the estimates with their confidence bands, and the Allan deviations of the samples.
+//! Noise of one axis: the estimated noise parameters with their confidence bands, and the Allan deviations of the
+//! samples.
 
 use std::num::NonZeroUsize;
 
@@ -13,11 +14,11 @@ use crate::error::Error;
 use crate::noise::allan::{overlapping_deviations, quarter_octave_factors};
 use crate::recording::Samples;
 
-/// The model does not fit if the power in an octave deviates from it by more than this number of standard deviations.
-/// The false alarm rate per octave is about 1e-6.
+/// The noise model does not fit if the measured power in an octave deviates from the power of the model by more than
+/// this number of standard deviations. The false alarm rate per octave is about 1e-6.
 pub(super) const MISFIT: f64 = 5.0;
-/// Quantisation is included in the model if it increases 2 ln L by more than this value. L is the likelihood. Without
-/// quantisation in the record, the probability of such an increase is 0.001.
+/// Quantisation noise is included in the model if it increases 2 ln L by more than this value, where L is the
+/// likelihood. If the record contains no quantisation noise, the probability of such an increase is 0.001.
 const QUANTISATION_GAIN: f64 = 10.83;
 /// Numbers of octaves to omit below half the sampling rate if a filter has changed the noise there. They are tried in
 /// this order. The spectrum is computed in stages of five octaves. Missing power at high frequencies changes all
@@ -32,12 +33,12 @@ const COARSEST_COUNT: f64 = 2.0;
 /// The averaging time of an Allan deviation is at most the duration of the record divided by this number.
 const LONGEST_SHARE: usize = 3;
 
-/// Estimate of one noise parameter.
+/// Estimate of the parameter of one kind of noise, for example of the white noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Maximum-likelihood estimate; `None` if the record contains no significant noise of this kind.
     pub value: Option<f64>,
-    /// Standard deviation of the estimate.
+    /// Standard deviation of the error of `value`; `None` if there is no value.
     pub std: Option<f64>,
     /// Lower end of the 95 % confidence band; zero if there is no value.
     pub low: f64,
@@ -46,42 +47,42 @@ pub struct Estimate {
     pub high: f64,
 }
 
-/// A point of the Allan plot.
+/// A point of the Allan plot: the Allan deviation at one averaging time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AllanPoint {
     /// Averaging time, s.
     pub tau_s: f64,
     /// Overlapping Allan deviation, in the unit of the samples.
     pub deviation: f64,
-    /// Lower end of the 95 % confidence band.
+    /// Lower end of the 95 % confidence band of `deviation`.
     pub low: f64,
-    /// Upper end of the 95 % confidence band.
+    /// Upper end of the 95 % confidence band of `deviation`.
     pub high: f64,
-    /// Equivalent degrees of freedom of the deviation, computed from the fitted model.
+    /// Equivalent degrees of freedom of the Allan deviation, computed from the fitted noise model.
     pub dof: f64,
-    /// Allan deviation of the fitted model, in the unit of the samples.
+    /// Allan deviation that the fitted noise model predicts, in the unit of the samples.
     pub model: f64,
 }
 
-/// Noise of one axis; v is the unit of its samples.
+/// Noise of one axis. In the descriptions of the fields, v is the unit of the samples.
 #[derive(Clone, Debug)]
 pub struct AxisNoise {
-    /// White noise N, v/sqrt(Hz).
+    /// Coefficient N of the white noise (noise density), v/sqrt(Hz).
     pub noise_density: Estimate,
-    /// Coefficient B of the flicker noise, v.
+    /// Coefficient B of the flicker noise (bias instability), v.
     pub bias_instability: Estimate,
-    /// Rate random walk K, v/s/sqrt(Hz).
+    /// Coefficient K of the rate random walk, v/s/sqrt(Hz).
     pub random_walk: Estimate,
-    /// Quantisation Q of an integrated output, v s.
+    /// Coefficient Q of the quantisation noise of an integrated output, v s.
     pub quantisation: Estimate,
     /// Size of a count of the converter, v. It is the smallest step between samples, and zero for a constant axis.
     pub lsb: f64,
-    /// Whether the standard deviation of a sample from white noise and rounding is less than half a count.
+    /// Whether white noise and rounding together have a standard deviation of less than half a count per sample.
     pub is_below_lsb: bool,
     /// Shortest period of the fitted part of the noise, s. At shorter periods, the power deviates from the model,
     /// usually because of a filter.
     pub shortest_period_s: f64,
-    /// Largest deviation of the power in an octave from the model, in standard deviations.
+    /// Deviation of the power spectrum from the model in the octave with the largest deviation, in standard deviations.
     pub misfit: f64,
     /// Allan deviations at about four averaging times per octave.
     pub allan: Vec<AllanPoint>,
@@ -108,7 +109,8 @@ impl AxisNoise {
         let is_below_lsb = is_constant || counts < lsb;
 
         let estimates: [Estimate; KINDS] = std::array::from_fn(|kind| {
-            // Factor that converts a parameter per sample to a parameter per second.
+            // Factor that converts the parameter from a time unit of one sampling interval to a time unit of one
+            // second.
             let unit = match kind {
                 WHITE => rate_hz.sqrt().recip(),
                 FLICKER => 1.0,
@@ -150,8 +152,8 @@ impl AxisNoise {
 
 impl Estimate {
     /// The estimate without its value, for an axis whose noise is below a count, so that a value would be meaningless.
-    /// The upper end of the band becomes sqrt(high^2 + least^2). For white noise, `least` is the density of the
-    /// rounding error.
+    /// The upper end of the confidence band becomes sqrt(high^2 + least^2). For white noise, `least` is the noise
+    /// density of the rounding error; for other kinds of noise it is zero.
     fn bounded(self, least: f64) -> Self {
         Self { value: None, std: None, low: 0.0, high: self.high.hypot(least) }
     }
@@ -160,9 +162,11 @@ impl Estimate {
 /// Noise model of an axis, fitted to its power spectrum.
 struct Model {
     best: Fit,
+    /// For each kind of noise: whether the model contains it.
     kinds: [bool; KINDS],
+    /// Variance of the error of a sample due to rounding to counts.
     rounding: f64,
-    /// Number of octaves omitted at the highest frequencies.
+    /// Number of octaves, below half the sampling rate, that the fit omits.
     filtered: u32,
     misfit: f64,
 }
@@ -222,7 +226,8 @@ fn fitted(powers: &[Power], filtered: u32) -> Vec<Power> {
     powers.iter().filter(|power| power.octave() >= filtered).copied().collect()
 }
 
-/// Smallest difference between consecutive values that is not floating-point rounding; zero for constant values.
+/// Smallest difference between consecutive values that exceeds floating-point rounding errors; zero for constant
+/// values.
 fn smallest_step(values: impl Iterator<Item = f64> + Clone) -> f64 {
     let (low, high) = values.clone().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (v.min(l), v.max(h)));
     let rounding = 1e-9 * (high - low).max(low.abs() * 1e-6);
@@ -257,8 +262,8 @@ fn allan_points(
     Ok(factors.iter().zip(deviations).map(point).collect())
 }
 
-/// Quantile of chi-square. At 100 degrees of freedom and above, the approximation by Wilson and Hilferty is used, with
-/// an error of 1e-5.
+/// Quantile of the chi-square distribution with `dof` degrees of freedom. At 100 degrees of freedom and above, the
+/// approximation by Wilson and Hilferty is used, with an error of 1e-5.
 fn chi_square_quantile(dof: f64, probability: f64) -> f64 {
     if let (true, Ok(distribution)) = (dof < 100.0, ChiSquared::new(dof)) {
         return distribution.inverse_cdf(probability);

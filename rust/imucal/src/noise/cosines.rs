@@ -5,14 +5,14 @@
 //! z_j = sqrt(2 / W) sum over t = 0 to W - 1 of y_t cos(pi j (t + 1/2) / W),    j = 1 to W - 1
 //! ```
 //!
-//! The windows have W consecutive values y. The z_j of a window are exactly independent for white noise, for a random
-//! walk, and for block means of these two. In a Fourier transform, the difference between the ends of a random walk
-//! would leak into all frequencies. For flicker noise, the z_j are only nearly independent, but the variances computed
-//! here are exact.
+//! A window consists of W consecutive values y, and z_j is its cosine transform. The z_j of a window are exactly
+//! independent for white noise, for a random walk, and for block means of these two. In a Fourier transform, the
+//! difference between the ends of a random walk would leak into all frequencies. For flicker noise, the z_j are only
+//! nearly independent, but their variances, which are computed here, are exact.
 //!
 //! A long record is processed in stages. The first stage has windows of 32 samples. The next stage has windows of 32
-//! means of the first stage, and so on. The last stage is a single window with fewer than 2048 values. In every other
-//! stage, the powers are averaged over all windows.
+//! means of the first stage, and so on. The last stage is a single window with fewer than 2048 values. In every stage
+//! before the last, the power z_j^2 of each j is averaged over all windows.
 
 use std::f64::consts::PI;
 
@@ -22,18 +22,19 @@ use crate::cancellation::checkpoint;
 const WINDOW: usize = 32;
 const HALF: usize = WINDOW / 2;
 const LAST_WINDOW: usize = 2048;
-/// Number of windows between two checks for a cancellation. So many windows take less than a millisecond.
+/// Number of windows that are transformed between two tests whether the calculation is cancelled. So many windows take
+/// less than a millisecond.
 const WINDOWS_PER_CHECKPOINT: usize = 1024;
 /// Relative width of the frequency bands over which the powers of the last window are averaged.
 const POOLED_SHARE: f64 = 0.03;
 
-/// A mean power of the spectrum. `dof` x power / power of the model has a chi-square distribution with `dof` degrees of
-/// freedom.
+/// Mean power of the spectrum at a frequency. `dof` x (this power) / (expected power) has a chi-square distribution
+/// with `dof` degrees of freedom.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Power {
     pub(super) value: f64,
     pub(super) dof: f64,
-    /// Expected power for each kind of noise if its parameter is one.
+    /// For each kind of noise: the expected power if only this noise is present and its parameter is one.
     pub(super) expected: PerKind,
     /// Frequency in periods per sample.
     pub(super) frequency: f64,
@@ -46,17 +47,19 @@ impl Power {
     }
 }
 
-/// Stages of the transform for a record of a given length, with their expected powers.
+/// The stages of the cosine transform of a record of given length, with the expected powers of each stage.
 pub(super) struct Layout {
     stages: Vec<Stage>,
 }
 
 struct Stage {
+    /// Number of windows.
     windows: usize,
     /// Number of values in a window.
     width: usize,
-    /// Number of samples that are averaged into one value.
+    /// Number of samples of the record whose mean is one value of a window.
     length: f64,
+    /// Expected values of the powers z_j^2, for j = 1, 2, ...
     expected: Vec<PerKind>,
 }
 
@@ -107,8 +110,9 @@ impl Stage {
     }
 }
 
-/// The powers of one window. They are the squares of its cosines, averaged over frequency bands of the relative width
-/// [`POOLED_SHARE`]. `length` is the number of samples in each value of the window.
+/// The powers of one window, averaged over frequency bands of the relative width [`POOLED_SHARE`]. `squares` contains
+/// the powers z_j^2 for j = 1, 2, ..., and `expected` their expected values. Each value of the window is a mean over
+/// `length` samples.
 pub(super) fn pooled(squares: &[f64], expected: &[PerKind], length: f64) -> Vec<Power> {
     let width = squares.len() + 1;
     let mut powers = Vec::new();
@@ -129,9 +133,9 @@ pub(super) fn pooled(squares: &[f64], expected: &[PerKind], length: f64) -> Vec<
 }
 
 /// Expectation of the squared cosine z_j^2 of a window of W values, for j = 1 to W - 1:
-/// `c_0 + (2 / W) sum over d of c_d ((W - d) cos(a d) - sin(a d) / sin(a))` with d = 1 to W - 1 and a = pi j / W.
-/// c_d is the covariance of means over `length` samples at a distance of d means. Adding a constant to all c_d does
-/// not change the result.
+/// `c_0 + (2 / W) sum over d of c_d ((W - d) cos(a d) - sin(a d) / sin(a))` with d = 1 to W - 1 and a = pi j / W. c_d
+/// is the covariance of two means over `length` samples whose positions differ by d means. Adding a constant to all c_d
+/// does not change the result.
 pub(super) fn expected_powers(length: f64, width: usize) -> Vec<PerKind> {
     let covariance: Vec<PerKind> = (0..width).map(|d| mean_covariance(length, d as f64)).collect();
     let table: Vec<(f64, f64)> = (0..2 * width).map(|k| (PI * k as f64 / width as f64).sin_cos()).collect();
@@ -169,9 +173,10 @@ fn squared_cosines(window: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Cosines of the transform of a window of 32 values. The first index is the position in the first half of the window.
-/// For even j, the transform uses the sum of the first half and the mirrored second half. For odd j, it uses their
-/// difference.
+/// Cosines sqrt(2 / W) cos(pi j (t + 1/2) / W) of the transform of a window of W = 32 values. The first index is the
+/// position t in the first half of the window. The second index is k, for j = 2 k + 2 in `even` and j = 2 k + 1 in
+/// `odd`. For even j, the transform uses the sum of the first half and the mirrored second half. For odd j, it uses
+/// their difference.
 struct Tables {
     even: [[f64; HALF]; HALF],
     odd: [[f64; HALF]; HALF],
@@ -188,7 +193,8 @@ impl Tables {
         }
     }
 
-    /// Sums of the squared cosines z_j^2 over the windows, and the mean of each window.
+    /// Transforms the first `windows` windows of `values`. Returns the sum of z_j^2 over all windows for each j, and
+    /// the mean of each window.
     fn pass(&self, mut values: impl Iterator<Item = f64>, windows: usize) -> ([f64; WINDOW - 1], Vec<f64>) {
         let mut sums = [0.0; WINDOW - 1];
         let mut means = Vec::with_capacity(windows);
@@ -226,7 +232,8 @@ mod tests {
     use super::super::power_law::{FLICKER, QUANTISATION, WALK, WHITE};
     use super::*;
 
-    /// The expected powers must equal v^T C v, which is computed directly for every cosine vector v.
+    /// The expected power of z_j must equal v^T C v, where v is the vector of cosines of z_j and C the covariance
+    /// matrix of the window.
     #[test]
     fn expected_powers_are_quadratic_forms_of_the_covariance() {
         let (width, length) = (24, 5.0);

@@ -24,13 +24,13 @@ use search::Search;
 use super::cosines::expected_powers;
 use super::power_law::{KINDS, PerKind};
 
-/// Maximum number of blocks. More blocks would make the time of a step more accurate, but the computing time grows with
-/// the square of their number.
+/// Maximum number of blocks into which a record is divided. More blocks would make the time of a step more accurate,
+/// but the computing time grows with the square of their number.
 const MAX_BLOCKS: usize = 1024;
-/// Minimum number of blocks. With fewer blocks, steps cannot be distinguished from noise, so there is no search.
+/// Minimum number of blocks. With fewer blocks, steps cannot be distinguished from noise, so they are not searched for.
 const MIN_BLOCKS: usize = 64;
-/// Trial time constants of a warm-up, as multiples of the duration of the record. The last one is so long that the
-/// mean changes at a constant rate.
+/// Time constants of a warm-up that the search tries, as multiples of the duration of the record. The last one is so
+/// long that the mean changes at a constant rate.
 const TIME_CONSTANTS: [f64; 9] = [0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2, 2.5, LINEAR];
 /// Time constant / duration of the record for a warm-up whose rate of change is practically constant.
 const LINEAR: f64 = 1e3;
@@ -44,11 +44,11 @@ const ABRUPT_BLOCKS: usize = 2;
 /// Shape of a component (a step or a drift of the mean).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
-    /// A step. It occurs `fraction` of a block after the start of block `first`.
+    /// A step of the mean at the time `first` + `fraction`, in blocks. `fraction` is between 0 and 1.
     Step { first: usize, fraction: f64 },
-    /// A change at a constant rate. It starts at block `first` and takes `blocks` blocks.
+    /// A change of the mean at a constant rate, which starts at block `first` and takes `blocks` blocks.
     Ramp { first: usize, blocks: usize },
-    /// Exponential approach to a final value. The time constant is in blocks.
+    /// Exponential approach of the mean to a final value, with the time constant in blocks.
     WarmUp { time_constant: f64 },
 }
 
@@ -58,26 +58,29 @@ pub(super) struct Component {
     pub(super) shape: Shape,
     /// Change of the mean, in the unit of the samples.
     pub(super) size: f64,
-    /// Standard deviation of the size.
+    /// Standard deviation of the error of `size`.
     pub(super) sigma: f64,
-    /// Increase of 2 ln L due to this component. L is the likelihood.
+    /// Increase of 2 ln L when this component is added to the model, where L is the likelihood.
     pub(super) gain: f64,
 }
 
-/// Division of a record of a given length into blocks, with the expected powers of the cosine transform of the block
-/// means. All axes use the same blocks.
+/// Division of a record of given length into blocks of equal length, with the expected powers of the cosine transform
+/// of the block means. All axes use the same blocks.
 pub(super) struct Blocks {
     /// Number of samples in a block.
     pub(super) samples: usize,
+    /// Number of blocks.
     count: usize,
+    /// Expected powers of the cosine transform of the block means, for j = 1, 2, ...
     expected: Vec<PerKind>,
     /// `sin(pi k / (2 W))` for k from 0 to 4 W, where W is the number of blocks.
     sines: Vec<f64>,
+    /// The warm-ups that the search tries, each with its cosine transform.
     warm_ups: Vec<(Shape, Vec<f64>)>,
 }
 
-/// Noise model of an axis in the search: kinds of noise, variance of rounding, and number of omitted octaves at the
-/// highest frequencies.
+/// Noise model of an axis in the search: the kinds of noise, the variance of the rounding error of a sample, and the
+/// number of octaves omitted at the highest frequencies.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NoiseModel {
     pub(super) kinds: [bool; KINDS],
@@ -86,7 +89,7 @@ pub(super) struct NoiseModel {
 }
 
 impl Blocks {
-    /// Blocks for a record of `samples` samples; `None` if it is too short.
+    /// Divides a record of `samples` samples into blocks; `None` if the record has fewer than [`MIN_BLOCKS`] samples.
     pub(super) fn try_new(samples: usize) -> Option<Self> {
         let length = samples.div_ceil(MAX_BLOCKS).max(1);
         let count = samples / length;
@@ -166,13 +169,14 @@ impl Blocks {
         if blocks <= 1 {
             return -scale * self.sines[(2 * j * first) % (4 * width)] / (2.0 * half_sine);
         }
-        // Closed form: the sum of the sines for steps at `first`, `first + 1`, ... is a difference of two cosines.
+        // The change is a sum of equal steps at `first`, `first + 1`, ... The sum of the sines of these steps is a
+        // difference of two cosines (closed form).
         let cosine = |half_steps: usize| self.sines[(j * half_steps + width) % (4 * width)];
         let difference = cosine(2 * first - 1) - cosine(2 * (first + blocks) - 1);
         -scale * difference / (4.0 * half_sine * half_sine * blocks as f64)
     }
 
-    /// Cosine transform of a shape: elements j = 1 to W - 1 for W blocks.
+    /// Cosine transform of a shape of size 1: its elements for j = 1 to W - 1, where W is the number of blocks.
     fn column(&self, shape: Shape) -> Vec<f64> {
         match shape {
             Shape::Step { first, fraction } => {
@@ -201,7 +205,7 @@ impl Blocks {
         shapes
     }
 
-    /// Maximum number of blocks of a change that counts as a step.
+    /// Maximum duration of a change that counts as a step, in blocks.
     fn abrupt_blocks(&self, rate_hz: f64) -> usize {
         ((ABRUPT_S * rate_hz / self.samples as f64) as usize).max(ABRUPT_BLOCKS)
     }

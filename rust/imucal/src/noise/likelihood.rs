@@ -9,33 +9,34 @@
 //! parameter of noise kind k, expected_k is the expected power for theta_k = 1, and w is white noise. rounding is the
 //! variance of the rounding error of a sample. -2 log L is the deviance.
 //!
-//! theta is estimated by Fisher scoring with the constraint theta >= 0. D(theta_k) is the deviance, minimised over the
-//! other parameters. The confidence band of theta_k contains all values with D(theta_k) - min D <= q. q is the 95 %
-//! quantile of chi-square with one degree of freedom. Such bands remain valid with few degrees of freedom, where the
-//! distribution of an estimate is far from normal.
+//! theta is estimated by Fisher scoring with the constraint theta >= 0. D(theta_k) is the deviance for a fixed theta_k,
+//! minimised over the other parameters. The confidence band of theta_k contains all values with D(theta_k) - min D <=
+//! q. q is the 95 % quantile of chi-square with one degree of freedom. Such bands remain valid with few degrees of
+//! freedom, where the distribution of an estimate is far from normal.
 
 use nalgebra::{Matrix4, Vector4};
 
 use super::cosines::Power;
 use super::power_law::{KINDS, PerKind, dot};
 
-/// 95 % quantile of the chi-square distribution with one degree of freedom. The confidence bands are defined by it.
+/// 95 % quantile of the chi-square distribution with one degree of freedom. A confidence band ends where the deviance
+/// exceeds its minimum by this value.
 const BAND: f64 = 3.841_458_820_694_124;
 /// Maximum number of iterations of Fisher scoring.
 const ITERATIONS: usize = 60;
 /// Maximum number of bisections for the end of a band, and maximum number of times that a scoring step is halved.
 const HALVINGS: usize = 40;
 
-/// The powers of the spectrum of one axis, and the kinds of noise in the model.
+/// The likelihood of a noise model for the power spectrum of one axis.
 pub(super) struct Likelihood<'a> {
     pub(super) powers: &'a [Power],
     /// Variance of the error of a sample due to rounding to counts. This error is white noise of known variance.
     pub(super) rounding: f64,
-    /// Kinds of noise in the model.
+    /// For each kind of noise: whether the model contains it.
     pub(super) kinds: [bool; KINDS],
 }
 
-/// A vector of noise parameters and the deviance of the model with these parameters.
+/// A vector of noise parameters, and the deviance (-2 log L) of the model with these parameters.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fit {
     pub(super) theta: PerKind,
@@ -49,7 +50,7 @@ pub(super) struct Band {
     pub(super) high: f64,
 }
 
-/// Domain of the parameters in a maximisation.
+/// Permitted values of the noise parameters when the likelihood is maximised.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Domain {
     /// Parameters are not negative, because they are power densities.
@@ -77,8 +78,9 @@ impl Likelihood<'_> {
         )
     }
 
-    /// Deviation of the sum of the selected powers from the model. The sum has a chi-square distribution, which is
-    /// converted to a standard normal variable (Wilson and Hilferty).
+    /// Deviation of the selected powers from the model with the parameters `theta`, in standard deviations. The sum of
+    /// dof x power / expected power has a chi-square distribution. It is converted to a standard normal variable
+    /// (Wilson and Hilferty).
     pub(super) fn excess(&self, theta: &PerKind, of: impl Fn(&Power) -> bool) -> f64 {
         let (mut chi2, mut dof) = (0.0, 0.0);
         for power in self.powers.iter().filter(|power| of(power)) {
@@ -93,15 +95,15 @@ impl Likelihood<'_> {
     ///
     /// The result is the union of two bands. In the first, the parameters of the other kinds of noise are limited to
     /// values >= 0. In the second, these parameters may be negative. The second band is needed if another kind of noise
-    /// is absent, so that its true parameter is zero. With the limit, its estimate cannot be negative, and the first
-    /// band is therefore too narrow.
+    /// is absent, so that its true parameter is zero. The limit prevents a negative estimate of this parameter, so the
+    /// first band is too narrow.
     pub(super) fn band(&self, best: &Fit, kind: usize) -> Band {
         let std = self.standard_deviations(&best.theta);
         let free = self.maximize(best.theta, None, Domain::Free);
         let bands = [(Domain::Physical, best), (Domain::Free, &free)].map(|(domain, peak)| {
             let excess = |value: f64| {
-                // The gradient does not exist where the expected value of a power is zero. All expected powers must
-                // therefore be positive at the start.
+                // The gradient of the deviance does not exist where the expected value of a power is zero. The start
+                // parameters are therefore positive, so that all expected powers are positive.
                 let start = std::array::from_fn(|k| if k == kind { value } else { best.theta[k].max(1e-3 * std[k]) });
                 self.maximize(start, Some(kind), domain).deviance - peak.deviance - BAND
             };
@@ -110,7 +112,8 @@ impl Likelihood<'_> {
         Band { low: bands[0].low.min(bands[1].low), high: bands[0].high.max(bands[1].high) }
     }
 
-    /// The two zeros of `excess`, which is negative at `peak`. The lower end of the band is not below zero.
+    /// The two zeros of `excess`, which are the ends of a confidence band. `excess` is negative at `peak`, the best
+    /// estimate, and positive outside the band. The lower end of the band is at least zero.
     fn crossings(&self, peak: f64, std: f64, excess: impl Fn(f64) -> f64) -> Band {
         let bisect = |mut inside: f64, mut outside: f64| {
             for _ in 0..HALVINGS {
@@ -141,8 +144,8 @@ impl Likelihood<'_> {
         dot(theta, &power.expected) + self.rounding * power.expected[super::power_law::WHITE]
     }
 
-    /// Start value of each kind of noise: 0.1 x the smallest ratio of a measured power P > 0 to its expected value.
-    /// `expected` is the expected power for a parameter of one.
+    /// Start value of the parameter of each kind of noise: 0.1 x the smallest ratio of a measured power to the power
+    /// that is expected for a parameter of one. Powers of zero are ignored.
     fn start(&self) -> PerKind {
         let least = |kind: usize| {
             let ratios = self.powers.iter().map(|power| power.value / power.expected[kind]);
@@ -178,8 +181,8 @@ impl Likelihood<'_> {
         (slope, information)
     }
 
-    /// Fisher scoring, in which steps are halved until the deviance decreases. The parameter `held` keeps its start
-    /// value.
+    /// Maximises the likelihood by Fisher scoring, in which a step is halved until the deviance decreases. The
+    /// parameter of the noise kind `held` keeps its start value.
     fn maximize(&self, start: PerKind, held: Option<usize>, domain: Domain) -> Fit {
         let mut best = Fit { theta: start, deviance: self.deviance(&start) };
         for _ in 0..ITERATIONS {
@@ -216,7 +219,8 @@ impl Likelihood<'_> {
 
 /// Fisher information of the estimated parameters, scaled so that all diagonal entries are one, and the scale factors.
 /// Scaling is needed because the parameter of a random walk is smaller than the parameter of white noise by ten orders
-/// of magnitude. For constant parameters, the rows and columns of the identity matrix are used.
+/// of magnitude. The rows and columns of parameters that are not estimated (`free` is false) are those of the identity
+/// matrix.
 fn scaled(matrix: &Matrix4<f64>, free: &[bool; KINDS]) -> (Matrix4<f64>, Vector4<f64>) {
     let scale = Vector4::from_fn(|k, _| if matrix[(k, k)] > 0.0 { matrix[(k, k)].sqrt().recip() } else { 1.0 });
     let scaled = Matrix4::from_fn(|i, j| match (free[i] && free[j], i == j) {

@@ -1,8 +1,8 @@
 //! Second-order statistics of each kind of noise: `docs/model.md` (30).
 //!
-//! Let x be the samples at unit rate, and p their cumulative sums. In general, p has no stationary covariance, but its
-//! second differences have one. The function s(k) takes the place of the covariance of p: with `E p_i p_j = s(i - j)`,
-//! the covariances of all second differences of p are correct.
+//! Let x be the samples at a sampling rate of one, and p their cumulative sums. In general, p has no stationary
+//! covariance, but its second differences have one. The function s(k) takes the place of the covariance of p: with
+//! `E p_i p_j = s(i - j)`, the covariances of all second differences of p are correct.
 //!
 //! ```text
 //! white         x = n                       s(k) = -|k| / 2
@@ -12,8 +12,9 @@
 //! quantisation  x = (1 - z^-1) n            s(k) = 1 for k = 0, else 0
 //! ```
 //!
-//! n is white noise of variance one, and z^-1 is the delay by one sample. The covariances of differences are exact,
-//! also for processes such as flicker noise that have no covariance themselves.
+//! n is white noise of variance one, and z^-1 is the delay by one sample. For flicker noise, s(0) = s(1) = 0. The
+//! covariances of the second differences of p are exact, also if x itself has no stationary covariance, as for flicker
+//! noise.
 
 use std::f64::consts::{LN_2, PI};
 
@@ -28,7 +29,7 @@ pub(super) const WALK: usize = 2;
 /// Index of quantisation noise.
 pub(super) const QUANTISATION: usize = 3;
 
-/// One number for each kind of noise.
+/// One number for each kind of noise, in the order white, flicker, random walk, quantisation.
 pub(super) type PerKind = [f64; KINDS];
 
 /// The function s(k) for each kind of noise with the parameter one. It takes the place of the covariance of two
@@ -60,20 +61,21 @@ fn combine(terms: &[(f64, f64)], divisor: f64) -> PerKind {
     sum
 }
 
-/// Covariance of two means over `length` samples at a distance of `lag` means, up to a constant.
+/// For each kind of noise with the parameter one: the covariance of two means over `length` samples whose positions
+/// differ by `lag` means, up to a constant.
 pub(super) fn mean_covariance(length: f64, lag: f64) -> PerKind {
     let at = |d: f64| (lag + d) * length;
     combine(&[(-1.0, at(1.0)), (2.0, at(0.0)), (-1.0, at(-1.0))], length * length)
 }
 
-/// Covariance of two quantities at a distance of `lag` samples. Each quantity is the difference of two consecutive
-/// means over `factor` samples.
+/// For each kind of noise with the parameter one: the covariance of two quantities whose positions differ by `lag`
+/// samples. Each quantity is the difference of two consecutive means over `factor` samples.
 fn difference_covariance(factor: f64, lag: f64) -> PerKind {
     let at = |d: f64| lag + d * factor;
     combine(&[(1.0, at(-2.0)), (-4.0, at(-1.0)), (6.0, at(0.0)), (-4.0, at(1.0)), (1.0, at(2.0))], factor * factor)
 }
 
-/// Allan variance at an averaging time of `factor` samples.
+/// Allan variance of the noise with the given `parameters`, at an averaging time of `factor` samples.
 pub(super) fn allan_variance(parameters: &PerKind, factor: usize) -> f64 {
     dot(parameters, &difference_covariance(factor as f64, 0.0)) / 2.0
 }
@@ -90,8 +92,8 @@ pub(super) fn allan_variance(parameters: &PerKind, factor: usize) -> f64 {
 /// correlated with these that they add no information.
 pub(super) fn degrees_of_freedom(parameters: &PerKind, factor: usize, samples: usize) -> f64 {
     const PER_WINDOW: usize = 64;
-    /// Distance beyond which differences count as independent, in averaging times. Their covariance decreases with the
-    /// square of the distance.
+    /// Distance beyond which the differences of consecutive means count as independent, in averaging times. The
+    /// covariance of two differences decreases with the square of their distance.
     const WINDOWS: usize = 24;
     let stride = (factor / PER_WINDOW).max(1);
     let count = ((samples - 2 * factor) / stride + 1) as f64;

@@ -1,5 +1,5 @@
-//! Steps and drifts of both sensors. If several axes have steps at nearly the same time, these steps are combined into
-//! one.
+//! Steps and drifts of the mean readings of both sensors. If several axes have steps at nearly the same time, these
+//! steps are combined into one.
 
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -13,8 +13,8 @@ use crate::recording::Recording;
 
 /// Margin that is cut out before and after a step, s. The unit may still move within this margin.
 const MARGIN_S: f64 = 1.0;
-/// Number of blocks on each side of a step. The samples of these blocks determine the exact sample at which the step
-/// occurs.
+/// Number of blocks before a step, and number of blocks after it, from whose samples the exact sample of the step is
+/// determined.
 const NEAR_BLOCKS: usize = 8;
 
 /// A step of the mean reading of a unit at rest, for example after a bump against the table.
@@ -37,25 +37,25 @@ pub struct Drift {
     pub end_s: f64,
     /// Time constant of an exponential approach, s; `None` for a change at a constant rate.
     pub time_constant_s: Option<f64>,
-    /// Size of the change.
+    /// The axis that drifts, and the change of its mean from the start to the end.
     pub axis: Departure,
 }
 
 /// Change of the mean of one axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Departure {
-    /// Index of the axis, accelerometer x, y, z, then gyroscope x, y, z.
+    /// Index of the axis in the order accelerometer x, y, z, gyroscope x, y, z.
     pub channel: usize,
-    /// Change of the mean, in the recording's unit.
+    /// Change of the mean reading, in the unit of the recording.
     pub size: f64,
-    /// Standard deviation of the size.
+    /// Standard deviation of the error of `size`.
     pub std: f64,
-    /// Increase of 2 ln L due to this change. L is the likelihood.
+    /// Increase of 2 ln L when this change is added to the noise model, where L is the likelihood.
     pub gain: f64,
 }
 
-/// Steps and drifts in the samples `rest` of a recording. They are computed from the components of the six axes.
-/// `block` is the number of samples in a block.
+/// Steps and drifts in the samples `rest` of a recording. `axes` contains the components that were found in each of the
+/// six axes. `block` is the number of samples in a block.
 pub(super) fn gather(
     recording: &Recording<'_>,
     rest: &Range<usize>,
@@ -116,8 +116,8 @@ pub(super) fn gather(
     (steps, drifts)
 }
 
-/// The first sample after a step near the start of block `first`. Samples up to two blocks from this start are tried.
-/// The means before and after the returned sample differ most significantly.
+/// Index of the first sample after a step near the start of block `first`. All samples up to two blocks from this start
+/// are tried. For the returned sample, the mean before it and the mean after it differ most significantly.
 fn sharpened(recording: &Recording<'_>, rest: &Range<usize>, block: usize, first: usize, channel: usize) -> usize {
     let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
     let middle = rest.start + first * block;
@@ -141,7 +141,7 @@ fn sharpened(recording: &Recording<'_>, rest: &Range<usize>, block: usize, first
     best.1.clamp(rest.start + 1, rest.end - 1)
 }
 
-/// The longest part of `rest` without a step.
+/// The longest part of the sample range `rest` that contains no step and no margin of a step.
 pub(super) fn longest_without(recording: &Recording<'_>, rest: &Range<usize>, steps: &[Step]) -> Range<usize> {
     let mut best = 0..0;
     let mut start = rest.start;
@@ -226,7 +226,7 @@ fn unit_of(recording: &Recording<'_>, channel: usize) -> &'static str {
     }
 }
 
-/// Axis, size and standard deviation of a change, in the units of datasheets.
+/// Text with the axis, the size and the standard deviation of a change, in the units of datasheets.
 fn shown(recording: &Recording<'_>, axis: &Departure) -> String {
     let (factor, unit) = match unit_of(recording, axis.channel) {
         "m/s^2" => (1e3 / STANDARD_GRAVITY_MPS2, "mg"),
@@ -249,8 +249,8 @@ mod tests {
 
     const RATE_HZ: f64 = 50.0;
     const DURATION_S: f64 = 600.0;
-    /// Two-sided noise density of all axes, per sqrt(Hz). At 50 Hz, the standard deviation of a sample is sqrt(50) =
-    /// 7 times this number.
+    /// Two-sided noise density of all axes, in the unit of the axis per sqrt(Hz). At 50 Hz, the standard deviation of a
+    /// sample is sqrt(50) = 7 times this number.
     const DENSITY: f64 = 1e-3;
 
     fn still(instability: f64, walk: f64, seed: u64) -> Simulation {

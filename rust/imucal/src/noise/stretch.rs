@@ -4,9 +4,9 @@
 //! e_k = t_k - t_0 - k T,    E_k = min over the next second of e_m, m >= k
 //! ```
 //!
-//! t_k is the time stamp of sample k. T is the mean time step of regular samples. A late time stamp increases one e_k,
-//! but not the lower envelope E. Lost samples increase E permanently, by T for each sample. Late samples are therefore
-//! not counted as missing.
+//! t_k is the time stamp of sample k. T is the mean time step of regular samples. e_k is the delay of time stamp k, and
+//! E is its lower envelope. A late time stamp increases one e_k, but not E. Lost samples increase E permanently, by T
+//! for each lost sample. Lost samples are therefore detected in E, and late samples do not count as lost.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -17,13 +17,13 @@ use crate::recording::Recording;
 /// Maximum share of lost or repeated samples in the interval. A larger share would change the power spectrum at high
 /// frequencies.
 const IRREGULAR_SHARE: f64 = 1e-4;
-/// Samples are lost if the lower envelope E of the time stamps' deviations increases by more than this number of time
-/// steps. One lost sample increases E by 1.
+/// Samples count as lost where the lower envelope E of the delays of the time stamps increases by more than this number
+/// of time steps. One lost sample increases E by 1.
 const LOST: f64 = 0.6;
-/// Length of the window of the envelope, s. A time stamp that is late by at most this time does not count as lost
-/// samples.
+/// Length of the time window over which the lower envelope E takes the minimum, s. A delay of time stamps that lasts at
+/// most this time does not count as lost samples.
 const WINDOW_S: f64 = 1.0;
-/// Minimum number of samples in the window of the envelope.
+/// Minimum number of samples in the time window of the lower envelope E.
 const FEWEST_IN_WINDOW: usize = 16;
 
 /// A part of a recording in which almost no samples are lost or repeated.
@@ -38,16 +38,16 @@ pub(super) struct Stretch {
     pub(super) places: usize,
 }
 
-/// The longest interval in which almost no samples are lost or repeated. `has_repeats` states whether equal consecutive
-/// rows are repeated samples or a coincidence.
+/// The longest interval in which almost no samples are lost or repeated. `has_repeats` is true if equal consecutive
+/// rows are repeated samples, and false if they are a coincidence.
 pub(super) fn longest(recording: &Recording<'_>, has_repeats: bool) -> Stretch {
     let faults = faults(recording, has_repeats);
     let (lost, repeated) = faults.iter().fold((0, 0), |(lost, repeated), fault| match fault.is_lost {
         true => (lost + fault.count, repeated),
         false => (lost, repeated + fault.count),
     });
-    // The faults divide the recording into groups of samples. The longest sequence of groups with few faults between
-    // them is selected.
+    // The faults divide the recording into groups of samples. The longest sequence of consecutive groups with few
+    // faults between them is selected.
     let ends: Vec<usize> = faults.iter().map(|fault| fault.sample).chain([recording.len()]).collect();
     let mut best = 0..0;
     let (mut first, mut inside) = (0, 0);
@@ -68,7 +68,8 @@ pub(super) fn longest(recording: &Recording<'_>, has_repeats: bool) -> Stretch {
     Stretch { samples: best, lost, repeated, places: faults.len() }
 }
 
-/// A fault: samples are lost before `sample`, or `sample` is a repetition.
+/// A fault in a recording: either `count` samples are lost before the sample with the index `sample`, or this sample
+/// repeats the previous one.
 struct Fault {
     sample: usize,
     count: usize,
@@ -118,7 +119,7 @@ fn faults(recording: &Recording<'_>, has_repeats: bool) -> Vec<Fault> {
 /// Sliding-window minimum of a sequence. The window of an element consists of this element and the following ones.
 struct Envelope {
     window: usize,
-    /// Candidates for the minimum as (index, value), in ascending order of both.
+    /// Elements that may still become the minimum of a window, as (index, value), in ascending order of both.
     queue: VecDeque<(usize, f64)>,
     minima: Vec<f64>,
 }
@@ -147,7 +148,7 @@ impl Envelope {
         }
     }
 
-    /// Increases of the envelope between consecutive elements, each with the index of the second element.
+    /// Increases of the minimum from each element of the sequence to the next, each with the index of the next element.
     fn rises(mut self) -> impl Iterator<Item = (usize, f64)> {
         while let Some(&(index, _)) = self.queue.back() {
             let start = self.minima.len();

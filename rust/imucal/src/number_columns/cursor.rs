@@ -32,7 +32,7 @@ impl Number {
     }
 }
 
-/// A place in the lines of a text table.
+/// A position in the text of a table.
 pub(super) struct Cursor<'a> {
     pub(super) text: &'a [u8],
     pub(super) at: usize,

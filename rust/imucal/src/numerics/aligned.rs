@@ -1,4 +1,5 @@
-//! Memory aligned to cache lines. The values of one SIMD register are then always in one cache line.
+//! Lists of numbers whose memory starts at a cache line. The values of one SIMD register are then never split between
+//! two cache lines.
 
 use std::ops::{Deref, DerefMut};
 
@@ -12,9 +13,9 @@ const CACHE_LINE_BYTES: usize = 64;
 pub(crate) struct Aligned {
     /// Storage. Up to [`WIDEST`] - 1 values before the first cache-line boundary are unused.
     buffer: Vec<f64>,
-    /// Index of the first value in `buffer`.
+    /// Index in `buffer` of the first value of the list.
     start: usize,
-    /// Number of values.
+    /// Number of values in the list.
     len: usize,
 }
 

@@ -7,7 +7,8 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use crate::cancellation::checkpoint;
 
-/// Number of rows and columns of a block. The work on 6000 rows of one block takes some tens of milliseconds.
+/// Number of rows or columns of a block. With 6000 rows, the computation of a block takes some tens of milliseconds,
+/// after which a cancelled calculation ends.
 const BLOCK: usize = 256;
 
 /// Lower Cholesky factor of a symmetric matrix, of which only the lower triangle is read. `None` if the matrix is not
@@ -39,7 +40,7 @@ pub(crate) fn add_product(mut to: MatMut<'_, f64>, factor: f64, a: MatRef<'_, f6
     }
 }
 
-/// `a b`.
+/// Matrix product `a b`.
 pub(crate) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
     let mut to = Mat::zeros(a.nrows(), b.ncols());
     for first in (0..a.nrows()).step_by(BLOCK) {
@@ -51,7 +52,7 @@ pub(crate) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
     to
 }
 
-/// Replaces `right` by `L^-1 right`, where L is a lower triangular matrix.
+/// Replaces `right` by `L^-1 right`, where L is the lower triangular matrix `factor`.
 pub(crate) fn solve_lower(factor: MatRef<'_, f64>, mut right: MatMut<'_, f64>) {
     let n = factor.nrows();
     for first in (0..n).step_by(BLOCK) {

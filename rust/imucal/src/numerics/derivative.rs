@@ -10,11 +10,11 @@
 //! t_k is the time of the sample, mean_j is the mean over box j, and weight_j is the weight of the mean of the data
 //! over box j.
 //!
-//! The noise of the derivative decreases with the power 3/2 of the box width, and the truncation error of motion
-//! increases with the fourth power. Boxes are therefore widened as long as noise explains the change of the derivative
-//! (after Lepski, Theory of Probability and its Applications 35, 1991, 454-466). The chosen width is one step below the
-//! widest accepted width, which reduces the truncation error to an eighth. If every trial width is accepted, the widest
-//! is chosen.
+//! The noise of the derivative decreases with the power 3/2 of the box width. The truncation error, which depends on
+//! the motion, increases with the fourth power. Several widths are tried. The boxes are widened as long as noise
+//! explains the change of the derivative from one width to the next (after Lepski, Theory of Probability and its
+//! Applications 35, 1991, 454-466). The chosen width is one step below the widest accepted width, which reduces the
+//! truncation error to an eighth. If all widths that are tried are accepted, the widest is chosen.
 
 mod stencil;
 
@@ -27,32 +27,34 @@ use stencil::{BOXES, Stencil, Steps, Sums};
 
 use crate::numerics::stats::{MEDIAN_SIZE, median};
 
-/// Width of the narrowest trial box, s. If the sampling interval is longer, the narrowest box contains one sample. With
-/// narrower boxes, noise exceeds any truncation error.
+/// Shortest width of the boxes (averaging intervals) that is tried, s. If the sampling interval is longer, the
+/// narrowest boxes contain one sample. With boxes narrower than this limit, noise exceeds any truncation error.
 const NARROWEST_S: f64 = 2e-3;
-/// Width of the widest trial box, s. A stencil spans five boxes. If the boxes are wider than this, a polynomial of
-/// fourth degree does not describe the motion over the stencil.
+/// Largest width of the boxes (averaging intervals) that is tried, s. With wider boxes, a polynomial of fourth degree
+/// does not describe the motion over five boxes.
 const WIDEST_S: f64 = 0.1;
-/// Ratio of consecutive trial widths. With 1.7, the truncation error changes by a factor of eight.
+/// Ratio of consecutive box widths that are tried. With 1.7, the truncation error changes by a factor of eight from one
+/// width to the next.
 const WIDER: f64 = 1.7;
-/// Minimum number of samples for a width that is chosen from the data. With fewer samples, noise and motion cannot be
-/// separated, and the narrowest stencil is used.
+/// Minimum number of samples with which the box width is determined from the data. With fewer samples, noise and motion
+/// cannot be separated, and each box has one sample.
 const FEWEST: usize = 4 * BOXES;
-/// In long data, a subset of at least this number of fourth differences gives the noise, with an accuracy of one per
-/// cent.
+/// The noise is estimated from fourth differences. In long data, only a subset of at least this number of them is used,
+/// which gives the noise with an accuracy of one per cent.
 const ENOUGH: usize = 100_000;
 
-/// A differentiation rule for data at given times.
+/// A rule for the differentiation of data that were sampled at given times.
 pub(crate) struct Derivative<'a> {
-    /// Distinct times, s.
+    /// Times of the samples without repetitions, s.
     time_s: Cow<'a, [f64]>,
-    /// For each sample, its index among the distinct times. If several samples have the same time, only the first of
-    /// them is used. Empty if all times are distinct.
+    /// For each sample, the index of its time in `time_s`. If several samples have the same time, only the first of
+    /// them is used. The list is empty if all times are distinct.
     places: Vec<usize>,
     stencil: Stencil,
 }
 
-/// Box width as a number of samples. It is determined when first needed and then kept.
+/// Width of the boxes (averaging intervals) as a number of samples. It is determined when it is first needed, and then
+/// kept.
 #[derive(Default)]
 pub(crate) struct Width(OnceLock<usize>);
 
@@ -74,7 +76,7 @@ impl Width {
 }
 
 impl<'a> Derivative<'a> {
-    /// Differentiation rule without smoothing. The polynomials pass through neighbouring samples.
+    /// Differentiation rule without smoothing: the polynomial passes through neighbouring samples, at most five.
     pub(crate) fn narrow(time_s: &'a [f64]) -> Self {
         let is_again = |k: usize| k > 0 && time_s[k] == time_s[k - 1];
         let (mut distinct, mut places) = (Cow::Borrowed(time_s), Vec::new());
@@ -90,14 +92,14 @@ impl<'a> Derivative<'a> {
         Self { time_s: distinct, places, stencil }
     }
 
-    /// Differentiation rule with the widest boxes that the motion in `values` permits.
+    /// Differentiation rule with the widest boxes (averaging intervals) that the motion in `values` permits.
     pub(crate) fn smooth(time_s: &'a [f64], values: &[Vector3<f64>]) -> Self {
         let mut derivative = Self::narrow(time_s);
         derivative.stencil = derivative.smoothed(values);
         derivative
     }
 
-    /// Returns the stencil with the widest boxes that the motion permits.
+    /// Returns the stencil (five boxes and their weights) with the widest boxes that the motion in `values` permits.
     fn smoothed(&self, values: &[Vector3<f64>]) -> Stencil {
         let (values, times, narrow) = (self.distinct(values), &self.time_s, &self.stencil);
         let (n, interval_s) = (values.len(), narrow.steps.interval_s);
@@ -121,7 +123,8 @@ impl<'a> Derivative<'a> {
         }
     }
 
-    /// The derivative of `values` at each time, per second. The result is empty if there are no two distinct times.
+    /// The derivative of `values` with respect to time at each sample, per second. The result is empty if fewer than
+    /// two times are distinct.
     pub(crate) fn of(&self, values: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let distinct = self.distinct(values);
         if distinct.len() < 2 {
@@ -140,8 +143,8 @@ impl<'a> Derivative<'a> {
     }
 }
 
-/// Standard deviation of the white noise of each axis. It is computed from fourth divided differences, because smooth
-/// motion hardly changes them.
+/// Standard deviation of the white noise of a sample, for each axis. It is computed from fourth divided differences of
+/// the samples, because smooth motion hardly changes them.
 fn noise(steps: Steps, time_s: &[f64], values: &[Vector3<f64>]) -> Vector3<f64> {
     let apart = (values.len() / ENOUGH).max(1);
     let of_even = steps.are_even.then(|| weights_of_noise(&[0.0, 1.0, 2.0, 3.0, 4.0]));

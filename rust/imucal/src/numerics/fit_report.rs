@@ -13,9 +13,9 @@ use faer::Mat;
 
 use crate::numerics::lsq::{Solution, Termination, singular_of_triangle};
 
-/// A fit has converged if the predicted decrease of chi2 is at most this limit. If chi2 / degrees of freedom > 1, the
-/// decrease is divided by this ratio. At the limit, every parameter of the linear model is within a tenth of a standard
-/// deviation of its optimum. Such a distance increases the rms error of a parameter by half a per cent.
+/// A fit has converged if the predicted decrease of chi2 is at most this limit. If chi2 / (degrees of freedom) is above
+/// 1, the decrease is first divided by this ratio. At the limit, every parameter of the linear model is within a tenth
+/// of a standard deviation of its optimum. Such a distance increases the rms error of a parameter by half a per cent.
 const LARGEST_DECREASE: f64 = 1e-2;
 
 /// Quality of a fit, and the reason for its end.
@@ -37,11 +37,12 @@ pub struct FitReport {
 }
 
 impl FitReport {
-    /// The report of one minimisation.
+    /// The report of the fit that ended with `solution`.
     pub(crate) fn of(solution: &Solution) -> Self {
         let degrees_of_freedom = solution.residuals.nrows().saturating_sub(solution.parameters.len());
-        // chi2 / dof has a standard deviation of sqrt(2 / dof). If the standard deviations of the parameters were
-        // increased for every value above one, they would be too large on average.
+        // Even without model errors, chi2 / dof scatters about one with a standard deviation of sqrt(2 / dof). If the
+        // standard deviations of the parameters were increased for every value above one, they would be too large on
+        // average.
         let reduced = solution.chi2 / degrees_of_freedom.max(1) as f64;
         let predicted_decrease = predicted_decrease(&solution.residuals, &solution.jacobian);
         let passes = predicted_decrease <= LARGEST_DECREASE * reduced.max(1.0);
@@ -57,8 +58,8 @@ impl FitReport {
             termination: match solution.termination {
                 Termination::NotFinite => Termination::NotFinite,
                 _ if passes => Termination::Converged,
-                // The step is negligible only because of strong damping. The gradient shows that the optimum is not
-                // reached.
+                // The solver ended because the last step was negligible, but the step was so short only because of
+                // strong damping. The gradient shows that the optimum is not reached.
                 Termination::Converged => Termination::Stalled,
                 other => other,
             },
@@ -97,7 +98,8 @@ impl FitReport {
     }
 }
 
-/// Maximum chi2 per degree of freedom that is consistent with noise. It is three standard deviations above one.
+/// Largest value of chi2 / (degrees of freedom) that noise explains: three standard deviations above the expected value
+/// of one.
 pub(crate) fn significance_limit(degrees_of_freedom: f64) -> f64 {
     1.0 + 3.0 * (2.0 / degrees_of_freedom).sqrt()
 }
@@ -105,8 +107,9 @@ pub(crate) fn significance_limit(degrees_of_freedom: f64) -> f64 {
 /// Decrease of chi2, `|P r|^2`, that the linear model predicts. P is the projection of the residuals r onto the columns
 /// of the Jacobian.
 fn predicted_decrease(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> f64 {
-    /// The parameters are determined along a direction if its singular value is larger than this number x the largest
-    /// singular value. Other directions do not contribute to the gradient.
+    /// The data determine the parameters along a right singular vector of the Jacobian only if its singular value is
+    /// larger than this number x the largest singular value. Other directions are not included in the predicted
+    /// decrease.
     const DETERMINED: f64 = 1e-12;
     let Some((projected, values)) = singular_of_triangle(residuals, jacobian) else {
         return f64::INFINITY;

@@ -10,13 +10,13 @@ pub(crate) fn gaussian_kernels(squares: &mut [f64]) {
     Instructions::Best.run(Kernels(squares));
 }
 
-/// The squares to be replaced. They are processed with the widest vector instructions of the processor.
+/// The computation of [`gaussian_kernels`] for the given squares, with the widest vector instructions of the processor.
 struct Kernels<'a>(&'a mut [f64]);
 
 impl WithSimd for Kernels<'_> {
     type Output = ();
 
-    /// A loop without branches, which the compiler vectorises with the widest registers.
+    /// Loops over all squares without branches, so that the compiler can vectorise the loop for the widest registers.
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         self.0.iter_mut().for_each(|square| *square = exp(-0.5 * *square));
@@ -30,11 +30,13 @@ fn exp(x: f64) -> f64 {
     /// Lower limit of x, to which smaller x are set. Below about -708, a normal number of double precision cannot
     /// represent 2^n.
     const LEAST: f64 = -700.0;
-    /// 1.5 * 2^52. The lowest bits of its sum with a number contain the number rounded to the nearest integer.
+    /// 1.5 * 2^52. If a number is added to it, the lowest bits of the sum contain this number rounded to the nearest
+    /// integer.
     const ROUNDS: f64 = 6_755_399_441_055_744.0;
-    /// ln 2 as the sum of two numbers. The first number has so few digits that its product with n is exact.
+    /// ln 2 as the sum of two numbers, which makes r more accurate. The first number has so few digits that its product
+    /// with n is exact.
     const LN_2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
-    /// Coefficients of the Taylor series, from 1 / 13! to 1 / 2!.
+    /// Coefficients of the Taylor series of exp, from 1 / 13! to 1 / 2!.
     const TAYLOR: [f64; 12] = [
         1.0 / 6_227_020_800.0,
         1.0 / 479_001_600.0,

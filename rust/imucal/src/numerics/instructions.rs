@@ -1,4 +1,5 @@
-//! Vector instructions of the kernels. The crate `pulp` selects the widest instructions of the processor at run time.
+//! Selection of vector instructions for the inner loops (kernels). The crate `pulp` selects the widest instructions of
+//! the processor at run time.
 //!
 //! The environment variable `IMUCAL_VECTOR_BITS` selects another width, so that a test can compare the results of
 //! different processors. `512` selects the width of AVX-512, `256` that of AVX2, and `64` no vectors. The variable is
@@ -9,16 +10,17 @@ use std::sync::OnceLock;
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Instruction set of a kernel.
+/// Instruction set with which a kernel (inner loop) runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Instructions {
-    /// The widest vectors of this processor, unless the environment variable selects others.
+    /// The widest vector instructions of this processor, unless the environment variable `IMUCAL_VECTOR_BITS` selects
+    /// others.
     Best,
-    /// 512-bit vectors.
+    /// Vector instructions of 512 bits (AVX-512).
     #[cfg(target_arch = "x86_64")]
     Avx512,
-    /// 256-bit vectors with fused multiply-add.
+    /// Vector instructions of 256 bits with fused multiply-add (AVX2).
     #[cfg(target_arch = "x86_64")]
     Avx2,
     /// One number per instruction, on any processor.
@@ -26,7 +28,7 @@ pub enum Instructions {
 }
 
 impl Instructions {
-    /// All instruction sets of this processor, and [`Best`](Self::Best).
+    /// [`Best`](Self::Best), and all instruction sets that this processor has.
     pub fn available() -> Vec<Self> {
         let mut all = vec![Self::Best];
         #[cfg(target_arch = "x86_64")]
@@ -59,7 +61,7 @@ impl Instructions {
     }
 }
 
-/// The instructions that the environment variable selects.
+/// The instructions that the environment variable `IMUCAL_VECTOR_BITS` selects.
 fn selected() -> Instructions {
     static SELECTED: OnceLock<Instructions> = OnceLock::new();
     *SELECTED.get_or_init(|| match std::env::var("IMUCAL_VECTOR_BITS").as_deref() {

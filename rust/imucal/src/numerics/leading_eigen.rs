@@ -7,15 +7,17 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::numerics::blocked::product;
 
-/// Maximum number of rows for which all eigenvalues are computed. This takes some tens of milliseconds.
+/// Maximum number of rows of a matrix of which all eigenvalues are computed, which takes some tens of milliseconds.
+/// Larger matrices are decomposed by subspace iteration.
 const WHOLE: usize = 300;
-/// Number of vectors in the iterated subspace per requested eigenvector. With more vectors, fewer iterations are
+/// Dimension of the iterated subspace / number of requested eigenvectors. With a larger subspace, fewer iterations are
 /// needed, but each iteration is slower.
 const BESIDE: usize = 3;
 /// The iteration ends if |A u - s u| is below this share of the largest eigenvalue, for all requested pairs of an
 /// eigenvalue s and an eigenvector u.
 const TOLERANCE: f64 = 1e-10;
-/// Maximum number of iterations. Random-walk kernels take about 12 iterations, and smooth kernels less.
+/// Maximum number of iterations. The covariance matrix of a random walk takes about 12 iterations, and that of a smooth
+/// process fewer.
 const MOST_ROUNDS: usize = 100;
 /// Seed of the random start vectors. It is fixed, so that results are reproducible.
 const SEED: u64 = 1;
@@ -53,7 +55,7 @@ impl LeadingEigen {
             let basis = image.qr().compute_thin_Q();
             image = product(matrix.as_ref(), basis.as_ref());
             let inner = Self::all(&(basis.transpose() * &image), BESIDE * count)?;
-            // From here on, the columns of `image` are the images A u of the approximate eigenvectors u.
+            // After this rotation, the columns of `image` are the products A u with the approximate eigenvectors u.
             image = &image * &inner.vectors;
             let vectors = &basis * inner.vectors.subcols(0, count);
             if is_converged(&image, &vectors, &inner.values) {
@@ -86,7 +88,8 @@ mod tests {
     }
 
     /// Asserts that the leading eigenvalues equal those of the complete decomposition. Eigenvectors of equal
-    /// eigenvalues are not unique, so they are not compared. |A u - s u| and the products of two vectors are checked.
+    /// eigenvalues are not unique, so the eigenvectors are not compared. Instead, |A u - s u| and the scalar products
+    /// of the eigenvectors are checked.
     fn check(matrix: &Mat<f64>, count: usize) {
         let (all, some) = (LeadingEigen::all(matrix, count).unwrap(), LeadingEigen::iterated(matrix, count).unwrap());
         for (a, b) in all.values.iter().zip(&some.values) {

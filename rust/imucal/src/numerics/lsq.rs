@@ -2,9 +2,10 @@
 //! Levenberg-Marquardt method with an analytic Jacobian J.
 //!
 //! The solver implements the `Solver` trait of argmin with faer matrices. The `Executor` of argmin runs the solver, and
-//! limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`. It is computed by QR of
-//! `[R; sqrt(lambda) D]`, where R is from the QR of J. D contains the largest column norms of J so far, so the result
-//! does not depend on the units of the parameters.
+//! limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`. It is computed by QR
+//! decomposition of `[R; sqrt(lambda) D]`, where R is the triangular factor of J. The diagonal matrix D contains, for
+//! each parameter, the largest norm that its column of J has had so far. The result therefore does not depend on the
+//! units of the parameters.
 
 use argmin::core::{Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use faer::Mat;
@@ -24,35 +25,36 @@ pub(crate) trait Residuals {
 /// Reason why a fit ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Termination {
-    /// The gradient test is passed ([`FitReport`](crate::numerics::fit_report::FitReport)).
+    /// The result is an optimum: the gradient test of [`FitReport`](crate::numerics::fit_report::FitReport) is passed.
     Converged,
     /// No step decreases chi2, or the steps are negligible, but the gradient test is not passed.
     Stalled,
     /// The iteration limit was reached, and the gradient test is not passed.
     IterationLimit,
-    /// A residual is not finite.
+    /// A residual became NaN or infinite.
     NotFinite,
-    /// The weights of the residuals had not converged in the last repetition of the fit.
+    /// The fit is repeated with updated weights of the residuals, and the weights still changed in the last repetition.
     WeightsNotSettled,
     /// The field of a user-defined effect (the derivatives of the error with respect to its parameters) depends on the
-    /// calibration. It still changed in the last repetition of the fit.
+    /// calibration. These derivatives still changed in the last repetition of the fit.
     FieldsNotSettled,
 }
 
 /// The end point of a fit, with its residuals and Jacobian.
 #[derive(Clone, Debug)]
 pub(crate) struct Solution {
-    /// Final parameters.
+    /// Parameters at the end of the fit.
     pub(crate) parameters: Vec<f64>,
-    /// Residuals at these parameters, m x 1.
+    /// Residuals at the final parameters, m x 1.
     pub(crate) residuals: Mat<f64>,
-    /// Jacobian of the residuals, m x n.
+    /// Jacobian of the residuals at the final parameters, m x n.
     pub(crate) jacobian: Mat<f64>,
-    /// Sum of the squared residuals.
+    /// Sum of the squared residuals at the final parameters.
     pub(crate) chi2: f64,
-    /// Number of iterations.
+    /// Number of iterations of the solver.
     pub(crate) iterations: u64,
-    /// Reason for the end of the iterations, as the solver reports it. The gradient test is not included.
+    /// Reason for the end of the iterations, as the solver reports it. The gradient test of the fit report has not been
+    /// applied to it.
     pub(crate) termination: Termination,
 }
 
@@ -70,9 +72,9 @@ impl Solution {
     }
 }
 
-/// A final result has converged if |D h| <= this limit x |D p|, for the step h and the parameters p. D scales them by
-/// the column norms of the Jacobian. If the model describes the data, the remaining error is smaller than the last step
-/// by orders of magnitude.
+/// The fit of a final result has converged if |D h| <= this limit x |D p|, where h is the last step and p the vector of
+/// parameters. The diagonal matrix D scales each parameter by the norm of its column of the Jacobian. If the model
+/// describes the data, the remaining error is smaller than the last step by orders of magnitude.
 pub(crate) const EXACT: f64 = 1e-10;
 /// A fit that only gives a start value has converged if the relative length of the step (see [`EXACT`]) is below this
 /// limit.
@@ -116,7 +118,8 @@ pub(crate) fn minimize_within<R: Residuals>(
 /// Covariance `(J^T J)^-1` of the parameters for whitened residuals. It is computed by QR of the Jacobian with scaled
 /// columns.
 ///
-/// The Jacobian must have full rank, which callers check. With a lower rank, the entries of the result are not finite.
+/// The Jacobian must have full rank, which the caller has to check. With a lower rank, the entries of the result are
+/// not finite.
 pub(crate) fn covariance(jacobian: &Mat<f64>) -> Mat<f64> {
     let n = jacobian.ncols();
     let scale = column_norms(jacobian);
@@ -133,12 +136,14 @@ pub(crate) fn covariance(jacobian: &Mat<f64>) -> Mat<f64> {
     Mat::from_fn(n, n, |i, j| c[(i, j)] / (scale[i] * scale[j]))
 }
 
-/// The linear map from whitened residuals to parameters, `(J^T J)^-1 J^T`.
+/// Matrix `(J^T J)^-1 J^T`, by which a change of the whitened residuals is multiplied to obtain the change of the
+/// estimate.
 pub(crate) fn gain(jacobian: &Mat<f64>) -> Mat<f64> {
     covariance(jacobian) * jacobian.transpose()
 }
 
-/// Leverages of the residuals: the diagonal of the projection `J (J^T J)^-1 J^T`. Columns that are zero are ignored.
+/// Leverages of the residuals: the diagonal of the projection matrix `J (J^T J)^-1 J^T`. Columns of the Jacobian that
+/// are zero are ignored.
 pub(crate) fn leverages(jacobian: &Mat<f64>) -> Vec<f64> {
     let (rows, norms) = (jacobian.nrows(), column_norms(jacobian));
     let own: Vec<usize> =
@@ -159,8 +164,8 @@ pub(crate) fn leverages(jacobian: &Mat<f64>) -> Vec<f64> {
 
 /// Singular values (descending) and right singular vectors (columns) of `matrix`, which may have any shape.
 ///
-/// They are computed by an SVD of R from the QR decomposition. If the SVD does not converge, the eigenvectors of R^T R
-/// are used.
+/// They are computed by an SVD of the factor R of the QR decomposition. If the SVD does not converge, they are computed
+/// from the eigenvalues and eigenvectors of R^T R.
 pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error> {
     let n = matrix.ncols();
     let r = Mat::from_fn(n.max(matrix.nrows()), n, |i, j| if i < matrix.nrows() { matrix[(i, j)] } else { 0.0 })
@@ -178,8 +183,8 @@ pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error>
     Ok((values, Mat::from_fn(n, n, |i, j| eigen.U()[(i, n - 1 - j)])))
 }
 
-/// Scales the columns of the Jacobian to unit length. Returns the components of the residuals along the left singular
-/// vectors of the scaled Jacobian, and its singular values. `None` if a value is not finite.
+/// Returns the components of the residuals along the left singular vectors of the Jacobian, and its singular values.
+/// The columns of the Jacobian are first scaled to unit length. `None` if a value is not finite.
 pub(crate) fn singular_of_triangle(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> Option<(Vec<f64>, Vec<f64>)> {
     let (n, norms) = (jacobian.ncols(), column_norms(jacobian));
     let rows = jacobian.nrows();
@@ -208,12 +213,15 @@ type FitState = IterState<Vec<f64>, (), (), (), (), f64>;
 struct LevenbergMarquardt {
     residuals: Mat<f64>,
     jacobian: Mat<f64>,
+    /// Residuals at the parameters after the step that is being tried.
     trial_residuals: Mat<f64>,
     trial_jacobian: Mat<f64>,
+    /// Diagonal of D: for each parameter, the largest norm of its column of the Jacobian so far.
     scale: Vec<f64>,
     chi2: f64,
     tolerance: f64,
     lambda: f64,
+    /// Factor by which lambda increases if the next step is rejected.
     growth: f64,
     termination: Option<Termination>,
 }
@@ -234,7 +242,8 @@ impl LevenbergMarquardt {
         }
     }
 
-    /// The damped step, and the decrease of chi2 that the linear model predicts for it.
+    /// The step h for the present damping lambda, and the decrease of chi2 that the linear model predicts for this
+    /// step.
     fn step(&self) -> (Vec<f64>, f64) {
         let n = self.scale.len();
         // The residuals r are appended to J as a column. The factor R then contains Q^T r, and Q itself is not needed.
@@ -303,7 +312,8 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
         let trial: Vec<f64> = current.iter().zip(&step).map(|(p, h)| p + h).collect();
         if negligible {
             // The residuals are not computed again after this last step. With the tolerance `EXACT`, the step changes
-            // them only by rounding errors. With `ROUGH`, the fit only gives a start value.
+            // them only by rounding errors. With the tolerance `ROUGH`, the result is only a start value of another
+            // fit.
             self.termination = Some(Termination::Converged);
             return Ok((state.param(trial).cost(self.chi2), None));
         }

@@ -10,15 +10,16 @@ use crate::numerics::stats::{MEDIAN_SIZE, median};
 /// 1.3e-6 (two residuals).
 const LIMIT: f64 = 5.2;
 
-/// Score of each rest or move. It is the norm of the residuals of this rest or move in a fit without it, in standard
-/// deviations of these residuals. Each rest or move has `size` consecutive rows.
+/// Score of each rest or move: the norm of its residuals in a fit without this rest or move, each divided by its
+/// standard deviation. Each rest or move has `size` consecutive residuals, which are rows of `residuals` and of
+/// `jacobian`.
 pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usize) -> Vec<f64> {
     let hat_rows = lsq::leverages(jacobian);
     (0..residuals.nrows() / size)
         .map(|item| {
             let rows = item * size..(item + 1) * size;
-            // If the leverage is near one, the fit reproduces any value of the measurement. The residual then tests
-            // nothing and counts as zero.
+            // If the leverage of a measurement is near one, the fit reproduces any value of this measurement. Its
+            // residual is then no evidence of an outlier and counts as zero.
             rows.map(|row| {
                 let free = (1.0 - hat_rows[row]).max(0.0);
                 if free > 0.05 { residuals[(row, 0)].powi(2) / free } else { 0.0 }
@@ -29,18 +30,21 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
         .collect()
 }
 
-/// The rest or move with the largest score; `None` if it is not an outlier. Before the comparison with the limit, each
-/// score is divided by a common scale. The scale is the median score / the median expected for normally distributed
-/// errors, and at least one.
+/// The rest or move with the largest score; `None` if it is not an outlier. Before the comparison with the limit, all
+/// scores are divided by the same scale. It is (median of the scores) / (median expected for normally distributed
+/// errors), but at least one.
 pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
-    // Median of the score for normal errors. The score is |z| for one residual, and the square root of chi2 for two.
+    // Median of the score for normally distributed errors. With one residual, the score is the absolute value of a
+    // standard normal variable. With two residuals, it is the square root of a chi2 variable with two degrees of
+    // freedom.
     let median_of_clean = if size == 1 { MEDIAN_SIZE } else { 1.177_410_02 };
     let scale = (median(&mut scores.to_vec()) / median_of_clean).max(1.0);
     let worst = (0..scores.len()).max_by(|&a, &b| scores[a].total_cmp(&scores[b]))?;
     (scores[worst] > LIMIT * scale).then_some(worst)
 }
 
-/// Whether one more rest or move may be excluded. At most a fifth may be excluded, and at least `least` must remain.
+/// Whether one more rest or move may be excluded. At most a fifth of all may be excluded, and at least `least` must
+/// remain. `used` is false for those that are already excluded.
 pub(crate) fn may_exclude(used: &[bool], least: usize) -> bool {
     let kept = used.iter().filter(|&&kept| kept).count();
     kept > least && used.len() - kept < used.len() / 5

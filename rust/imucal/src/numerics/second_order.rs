@@ -7,10 +7,10 @@
 //! ```
 //!
 //! p is the estimate, e is the error of prior k in standard deviations, G is the gain `(J^T J)^-1 J^T`, and r are the
-//! whitened residuals. The covariance of a least-squares estimate contains v only. The term c matters if prior k alone
-//! determines a parameter, because the other residuals then do not limit e. For example, readings in six positions
-//! along the sensitive axes do not determine the misalignment. A misalignment m then changes the estimated scales by
-//! 3/2 m^2. Products of the errors of two priors are neglected.
+//! whitened residuals. The covariance of a least-squares estimate contains v only. The term c e^2 matters if prior k
+//! alone determines a parameter, because the other residuals then do not limit e. For example, readings in six
+//! positions along the sensitive axes do not determine the misalignment. A misalignment m then changes the estimated
+//! scales by 3/2 m^2. Products of the errors of two priors are neglected.
 
 use std::ops::Range;
 
@@ -20,8 +20,8 @@ use crate::error::Error;
 use crate::numerics::lsq::Solution;
 
 /// Mean square of the second-order errors for independent normal errors e, `2 sum c c^T + (sum c) (sum c)^T`. The sums
-/// run over the priors, whose residuals are the rows `priors`. `gain` is G. `residuals_at` returns all residuals at
-/// given parameters.
+/// run over the priors, and `priors` contains the indices of their residuals. `gain` is G. `residuals_at` returns all
+/// whitened residuals at given parameters.
 pub(crate) fn mean_square(
     found: &Solution,
     gain: &Mat<f64>,
@@ -51,7 +51,8 @@ mod tests {
     use super::*;
     use crate::numerics::lsq::{self, Residuals};
 
-    /// A scale s and a misalignment m with the reading `s sqrt(1 + m^2)`, and a prior of m.
+    /// Residuals of a problem with two parameters, a scale s and a misalignment m. The data are one reading,
+    /// `s sqrt(1 + m^2)`, and a prior of m.
     struct Tilted {
         reading: f64,
         sigma: f64,

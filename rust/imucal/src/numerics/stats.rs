@@ -38,16 +38,16 @@ pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
     between(low, smallest(above), position - below as f64)
 }
 
-/// The [`quantile`] of `count` values that are computed when needed and not stored. NaN values are ignored.
-/// `write(k, to)` writes the values from index `k` on to `to`.
+/// The [`quantile`] of `count` values that are computed when needed, so that not all of them are stored. NaN values are
+/// ignored. `write(k, to)` writes the values with the indices `k`, `k + 1`, ... to the slice `to`.
 ///
 /// An evenly spaced sample of the values gives two limits. The quantile is between them with high probability, so only
 /// the values between them are stored. If the quantile is outside the limits, all values are stored (after Floyd and
 /// Rivest, Communications of the ACM 18, 1975, 165-172).
 pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f64) -> f64 {
-    // Number of values below which all values are stored, because this is faster.
+    // For fewer values than this, all values are stored, because this is faster.
     const FEWEST: usize = 2000;
-    // Number of values above which storing all of them must be avoided.
+    // For at least this number of values, the limits are so wide that storing all values is almost never necessary.
     const MANY: usize = 100_000;
     let of_all = || {
         let mut all = vec![f64::NAN; count];
@@ -68,10 +68,11 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     if sample.is_empty() {
         return of_all();
     }
-    // The quantile of all values is searched between two limits, which are quantiles of the sample. They are `off`
-    // standard deviations of a sample quantile below and above it. With 2.5, the quantile is outside the limits in
-    // about one case in a hundred. Wider limits are slower on average, because more values between them are stored. For
-    // long records, the limits are wider, because storing all values must be avoided.
+    // The quantile of all values is searched between two limits, which are quantiles of the sample. The lower limit is
+    // the sample quantile at q - `margin`, and the upper limit that at q + `margin`. `margin` is `off` standard
+    // deviations of the share of all values that are below the sample quantile at q. With `off` = 2.5, the quantile is
+    // outside the limits in about one case in a hundred. Wider limits are slower on average, because more values
+    // between them are stored. For long records, the limits are wider, because storing all values must be avoided.
     let off = if count < MANY { 2.5 } else { 4.0 };
     let last = (sample.len() - 1) as f64;
     let margin = off * (q * (1.0 - q) / sample.len() as f64).sqrt();
@@ -98,7 +99,7 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     between(low, high, position - rank as f64)
 }
 
-/// Order of two numbers that are not NaN, with a single comparison in the usual case.
+/// Compares two numbers, which must not be NaN. It is faster than `f64::total_cmp`.
 fn ascending(a: &f64, b: &f64) -> Ordering {
     a.partial_cmp(b).unwrap_or(Ordering::Equal)
 }
@@ -108,8 +109,9 @@ fn smallest(values: &[f64]) -> f64 {
     values.iter().fold(f64::INFINITY, |smallest, &v| if v < smallest { v } else { smallest })
 }
 
-/// Numbers of values below, between and above the two limits. Values equal to a limit are counted but not stored,
-/// because nearly all time steps of a regular clock are equal.
+/// Numbers of values below and above two limits, and a list of the values between them. Values equal to a limit are
+/// counted but not stored, because nearly all time steps of a regular clock are equal, and a list of them would be
+/// long.
 struct Census {
     /// Number of values below the lower limit.
     below: usize,
@@ -117,9 +119,9 @@ struct Census {
     up_to_low: usize,
     /// Number of values up to and including the upper limit.
     up_to_high: usize,
-    /// Number of values that are not NaN.
+    /// Number of all values that are not NaN.
     all: usize,
-    /// The values strictly between the limits.
+    /// All values that are strictly between the limits.
     inside: Vec<f64>,
 }
 
@@ -177,7 +179,7 @@ fn between(low: f64, high: f64, share: f64) -> f64 {
     if high.is_finite() { low + share * (high - low) } else { low }
 }
 
-/// Root mean square of the values; zero if there are none.
+/// Root mean square of the values; zero if there are no values.
 pub(crate) fn rms(values: impl Iterator<Item = f64>) -> f64 {
     let (mut sum, mut count) = (0.0, 0usize);
     for value in values {
@@ -189,18 +191,17 @@ pub(crate) fn rms(values: impl Iterator<Item = f64>) -> f64 {
 
 /// Result of [`random_effects_mean`].
 pub(crate) struct RandomEffectsMean {
-    /// The weighted mean.
+    /// Weighted mean of the values.
     pub(crate) mean: f64,
-    /// Weight of each value. The weights sum to one.
+    /// Weight of each value in the mean. The sum of the weights is one.
     pub(crate) weights: Vec<f64>,
-    /// Estimated variance of the true values about their mean. It does not contain the variances of the measurement
-    /// errors.
+    /// Estimated variance of the true values about their mean, without the variances of the measurement errors.
     pub(crate) between: f64,
 }
 
-/// Mean of measured values whose true values may differ. If `variances` explain the scatter, the weights are the
-/// inverse variances. If the scatter is much larger, the weights are nearly equal (DerSimonian and Laird, Controlled
-/// Clinical Trials 7, 1986, 177-188; model.md (7)).
+/// Weighted mean of measured `values` whose true values may differ. `variances` are those of the measurement errors. If
+/// they explain the scatter of the values, the weights are the inverse variances. If the scatter is much larger, the
+/// weights are nearly equal (DerSimonian and Laird, Controlled Clinical Trials 7, 1986, 177-188; model.md (7)).
 pub(crate) fn random_effects_mean(values: &[f64], variances: &[f64]) -> RandomEffectsMean {
     let fixed: Vec<f64> = variances.iter().map(|v| 1.0 / v).collect();
     let total: f64 = fixed.iter().sum();
@@ -222,8 +223,8 @@ fn weighted_sum(weights: &[f64], values: &[f64]) -> f64 {
     weights.iter().zip(values).map(|(w, x)| w * x).sum()
 }
 
-/// Scalar product. There are four independent sums, because with a single sum, each addition would wait for the
-/// previous addition.
+/// Scalar product of two vectors. Four sums are accumulated independently. With a single sum, each addition would have
+/// to wait for the result of the previous addition.
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a, b) = (a.chunks_exact(4), b.chunks_exact(4));
     let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
@@ -241,7 +242,7 @@ pub fn sample_interval_s(time_s: &[f64]) -> f64 {
     quantile_of(time_s.len().saturating_sub(1), |k, to| steps_s(&time_s[k..], to), 0.5)
 }
 
-/// Writes the first `to.len()` time steps, s.
+/// Writes the first `to.len()` differences of consecutive time stamps to `to`, s.
 pub(crate) fn steps_s(time_s: &[f64], to: &mut [f64]) {
     let times = time_s.iter().zip(time_s.get(1..).unwrap_or_default());
     to.iter_mut().zip(times).for_each(|(to, (before, after))| *to = after - before);
@@ -280,8 +281,9 @@ mod tests {
                 assert_eq!(of(50_000, &value, q), quantile(&mut kept, q), "{k} {q}");
             }
         }
-        // `quantile_of` first estimates from every 36th of these 50,000 values between which limits the quantile lies.
-        // Here these values are 7, so the quantile of all values is outside the limits and must still be found.
+        // `quantile_of` first takes every 36th of these 50,000 values, and estimates limits of the quantile from them.
+        // Here all values in this sample are 7, so the quantile of all values is outside the limits. It must be found
+        // nevertheless.
         let value = |i: usize| if i.is_multiple_of(36) { 7.0 } else { i as f64 };
         assert_eq!(of(50_000, &value, 0.5), quantile(&mut (0..50_000).map(value).collect::<Vec<_>>(), 0.5));
         assert!(of(0, &|_| 1.0, 0.5).is_nan());

@@ -6,15 +6,15 @@ use pulp::Simd;
 
 use crate::numerics::aligned::WIDEST;
 
-/// The upper triangle of a symmetric matrix, or only its first rows. Each row is padded to complete SIMD registers. The
-/// values to the left of the diagonal are stored but not used.
+/// The upper triangle of a symmetric matrix, or of its first rows. Each row is stored in full length and padded to
+/// complete SIMD registers. The stored values to the left of the diagonal are not used.
 #[derive(Clone)]
 pub(crate) struct SymmetricMatrix {
-    /// Number of columns.
+    /// Number of columns of the matrix, without the padding.
     size: usize,
-    /// Length of a row in storage.
+    /// Number of stored values per row, with the padding.
     width: usize,
-    /// The stored values, row by row.
+    /// The values of all rows, one row after the other.
     numbers: Vec<f64>,
 }
 
@@ -34,18 +34,18 @@ impl SymmetricMatrix {
         self.numbers.copy_from_slice(&other.numbers);
     }
 
-    /// Number of columns.
+    /// Number of columns of the matrix.
     pub(crate) fn size(&self) -> usize {
         self.size
     }
 
-    /// Row `i`, from the diagonal to the last column.
+    /// The values of row `i` from the diagonal to the last column.
     #[inline(always)]
     pub(crate) fn row(&self, i: usize) -> &[f64] {
         &self.numbers[i * self.width..(i + 1) * self.width][i..self.size]
     }
 
-    /// Row `i`, from the diagonal to the last column, as a mutable slice.
+    /// The values of row `i` from the diagonal to the last column, as a mutable slice.
     #[inline(always)]
     pub(crate) fn row_mut(&mut self, i: usize) -> &mut [f64] {
         &mut self.numbers[i * self.width..(i + 1) * self.width][i..self.size]
@@ -57,8 +57,8 @@ impl SymmetricMatrix {
         &mut self.numbers[i * self.width + j]
     }
 
-    /// The submatrix with the rows and columns `own` in the given order. Rows of this matrix that are not stored are
-    /// zero.
+    /// The symmetric submatrix of the rows and columns whose indices are in the ranges `own`, in the given order. Rows
+    /// of this matrix that are not stored count as zero.
     pub(crate) fn part(&self, own: &[Range<usize>]) -> Self {
         let size = own.iter().map(Range::len).sum::<usize>();
         let width = size.next_multiple_of(WIDEST);
@@ -73,8 +73,8 @@ impl SymmetricMatrix {
         Self { size, width, numbers }
     }
 
-    /// Sets row `row` and all following rows to a weighted sum of other matrices. `others` contains the weight and the
-    /// matrix of each term.
+    /// Sets row `row` and all following rows to a weighted sum of the same rows of other matrices. `others` contains
+    /// the weight and the matrix of each term of the sum.
     #[inline(always)]
     pub(crate) fn set_sum<'a, S: Simd>(&mut self, simd: S, others: impl Iterator<Item = (f64, &'a Self)>, row: usize) {
         let own = row * self.width..;
@@ -88,8 +88,8 @@ impl SymmetricMatrix {
         }
     }
 
-    /// Sweep operator: inverts the block A of the rows and columns `places` and solves for all other columns (Beaton,
-    /// The use of special matrix operators in statistical calculus, 1964):
+    /// Sweep operator: inverts the block A, which has the rows and columns `places`, and solves for all other columns
+    /// (Beaton, The use of special matrix operators in statistical calculus, 1964):
     ///
     /// ```text
     /// A  B      -A^-1    A^-1 B
@@ -129,9 +129,10 @@ impl SymmetricMatrix {
         Some(log_determinant.logarithm())
     }
 
-    /// Copies the swept first `known` rows from `swept`, and applies the same [`sweep`](Self::sweep) to the other rows
-    /// of this matrix. `whole` contains the first `known` rows before the sweep. `places` are the columns of `whole`
-    /// that correspond to the columns of this matrix after the first `known` columns.
+    /// Applies a [`sweep`](Self::sweep) of the first `known` rows and columns, of which the result for these rows is
+    /// already known. `swept` contains these rows after the sweep, and they are copied. `whole` contains them before
+    /// the sweep, for more columns than this matrix has. `places` contains, for each column of this matrix after the
+    /// first `known` ones, the index of the same column in `whole`.
     #[inline(always)]
     pub(crate) fn sweep_as<S: Simd>(
         &mut self,
@@ -156,7 +157,7 @@ impl SymmetricMatrix {
         top.copy_from_slice(&swept.numbers[..known * width]);
     }
 
-    /// The product `v^T A v` and the trace of `A B`. A is this matrix, v is `vector`, and B is `other`.
+    /// The product `v^T A v` and the trace of `A B`, where A is this matrix, v is `vector`, and B is `other`.
     #[inline(always)]
     pub(crate) fn between<S: Simd>(&self, simd: S, vector: &[f64], other: &Self) -> [f64; 2] {
         let zero = simd.splat_f64s(0.0);
@@ -166,7 +167,8 @@ impl SymmetricMatrix {
             let first = i / S::F64_LANES * S::F64_LANES;
             let row = |of: &Self| i * of.width + first..(i + 1) * of.width;
             let (own, other) = (&self.numbers[row(self)], &other.numbers[row(other)]);
-            // Each off-diagonal value counts twice.
+            // The loop sums over the upper triangle. Each off-diagonal value counts twice, because it also stands below
+            // the diagonal.
             on_diagonal[0] += own[i - first] * vector[i] * vector[i];
             on_diagonal[1] += own[i - first] * other[i - first];
             let (own, other) = (S::as_simd_f64s(own).0, S::as_simd_f64s(other).0);
@@ -189,18 +191,18 @@ impl SymmetricMatrix {
     }
 }
 
-/// Logarithm of a product of pivots. A logarithm takes as long as the update of a row, so several pivots are multiplied
-/// before a logarithm is computed.
+/// Accumulates the logarithm of a determinant, which is the product of the pivots. A logarithm takes as long as the
+/// update of a row, so several pivots are multiplied before a logarithm is computed.
 struct LogDeterminant {
-    /// Product of the pivots since the last logarithm.
+    /// Product of the pivots that are not yet contained in `logarithm`.
     product: f64,
-    /// Logarithm of the product of all earlier pivots.
+    /// Logarithm of the product of all other pivots so far.
     logarithm: f64,
 }
 
 impl LogDeterminant {
-    /// Limit of the product, and of its reciprocal, at which a logarithm is computed. It is far from overflow and
-    /// underflow.
+    /// The logarithm of the product is computed when the product or its reciprocal reaches this limit, which is far
+    /// from overflow and underflow.
     const LARGE: f64 = 1e100;
 
     fn new() -> Self {

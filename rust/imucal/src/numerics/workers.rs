@@ -8,8 +8,8 @@ use std::thread::{self, Thread};
 
 use crate::cancellation::{Cancellation, POLL_INTERVAL, checkpoint};
 
-/// Several threads are used only for at least this number of samples. A pass over fewer samples takes about as long as
-/// the start of the threads.
+/// Minimum number of samples for which several threads are used. A pass over fewer samples takes about as long as the
+/// start of the threads.
 const WORTH_THREADS: usize = 500_000;
 
 /// Number of threads for a pass over `samples` samples. It is the number of processors, or one if several threads would
@@ -25,8 +25,8 @@ pub(crate) fn processors() -> usize {
     *COUNT.get_or_init(|| thread::available_parallelism().map_or(1, NonZeroUsize::get))
 }
 
-/// Results of `work` for all indices below `count`, in the order of the indices. If the calculation is cancelled, it
-/// ends before the next index.
+/// Calls `work` for all indices below `count`, and returns the results in the order of the indices. After a
+/// cancellation, no further index is processed.
 pub(crate) fn in_order<R: Send>(threads: usize, count: usize, work: impl Fn(usize) -> R + Sync) -> Vec<R> {
     if threads <= 1 {
         let one = |index| {
@@ -40,8 +40,8 @@ pub(crate) fn in_order<R: Send>(threads: usize, count: usize, work: impl Fn(usiz
     made.into_iter().flatten().collect()
 }
 
-/// Processes each job once, on up to `threads` threads and in any order. The jobs must not depend on each other. If the
-/// calculation is cancelled, it ends before the next job.
+/// Processes each job once, on up to `threads` threads and in any order. The jobs must not depend on each other. After
+/// a cancellation, no further job is started.
 pub(crate) fn share_out<J: Send>(threads: usize, jobs: Vec<J>, work: impl Fn(J) + Sync) {
     let threads = threads.min(jobs.len());
     let queue = Mutex::new(jobs.into_iter());

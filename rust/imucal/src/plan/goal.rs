@@ -4,7 +4,8 @@ use faer::Mat;
 
 use super::predict::{covariance, log_determinant};
 
-/// Order of the p-norm over all ratios variance / target variance. The p-norm approximates the maximum, but is smooth.
+/// Order p of the p-norm that combines the ratios variance / target variance of all parameters into one number. The
+/// p-norm approximates the largest ratio, but is smooth.
 const NORM_ORDER: f64 = 8.0;
 
 /// Goal of an optimal program.
@@ -17,8 +18,8 @@ pub enum Goal {
     },
     /// Target standard deviations in the shortest time.
     ShortestTo {
-        /// Target of each parameter, in the order of [`Sensors`](super::Sensors) and in SI units. It is infinite for a
-        /// parameter without a target.
+        /// Target standard deviation of each parameter, in the order of [`Sensors`](super::Sensors) and in SI units. It
+        /// is infinite for a parameter without a target.
         sigma: Vec<f64>,
     },
 }
@@ -33,16 +34,17 @@ impl Goal {
                 // decreases if one of the smaller ratios decreases.
                 let shares = self.shares(information, prior)?;
                 let worst = shares.iter().map(|share| share.powf(NORM_ORDER)).sum::<f64>().powf(1.0 / NORM_ORDER);
-                // A variance is proportional to 1 / duration. If worst > 1, weight 2 gives a longer program a lower
-                // cost, until it reaches the targets. If worst < 1, weight 1/2 gives a shorter program a lower cost.
+                // A variance, and therefore `worst`, is proportional to 1 / duration. If `worst` > 1, weight 2 gives a
+                // longer program a lower cost, until it reaches the targets. If `worst` < 1, weight 1/2 gives a shorter
+                // program a lower cost.
                 let weight = if worst > 1.0 { 2.0 } else { 0.5 };
                 Some(duration_s.ln() + weight * worst.ln())
             }
         }
     }
 
-    /// Largest ratio variance / target variance; 0 for a goal without targets. If it is above 1, the goal is not
-    /// reached.
+    /// Largest ratio variance / target variance of all parameters; 0 for a goal without targets. If the largest ratio
+    /// is above 1, the goal is not reached.
     pub(super) fn worst(&self, information: &Mat<f64>, prior: &[f64]) -> Option<f64> {
         Some(self.shares(information, prior)?.into_iter().fold(0.0, f64::max))
     }

@@ -16,21 +16,22 @@ use nalgebra::Matrix2;
 
 use super::DIRECTION;
 
-/// Normal matrix of the current gravity direction (first two rows) and of the parameters.
+/// The filter: the normal matrix (information matrix) of the current gravity direction (first two rows and columns) and
+/// of all parameters.
 #[derive(Clone)]
 pub(super) struct InformationFilter {
     width: usize,
-    /// Entries row by row. Only the upper triangle is used.
+    /// Entries of the normal matrix, row by row. Only the upper triangle is used.
     matrix: Vec<f64>,
 }
 
-/// Propagation of the direction of gravity over an interval.
+/// Propagation of the direction of gravity over a time interval with the measured angular rate.
 #[derive(Clone)]
 pub(super) struct Propagation {
     /// The matrix C in `d' = d - C theta`: the derivatives of both angles of the gravity direction with respect to the
     /// parameters, with opposite sign.
     pub(super) jacobian: [Vec<f64>; 2],
-    /// Covariance of the noise of both angles, rad^2.
+    /// Covariance Q of the noise that the propagation adds to the two angles, rad^2.
     pub(super) covariance: Matrix2<f64>,
 }
 
@@ -60,7 +61,7 @@ impl InformationFilter {
         let weight = inverse(&step.covariance);
         let here = Matrix2::new(self.matrix[0], self.matrix[1], self.matrix[1], self.matrix[width + 1]);
         let left = inverse(&(here + weight));
-        // Off-diagonal entries between the eliminated direction and the parameters.
+        // Off-diagonal entries of the normal matrix between the eliminated direction and the parameters.
         let mut shared = [vec![0.0; width - DIRECTION], vec![0.0; width - DIRECTION]];
         let mut propagated = shared.clone();
         for p in 0..width - DIRECTION {
@@ -91,7 +92,7 @@ impl InformationFilter {
         (self.matrix[0], self.matrix[1], self.matrix[width + 1]) = (next[(0, 0)], next[(0, 1)], next[(1, 1)]);
     }
 
-    /// Information about the parameters, after the last gravity direction is eliminated.
+    /// Information matrix of the parameters only, after elimination of the last gravity direction.
     pub(super) fn information(&self) -> Mat<f64> {
         let (width, n) = (self.width, self.width - DIRECTION);
         let left = inverse(&Matrix2::new(self.matrix[0], self.matrix[1], self.matrix[1], self.matrix[width + 1]));
@@ -104,7 +105,8 @@ impl InformationFilter {
     }
 }
 
-/// Inverse of a symmetric 2x2 matrix. A singular matrix contains no information yet, and its inverse is set to zero.
+/// Inverse of a symmetric 2x2 matrix. The result is zero for a singular matrix, because this matrix contains no
+/// information about the direction yet.
 fn inverse(matrix: &Matrix2<f64>) -> Matrix2<f64> {
     let determinant = matrix.determinant();
     if determinant == 0.0 {

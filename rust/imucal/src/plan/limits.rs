@@ -26,15 +26,15 @@ pub struct Axis {
     pub range_rad: Option<[f64; 2]>,
 }
 
-/// A forbidden zone: a box in the space of the motor angles. It is repeated every revolution. `None` means that the
-/// zone contains all angles of a motor.
+/// A forbidden zone of motor angles. The stand is in the zone if each motor angle is, up to whole revolutions, between
+/// the lower and the upper angle for this motor. A motor with `None` is ignored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zone {
-    /// Lower and upper angle of each motor, rad.
+    /// Lower and upper angle of each motor, rad; `None` if the zone does not depend on this motor.
     pub angle_rad: [Option<[f64; 2]>; 3],
 }
 
-/// Limits of a stand, or of a person who moves the unit by hand.
+/// Limits that every program obeys: those of a stand, or of a person who moves the unit by hand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Limits {
     /// Limits of each motor, outermost motor first; `None` for a missing motor, whose angle stays at zero.
@@ -173,8 +173,8 @@ pub(super) fn whole_ticks(time_s: f64) -> f64 {
 impl Zone {
     /// Whether the straight path between two sets of motor angles touches the zone.
     fn is_crossed(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
-        // Intervals of the path, as shares of its length, in which all motors processed so far are inside the zone. A
-        // motor that makes several revolutions is inside the zone several times.
+        // Intervals of the path, as shares of its length, in which the angles of all motors processed so far are inside
+        // the zone. The angle of a motor that makes several revolutions is inside the zone several times.
         let mut inside = vec![[0.0, 1.0]];
         for motor in 0..3 {
             let Some([low, high]) = self.angle_rad[motor] else { continue };

@@ -9,13 +9,14 @@ use super::sensors::Sensors;
 use crate::error::Error;
 use crate::simulate::Motion;
 
-/// Predicted accuracy of a run.
+/// Predicted accuracy of a calibration from a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
     /// Standard deviation of each parameter in SI units, in the order of [`Sensors`]: first the 21 parameters of the
-    /// triads, then the parameters of the effects. A parameter that the motion does not determine has its prior
-    /// standard deviation: a tenth of its size for the triads, and ten typical sizes for the effects. If the user gave
-    /// a narrower prior, it is used instead.
+    /// triads, then the parameters of the effects. A parameter that the motion does not determine has the standard
+    /// deviation of its default prior: a tenth of its size for the triads, and ten times its typical size for the
+    /// effects. The size of a sensitivity is the mean scale, and the size of a bias is the reading at 1 g or at 1
+    /// rad/s. If the user gave a narrower prior, it replaces the default prior.
     pub sigma: Vec<f64>,
     /// Number of rests that are long enough for rest detection.
     pub rests: usize,

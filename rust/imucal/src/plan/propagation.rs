@@ -8,7 +8,7 @@ use crate::simulate::Moment;
 
 /// Time that rest detection removes from each end of a rest, s. The adjacent move becomes longer by this time.
 pub(super) const EDGE_S: f64 = 0.01;
-/// Length of a block over which forces inside a move are averaged, s. It equals the block length of the joint fit.
+/// Length of a block over which forces during a move are averaged, s. It equals the block length of the joint fit.
 const BLOCK_S: f64 = 0.04;
 /// Length of the intervals into which a hand-held rest is divided, s. Within an interval, the gravity direction is
 /// treated as constant.
@@ -17,14 +17,14 @@ const HELD_S: f64 = 0.2;
 /// rule is 1e-3.
 const STEPS: usize = 32;
 
-/// Information from a rest: derivatives of the mean force and of the mean rate over one second. They are divided by the
-/// standard deviations of these means.
+/// Information from a rest: derivatives of the mean force and of the mean rate with respect to the gravity direction
+/// and the parameters. They are divided by the standard deviations of means over one second.
 #[derive(Clone)]
 pub(super) struct RestInformation {
     force: [Vec<f64>; 3],
     rate: [Vec<f64>; 3],
-    /// For the mean force and for the mean rate: variance of the rounding error / variance of the white noise of the
-    /// mean over one second.
+    /// For the mean force and for the mean rate: (variance of the rounding error) / (variance of the white noise of a
+    /// mean over one second).
     rounding: [f64; 2],
     /// Propagation of the gravity direction over half of [`HELD_S`]; `None` for a rest on a stand. The mean force
     /// over an interval of a hand-held rest measures the gravity direction at the middle of the interval. The filter
@@ -32,7 +32,8 @@ pub(super) struct RestInformation {
     half_interval: Option<Propagation>,
 }
 
-/// The propagation of the direction of gravity from a rest to the next rest.
+/// Information from a move: the propagation of the direction of gravity from a rest to the next rest, with the forces
+/// during the move if they are used.
 #[derive(Clone)]
 pub(super) struct MoveInformation {
     sections: Vec<Section>,
@@ -41,8 +42,8 @@ pub(super) struct MoveInformation {
 #[derive(Clone)]
 struct Section {
     propagation: Propagation,
-    /// Derivatives of the forces inside the move, divided by the standard deviations of the forces. They are added to
-    /// the filter after the propagation. `None` if forces inside moves are not used.
+    /// Derivatives of the mean force over this section of the move, divided by the standard deviation of the mean. They
+    /// are added to the filter after the propagation. `None` if forces during moves are not used.
     force: Option<[Vec<f64>; 3]>,
 }
 
@@ -62,9 +63,9 @@ impl RestInformation {
         }
     }
 
-    /// Adds the information of a rest of this duration, s. `rests` is the number of all rests. The gyroscope has the
-    /// same reading at all rests, so the rounding error of the rate is equal at all rests and does not average out. The
-    /// rounding variance of each rest is therefore multiplied by `rests`.
+    /// Adds the information of a rest of `duration_s`, s, to the filter. `rests` is the number of rests of the whole
+    /// run. The gyroscope has the same reading at all rests, so the rounding error of the rate is equal at all rests
+    /// and does not average out. The rounding variance of each rest is therefore multiplied by `rests`.
     pub(super) fn add_to(&self, filter: &mut InformationFilter, duration_s: f64, rests: usize) {
         let Some(half) = &self.half_interval else {
             let [force, rate] = self.rounding;
@@ -126,7 +127,8 @@ impl MoveInformation {
         Self { sections }
     }
 
-    /// Propagates the gravity direction of the filter through the move.
+    /// Propagates the gravity direction of the filter through the move, and adds the forces during the move if they are
+    /// used.
     pub(super) fn propagate(&self, filter: &mut InformationFilter) {
         for Section { propagation, force } in &self.sections {
             filter.propagate(propagation);

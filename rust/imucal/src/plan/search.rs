@@ -1,4 +1,5 @@
-//! Search for the best program by simulated annealing. Each proposal changes one pose, hold or turn.
+//! Search for the best program by simulated annealing. A proposal is a copy of the present program with one change: a
+//! pose is changed, added or removed, a motor turns in the other direction, or holds get other durations.
 //!
 //! A better program is always accepted. A slightly worse program is accepted with a probability that decreases during
 //! the search. The search can thus reach better programs that differ in several poses.
@@ -19,10 +20,10 @@ use crate::error::Error;
 use crate::plan::limits::FEWEST_POSES;
 use crate::simulate::Program;
 
-/// Initial numbers of poses, one for each start of the search. The search can add and remove poses.
+/// Numbers of poses of the four random programs from which the search starts. The search can add and remove poses.
 const STARTS: [usize; 4] = [8, 16, 32, 64];
-/// Each start of the search tries 1 / `SHARE_OF_START` of all proposals. The remaining proposals improve the best
-/// start.
+/// From each of the four starts, the search tries 1 / `SHARE_OF_START` of all proposals. The remaining proposals
+/// improve the best of the four results.
 const SHARE_OF_START: usize = 16;
 /// Annealing temperature at the start of the search. The cost of a program is a logarithm, so the temperature has no
 /// unit. An increase of the cost by this temperature is accepted with a probability of about one third.
@@ -30,12 +31,12 @@ const WARM: f64 = 0.006;
 /// Annealing temperature at the end of the search. At this temperature, a program with a higher cost is practically
 /// never accepted.
 const COLD: f64 = 0.00006;
-/// Maximum number of random poses that are tried to find a pose that the stand can reach.
+/// Number of random poses after which the search for a pose that the stand can reach is given up.
 const ATTEMPTS: usize = 200;
-/// Number of bisection steps for the shortest holds that reach the goal.
+/// Number of bisection steps in the search for the shortest holds with which a program reaches the goal.
 const HALVINGS: usize = 30;
 
-/// Goal and length of a search.
+/// Goal, random seed and length of a search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Search {
     /// Goal for which the program is optimised.
@@ -185,8 +186,8 @@ impl Annealing<'_> {
                 self.scene.with_pose(trial, k, pose)
             }
             47..55 => {
-                // The turn before pose k changes its direction: the angle of one motor changes by a full revolution in
-                // this pose and in all following poses.
+                // One motor reaches pose k in another direction: its angle changes by a full revolution in this pose
+                // and in all following poses. The attitudes in the poses stay the same.
                 let (motor, turn) =
                     (self.random.random_range(0..3), if self.random.random::<bool>() { TAU } else { -TAU });
                 let mut poses = trial.poses.clone();

@@ -18,7 +18,8 @@ use crate::two_stage::observability::FARTHEST;
 /// Maximum share of the gyroscope's range that a plan uses. The other part is a margin for noise and for overshoot of
 /// the motors.
 const NEAR_RAILS: f64 = 0.95;
-/// For an effect with a time constant: assumed time constant / duration of the run.
+/// An effect with a time constant is planned with a fixed time constant. This is (time constant) / (duration of the
+/// run).
 const SHAPE_SHARE: f64 = 0.3;
 
 /// Model of a unit for planning: the sensitivities, the white noise, and the effects to be estimated.
@@ -34,10 +35,10 @@ pub struct Sensors {
     pub(super) rate_variance: f64,
     /// Variance of the mean gyroscope reading over one second during a move, (rad/s)^2.
     pub(super) moving_variance: f64,
-    /// Variance of the rounding error of the mean force of a rest, (m/s^2)^2.
+    /// Variance of the rounding error of the mean accelerometer reading of a rest, (m/s^2)^2.
     pub(super) force_rounding: f64,
-    /// Variance of the rounding error of the mean rate of a rest, (rad/s)^2. All rests have the same rounding error of
-    /// the rate.
+    /// Variance of the rounding error of the mean gyroscope reading of a rest, (rad/s)^2. All rests have the same
+    /// rounding error, because the gyroscope has the same reading at all rests.
     pub(super) rate_rounding: f64,
     gyroscope_range: f64,
     gravity_mps2: f64,
@@ -47,7 +48,7 @@ pub struct Sensors {
     pub(super) run_s: f64,
 }
 
-/// Variance of the rounding error of the mean of a rest, squared SI unit (model.md (37)).
+/// Variance of the rounding error of a mean reading at rest, squared SI unit (model.md (37)).
 fn rounding_error(sensor: &Sensor, rate_hz: f64) -> f64 {
     // The noise bandwidth of a second-order Butterworth filter is 1.11 times its -3 dB bandwidth. The factor 2 includes
     // negative frequencies, because the noise density is two-sided.
@@ -111,7 +112,7 @@ impl Sensors {
         Ok(self)
     }
 
-    /// Adds priors of parameters. They have the same form as in the joint fit.
+    /// Adds the priors that the user gave. They have the same form as in the joint fit.
     ///
     /// # Errors
     /// [`Error::Input`] for unknown names and invalid priors.
@@ -125,8 +126,8 @@ impl Sensors {
         BASE + self.effects.iter().map(|effect| effect.plain).sum::<usize>()
     }
 
-    /// Names and SI units of the effects' parameters. They are in the order in which they follow the 21 parameters of
-    /// the triads.
+    /// Name and SI unit of each parameter of the effects. In all lists of parameters, these parameters follow the 21
+    /// parameters of the triads in this order.
     pub fn effect_parameters(&self) -> Vec<(String, &'static str)> {
         let named = |effect: &&'static Effect<f64>| {
             let name = effect.name;
@@ -135,8 +136,9 @@ impl Sensors {
         self.effects.iter().flat_map(named).collect()
     }
 
-    /// Prior precision 1 / sigma^2 of each parameter. sigma is a tenth of the size of a parameter of the triads, and
-    /// ten typical sizes of a parameter of an effect. If the user gave a narrower prior, its sigma is used.
+    /// Prior precision 1 / sigma^2 of each parameter. By default, sigma is a tenth of the size of a parameter of the
+    /// triads, and ten times the typical size of a parameter of an effect. If the user gave a narrower prior, its sigma
+    /// is used.
     pub(super) fn prior_precision(&self) -> Vec<f64> {
         let scale = |matrix: &Matrix3<f64>| matrix.norm() / 3f64.sqrt();
         let (accelerometer, gyroscope) = (scale(&self.accelerometer), scale(&self.gyroscope));
@@ -155,18 +157,19 @@ impl Sensors {
         widest.zip(held.into_iter().chain(std::iter::repeat(0.0))).map(|(widest, held)| widest.max(held)).collect()
     }
 
-    /// Whether forces inside moves are used. Effects of angular acceleration need these forces, as in the joint fit.
+    /// Whether the plan uses the specific forces during moves. As in the joint fit, only effects of angular
+    /// acceleration need these forces.
     pub(super) fn uses_forces_in_moves(&self) -> bool {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::AngularAcceleration))
     }
 
-    /// Whether any row of derivatives depends on time.
+    /// Whether the derivatives of a reading depend on the time since the start of the run, because of an effect.
     pub(super) fn depend_on_time(&self) -> bool {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::Time))
     }
 
-    /// Ratio of the reading at this body rate to the usable range of the gyroscope, which is 95 % of its range. If the
-    /// ratio is above 1, the rate is too high for the plan.
+    /// Ratio of the gyroscope reading at this body rate to the usable range of the gyroscope (95 % of its range, minus
+    /// the bias), on the axis with the largest ratio. If the ratio is above 1, the rate is too high for a plan.
     pub(super) fn too_fast(&self, rate: &Vector3<f64>) -> f64 {
         let reading = self.gyroscope * rate;
         let share = |axis: usize| {
@@ -175,8 +178,8 @@ impl Sensors {
         (0..3).map(share).fold(0.0, f64::max)
     }
 
-    /// Derivatives of the three accelerometer readings, m/s^2, one row for each reading. They are not yet divided by
-    /// the standard deviations of the readings.
+    /// Derivatives of the three accelerometer readings, m/s^2, with respect to the gravity direction and the
+    /// parameters, one row for each reading. They are not divided by the standard deviations of the readings.
     pub(super) fn force_rows(&self, moment: &Moment, time_s: f64) -> [Vec<f64>; 3] {
         let to_world = moment.rotation_world_from_body.to_rotation_matrix();
         let [x, y, z] = [0, 1, 2].map(|row| to_world.matrix().row(row).transpose());
@@ -199,8 +202,8 @@ impl Sensors {
         rows
     }
 
-    /// Derivatives of the three gyroscope readings at rest, rad/s, one row for each reading. They are not yet divided
-    /// by the standard deviations of the readings.
+    /// Derivatives of the three gyroscope readings at rest, rad/s, with respect to the gravity direction and the
+    /// parameters, one row for each reading. They are not divided by the standard deviations of the readings.
     pub(super) fn rate_rows(&self, moment: &Moment, time_s: f64) -> [Vec<f64>; 3] {
         let mut rows: [Vec<f64>; 3] = std::array::from_fn(|i| {
             let mut row = vec![0.0; DIRECTION + self.parameters()];
@@ -214,9 +217,10 @@ impl Sensors {
         rows
     }
 
-    /// Extends a propagation of the gravity direction by an interval of `duration_s` around `time_s`. The derivatives
-    /// of the two angles of the direction with respect to the parameters are added to `by`. Returns the gains from the
-    /// rate noise of the three gyroscope axes to both angles.
+    /// Extends a propagation of the gravity direction by an interval of `duration_s` around `time_s`. The contribution
+    /// of this interval to the Jacobian C of [`Propagation`](super::information_filter::Propagation) is added to `by`.
+    /// Returns, for each of the two angles of the direction, the factors with which the noise of the three gyroscope
+    /// axes enters the rate of the angle.
     pub(super) fn add_propagation(
         &self,
         moment: &Moment,
@@ -243,7 +247,8 @@ impl Sensors {
         seen
     }
 
-    /// Calls `take` with every column of the effects on a sensor, and with the index of its parameter.
+    /// For every parameter of the effects on a sensor, calls `take` with the index of the parameter and with the
+    /// derivatives of the rate or force of this sensor with respect to the parameter.
     fn effect_columns(&self, sensor: Kind, moment: &Moment, time_s: f64, mut take: impl FnMut(usize, Vector3<f64>)) {
         let mut place = BASE;
         for effect in &self.effects {

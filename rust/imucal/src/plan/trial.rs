@@ -1,5 +1,5 @@
-//! A trial program. Its rests and moves are stored separately. After a change, only the affected rests and moves are
-//! computed again.
+//! A trial program. The information of each rest and of each move is stored separately. After a change, only the
+//! information of the affected rests and moves is computed again.
 
 use std::rc::Rc;
 
@@ -14,16 +14,16 @@ use crate::error::Error;
 use crate::simulate::profile::MotorState;
 use crate::simulate::{Moment, Program, Step};
 
-/// Minimum angle by which at least one motor turns between two consecutive poses, rad. Two closer poses would give
-/// nearly equal measurements.
+/// Between two consecutive poses, at least one motor must turn by this angle, rad. Two closer poses would give nearly
+/// equal measurements.
 const LEAST_TURN_RAD: f64 = 0.17;
-/// Margin of a planned rest above the minimum duration, s. It is needed because the time resolution of rest detection
-/// is one block.
+/// A planned rest is longer than the minimum duration of a rest by this margin, s. It is needed because rest detection
+/// finds the ends of a rest only with a resolution of one block.
 const SPARE_S: f64 = 0.2;
 /// Number of instants at which the rate during a move is compared with the range of the gyroscope.
 const RATE_INSTANTS: usize = 24;
 
-/// Data of a search that all of its trial programs use.
+/// Inputs of a search, which are the same for all trial programs.
 pub(super) struct Scene<'a> {
     pub(super) sensors: &'a Sensors,
     pub(super) limits: &'a Limits,
@@ -49,7 +49,7 @@ impl Scene<'_> {
         whole_ticks(self.limits.settle_s + self.limits.min_rest_s + 2.0 * EDGE_S + SPARE_S)
     }
 
-    /// A program with these poses; `None` if the stand cannot run it.
+    /// A program with these poses and hold durations; `None` if the stand cannot run it.
     pub(super) fn trial(&self, poses: Vec<Vector3<f64>>, holds_s: Vec<f64>) -> Option<Trial> {
         let mut trial =
             Trial { moves_s: Vec::new(), stills: Vec::new(), legs: Vec::new(), poses, holds_s, cost: f64::INFINITY };
@@ -64,7 +64,7 @@ impl Scene<'_> {
         self.with_cost(trial)
     }
 
-    /// The program with another pose `k`; `None` if the stand cannot run the changed program.
+    /// A copy of the program in which `pose` replaces pose `k`; `None` if the stand cannot run the changed program.
     pub(super) fn with_pose(&self, trial: &Trial, k: usize, pose: Vector3<f64>) -> Option<Trial> {
         let mut changed = trial.clone();
         changed.poses[k] = pose;
@@ -75,7 +75,8 @@ impl Scene<'_> {
         self.with_cost(changed)
     }
 
-    /// The program with other durations of its holds; `None` if the program is then too long.
+    /// A copy of the program with the hold durations `holds_s`; `None` if it is too long or its information is
+    /// singular.
     pub(super) fn with_holds(&self, trial: &Trial, holds_s: Vec<f64>) -> Option<Trial> {
         self.with_cost(Trial { holds_s, ..trial.clone() })
     }
@@ -116,7 +117,8 @@ impl Scene<'_> {
         trial.cost.is_finite().then_some(trial)
     }
 
-    /// Computes all rests and moves again at the times at which they occur in the program.
+    /// Computes the information of all rests and moves again, at the times at which they occur in the program. This is
+    /// needed for effects that depend on time.
     fn in_time(&self, trial: &mut Trial) -> Option<()> {
         let mut time_s = 0.0;
         for k in 0..trial.poses.len() {

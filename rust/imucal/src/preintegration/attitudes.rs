@@ -12,8 +12,8 @@ use super::rotate_by;
 use super::step::{half_turn, is_within_range, times_quaternion};
 use crate::numerics::instructions::Instructions;
 
-/// Number of rotations per block. A block fits into the L1 cache, and is so short that the norms of the unnormalised
-/// quaternions stay near one.
+/// Number of rotations that are processed as one block. The data of a block fit into the L1 cache. A block is so short
+/// that the norms of the unnormalised quaternions stay near one.
 const AT_ONCE: usize = 512;
 
 /// Attitudes before the first and after each of the rotations `turns`, which are rotation vectors in the body frame,

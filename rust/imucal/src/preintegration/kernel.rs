@@ -40,8 +40,8 @@ pub(super) struct Increment {
     /// first sum contains R x weight of the sample in the integration. The others contain R x weight x rate, one for
     /// each rate component. In the sum for rate component j, only the columns c <= j are valid.
     pub(super) sums: [Matrix3<f64>; 4],
-    /// Number of processed steps. The remaining steps of a block are fewer than the lanes, or fewer than one node (16
-    /// steps) per lane.
+    /// Number of processed steps. All lanes process equally many steps or nodes. The steps of a block that remain are
+    /// fewer than the lanes, or fewer than 16 (one node) times the lanes.
     pub(super) steps: usize,
 }
 
@@ -59,9 +59,9 @@ impl Increment {
     }
 }
 
-/// The work on a block. If `CUBIC` is true, the rate is interpolated by a cubic, otherwise linearly. If `SUMS` is true,
-/// the sums are computed. `RANGE` is an index into [`ANGLE_RANGES`](super::step::ANGLE_RANGES), the ranges of step
-/// angles.
+/// The vectorised integration of a block. If `CUBIC` is true, the rate is interpolated by a cubic, otherwise linearly.
+/// If `SUMS` is true, the sums for the derivatives are also computed. `RANGE` is an index into
+/// [`ANGLE_RANGES`](super::step::ANGLE_RANGES), the ranges of step angles.
 pub(super) struct Kernel<'a, const CUBIC: bool, const SUMS: bool, const RANGE: usize>(pub(super) Block<'a>);
 
 impl<const CUBIC: bool, const SUMS: bool, const RANGE: usize> WithSimd for Kernel<'_, CUBIC, SUMS, RANGE> {
@@ -99,8 +99,8 @@ impl Block<'_> {
             std::array::from_fn(|l| self.stamps_s.map_or(&[][..], |stamps| &stamps[first(l)..first(l) + samples]));
         let map = LaneMap::new(simd, self.map);
 
-        // Number of samples that are read before the first step: all samples up to the start of this step and, with
-        // cubic interpolation, the sample at its end.
+        // Number of samples that are read before the first step is integrated: with linear interpolation the sample at
+        // its start, with cubic interpolation also the sample before its start and the sample at its end.
         let known = samples - steps;
         let (zero, half) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 0.5));
         let mut run: LaneState<S> = LaneState::new(simd);

@@ -1,5 +1,5 @@
-//! Linear start value of the gyroscope's sensitivity. It is computed from the motion of gravity in the body frame
-//! during moves (`docs/model.md` (10)).
+//! Start value of the gyroscope's sensitivity. It is computed by a linear fit to the motion of gravity in the body
+//! frame during moves (`docs/model.md` (10)).
 //!
 //! In the body frame, the direction u of gravity changes by `du/dt = u x w`. The rate is `w = P (m - b)`, where P is
 //! the inverse of the sensitivity, m the measured rate and b the bias. The direction u is measured by the accelerometer
@@ -26,7 +26,7 @@ const LEAST_TURN_SHARE: f64 = 0.01;
 /// Length of a block over which the gravity direction u is averaged, s.
 const BLOCK_S: f64 = 0.1;
 
-/// P in `true rate = P (raw - bias)`; `None` if the motion does not determine it.
+/// The matrix P in `true rate = P (raw - bias)`, estimated from the moves; `None` if the motion does not determine it.
 pub(crate) fn rate_from_gravity(
     recordings: &[Recording<'_>],
     moves: &[Move],
@@ -76,8 +76,8 @@ pub(crate) fn scale_from_gravity(
     (scale.is_finite() && scale != 0.0).then_some(scale)
 }
 
-/// A pair of consecutive blocks: the mean gravity direction, its change from block to block, and the integral of the
-/// raw rate between the centres of the blocks.
+/// A pair of consecutive blocks: the mean ubar of the gravity directions of the two blocks, the change of the direction
+/// from the first to the second block, and the integral s of (raw rate - bias) between the centres of the blocks.
 struct Pair {
     up: Vector3<f64>,
     change: Vector3<f64>,
@@ -86,8 +86,8 @@ struct Pair {
 
 fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: Vector3<f64>, pairs: &mut Vec<Pair>) {
     let dt_s = m.interval_s;
-    // A block has an even number of samples, so its centre is between two samples. If the time stamps of a move hardly
-    // increase, a block would be longer than the move.
+    // A block has an even number of samples, so that its centre is between two samples. If the time stamps of a move
+    // hardly increase, a block would be longer than the move.
     let block = ((BLOCK_S / dt_s / 2.0).round() as usize).clamp(1, m.last + 1 - m.first) * 2;
     let up = |start: usize| {
         let sum: Vector3<f64> = recording.specific_force.slice(start..start + block).iter().map(Vector3::from).sum();

@@ -129,8 +129,8 @@ pub(super) fn cross<S: Simd>(a: &Three<S>, b: &Three<S>) -> Three<S> {
     [part(1, 2), part(2, 0), part(0, 1)]
 }
 
-/// Index of the first element of a lane if each lane processes `count` elements. Lanes beyond the length of the
-/// register read the elements of the first lane.
+/// Index of the first element that a lane processes if each lane processes `count` consecutive elements. For lane
+/// numbers beyond the length of the register, the index is 0, the first element of lane 0.
 #[inline(always)]
 pub(super) fn lane_start<S: Simd>(lane: usize, count: usize) -> usize {
     if lane < S::F64_LANES { lane * count } else { 0 }

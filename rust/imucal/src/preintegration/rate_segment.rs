@@ -1,4 +1,4 @@
-//! Integration of consecutive gyroscope samples.
+//! Integration of consecutive gyroscope samples to the rotation over their time interval.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -52,15 +52,16 @@ pub struct RateSegment<'a> {
 
 #[cfg(test)]
 thread_local! {
-    /// Number of integrated steps. Tests use it to count the passes of a fit over the samples.
+    /// Number of steps integrated so far on this thread. From this number, tests compute how often a fit reads the
+    /// samples.
     pub(crate) static STEPS_TAKEN: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
 }
 
-/// Number of steps per lane in a block. The number is large, because the first samples of each lane are not prefetched.
-/// It is not a power of two, because the lanes would then compete for the same cache sets.
+/// Number of steps that each SIMD lane processes in a block. The number is large, because the first samples of each
+/// lane are not prefetched. It is not a power of two, because the lanes would then compete for the same cache sets.
 const STEPS_OF_A_LANE: usize = 4000;
-/// Angular rate that selects the first trial range of step angles, rad/s (340 deg/s). The first trial uses the smallest
-/// range that contains the step angle at this rate. A smaller range would often fail.
+/// Angular rate, rad/s (340 deg/s), that selects the range of step angles which is tried first: the smallest range that
+/// contains the step angle at this rate. A smaller range would often fail.
 const FAST_RAD_PER_S: f64 = 5.9;
 /// Minimum number of steps for vectorised integration. Fewer steps are integrated one by one.
 const FEW: usize = 16;
@@ -97,8 +98,8 @@ impl<'a> RateSegment<'a> {
         Self::linear(recording.angular_rate.slice(first..last + 1), SampleTimes::of(&recording.time_s[first..=last]))
     }
 
-    /// Divides samples `first..=last` into sections, each with one kind of interpolation. The interpolation is cubic
-    /// where possible.
+    /// Divides samples `first..=last` into segments, each with one kind of interpolation ([`Interpolation::of`]): cubic
+    /// if the time steps permit it, otherwise linear.
     pub(crate) fn smooth(
         time_s: &'a [f64],
         rates: Samples<'a>,
@@ -115,7 +116,8 @@ impl<'a> RateSegment<'a> {
         })
     }
 
-    /// Rotation `v_start = rotation * v_end` for a gyroscope with these parameters.
+    /// Rotation from the frame at the end to the frame at the start of the segment, `v_start = rotation * v_end`, for a
+    /// gyroscope with these parameters.
     pub fn rotation(&self, gyroscope: &Triad<f64>) -> Matrix3<f64> {
         let (rotation, _) = match self.interpolation {
             Interpolation::Linear => self.integrate::<false, false>(gyroscope),
@@ -130,7 +132,7 @@ impl<'a> RateSegment<'a> {
         Preintegrated { rotation, sensitivity_sums: sums.sensitivity, bias_sum: sums.bias }
     }
 
-    /// Rotation and sums.
+    /// Rotation over the segment, and the sums for its derivatives.
     pub(crate) fn sums(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
         let (rotation, sums) = match self.interpolation {
             Interpolation::Linear => self.integrate::<false, true>(gyroscope),
@@ -173,8 +175,9 @@ impl<'a> RateSegment<'a> {
         (frame.rotation * all.rotation * frame.rotation.inverse(), sums)
     }
 
-    /// Integrates a block with SIMD. The ranges of step angles are tried in ascending order until a range contains all
-    /// step angles. The next block starts with this range.
+    /// Integrates a block with SIMD. From `angle_range` on, the ranges of step angles are tried in ascending order
+    /// until a range contains all step angles. The next block starts with this range. `None` if no range contains them
+    /// or if the block has too few steps.
     fn lanes<const CUBIC: bool, const SUMS: bool>(
         &self,
         block: Block<'_>,
@@ -194,8 +197,8 @@ impl<'a> RateSegment<'a> {
     }
 
     /// Integrates steps without SIMD. It is used for large step angles, and for the last steps, which do not fill all
-    /// lanes. The computation uses the frame of the gyroscope, so there are no rounding errors from another
-    /// transformation.
+    /// lanes. The steps are integrated in the frame of the gyroscope, and only their result is transformed to `frame`.
+    /// This avoids rounding errors due to a transformation of every sample.
     fn scalar_steps<const CUBIC: bool>(
         &self,
         gyroscope: &Triad<f64>,
@@ -243,13 +246,15 @@ impl<'a> RateSegment<'a> {
         }
     }
 
-    /// Completes the sums of a vectorised integration and transforms them to the frame of the gyroscope.
+    /// Computes the sums that the vectorised integration does not accumulate, and transforms all sums to the frame of
+    /// the gyroscope in SI units.
     fn all_sums(&self, all: &Increment, axes: &Matrix3<f64>) -> Sums {
         let (by_time, by_turn) = self.units_of_sums();
         let [bias, mut by_rate @ ..] = all.sums;
-        // The remaining sums are computed from R' = R [w]x, where R is the rotation, R' its time derivative, and w the
-        // rate. For example, the derivative of the first column of R is R_y w_z - R_z w_y. The change of the first
-        // column over the segment is therefore the sum of R_y w_z minus the sum of R_z w_y.
+        // The sums that the vectorised integration does not accumulate are computed from R' = R [w]x, where R is the
+        // rotation, R' its time derivative, and w the rate. For example, the derivative of the first column of R is R_y
+        // w_z - R_z w_y. The change of the first column over the segment is therefore the sum of R_y w_z minus the sum
+        // of R_z w_y.
         let turned = (all.rotation.to_rotation_matrix().matrix() - Matrix3::identity()) / by_turn;
         for (c, j, sign, across) in [(1, 0, -1.0, 2), (2, 0, 1.0, 1), (2, 1, -1.0, 0)] {
             let column = by_rate[c].column(j) + turned.column(across) * sign;
@@ -267,9 +272,10 @@ fn along(axes: &Matrix3<f64>, by_rate: &[Matrix3<f64>; 3]) -> [Matrix3<f64>; 3] 
     [0, 1, 2].map(|j| (0..3).map(|i| turned[i] * axes[(j, i)]).sum())
 }
 
-/// Frame in which the matrix from raw readings to rates is upper triangular.
+/// Frame of the vectorised integration. In this frame, the matrix that converts raw readings to rates is upper
+/// triangular.
 pub(super) struct Frame {
-    /// Axes of this frame, as columns, expressed in the frame of the gyroscope.
+    /// The three axes of this frame, expressed in the frame of the gyroscope. Each axis is a column of the matrix.
     pub(super) axes: Matrix3<f64>,
     rotation: UnitQuaternion<f64>,
     map: Map,

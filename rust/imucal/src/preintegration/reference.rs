@@ -1,4 +1,5 @@
-//! Reference implementation of the rotation and the sums in double-double arithmetic.
+//! Reference implementation for tests: the rotation over a move and the sums for its derivatives, in double-double
+//! arithmetic.
 
 use imucal_core::sensor::Triad;
 use nalgebra::Matrix3;

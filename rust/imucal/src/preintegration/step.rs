@@ -26,16 +26,17 @@ pub(super) struct AngleRange {
     terms: [usize; 2],
 }
 
-/// Ranges from small to large angles. The relative truncation error of the tangent is at most 1e-14. The truncation
-/// error of the squared cosine does not accumulate, because the norm is corrected once per tile (8 steps).
+/// Ranges from small to large angles. The relative truncation error of the polynomial for the tangent is at most 1e-14.
+/// The truncation error of the polynomial for the squared cosine does not accumulate, because the norm is corrected
+/// once per tile (8 steps).
 pub(super) const ANGLE_RANGES: [AngleRange; 3] = [
     AngleRange { turn_rad: 0.001, terms: [2, 3] },
     AngleRange { turn_rad: 0.03, terms: [4, 4] },
     AngleRange { turn_rad: 0.2, terms: [7, 6] },
 ];
 
-/// Whether sums are computed over nodes of 16 steps instead of sample by sample. Nodes are used for equal steps with
-/// angles in the first of the [`ANGLE_RANGES`].
+/// Whether the sums for the derivatives are computed over nodes of 16 steps instead of sample by sample. Nodes are used
+/// if all time steps are equal and all step angles are in the first of the [`ANGLE_RANGES`].
 pub(super) const fn at_nodes<const EVEN: bool, const SUMS: bool, const RANGE: usize>() -> bool {
     EVEN && SUMS && RANGE == 0
 }
@@ -86,8 +87,9 @@ impl<S: Simd> StepTerm<S> {
 #[repr(align(64))]
 pub(super) struct LaneState<S: Simd> {
     simd: S,
-    /// The last three samples (`a`) and their times, oldest first.
+    /// The last three rates, oldest first. For equal steps, they are scaled like a0 and a1 at the start of this file.
     a: [Three<S>; 3],
+    /// Times of these rates, s; zero for equal steps.
     times: [Lanes<S>; 3],
     /// Length of the previous step, s.
     pub(super) before: Lanes<S>,
@@ -95,7 +97,7 @@ pub(super) struct LaneState<S: Simd> {
     pub(super) quaternion: [Lanes<S>; 4],
     /// Two divided by the squared norm of the quaternion.
     double: Lanes<S>,
-    /// Sum over all steps since the last call of `sum_of_samples`. Each step contributes the two samples at its ends.
+    /// Sum of the samples at both ends of each step, over all steps since the last call of `sum_of_samples`.
     pairs: Three<S>,
     /// Largest `y = |p|^2` of all steps. The rotation angle of a step is 3 |p|.
     largest: Lanes<S>,
@@ -181,14 +183,14 @@ impl<S: Simd> LaneState<S> {
         self.a[if CUBIC { 1 } else { 2 }]
     }
 
-    /// Contribution of the sample at the start of the next step to the sums, with a given weight.
+    /// Contribution to the sums of the sample at the start of the next step, with the weight `weight`.
     #[inline(always)]
     pub(super) fn here<const CUBIC: bool>(&self, weight: Lanes<S>) -> Sample<S> {
         let sample = self.sample::<CUBIC>();
         Sample { rate: three(|c| sample[c] * weight), weight, rotation: self.rotation() }
     }
 
-    /// Columns of the rotation matrix.
+    /// Columns of the rotation matrix that is the product of all steps so far.
     #[inline(always)]
     fn rotation(&self) -> [Three<S>; 3] {
         let one = Lanes::splat(self.simd, 1.0);
@@ -224,7 +226,8 @@ impl<S: Simd> LaneState<S> {
         w.mul_add(w, square(&[x, y, z]))
     }
 
-    /// Multiplies the rotation by the rotations of several consecutive steps.
+    /// Multiplies the rotation by the rotations of several consecutive steps, whose quaternions are `terms`. If `SUMS`
+    /// is true, the rotation before each step is written to `samples`.
     #[inline(always)]
     pub(super) fn turn<const SUMS: bool>(&mut self, terms: &[StepTerm<S>], samples: &mut [Sample<S>]) {
         if SUMS {
@@ -242,7 +245,8 @@ impl<S: Simd> LaneState<S> {
         }
     }
 
-    /// Whether the angles of all steps were inside the range `RANGE` of the polynomials.
+    /// Whether the rotation angles of all steps so far are inside the range `RANGE`, in which the polynomials are
+    /// accurate.
     #[inline(always)]
     pub(super) fn is_exact<const RANGE: usize>(&self) -> bool {
         let limit = ANGLE_RANGES[RANGE].turn_rad;

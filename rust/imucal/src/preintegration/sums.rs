@@ -1,11 +1,10 @@
-//! Sums of the rotations R, and of R times each component of the rate. They are computed sample by sample or node by
-//! node.
+//! Sums over the samples of R, and of R times each component of the rate. R is the rotation from the frame at a sample
+//! to the frame at the first sample. The sums are computed sample by sample, or node by node, which is faster.
 //!
-//! A node combines n = 16 short steps. The rotation R and the angular rate w differ from sample to sample. The sum of
-//! `R w` over the samples of a node is approximated by `R W + R' D`. Here R is the rotation matrix in the middle of the
-//! node, and R' is its derivative with respect to time, in units of the node's duration. W is the sum of w over the
-//! samples of the node, with half weight for the first and the last sample (trapezoidal rule). D is a linear
-//! combination of differences between the rates of the node.
+//! A node combines n = 16 short time steps. The sum of `R w` over the samples of a node is approximated by `R W + R'
+//! D`. Here R is the rotation matrix in the middle of the node, and R' is its derivative with respect to time, in units
+//! of the node's duration. W is the sum of w over the samples of the node, with half weight for the first and the last
+//! sample (trapezoidal rule). D is a linear combination of differences between the rates of the node.
 //!
 //! The coefficients of D are derived for a sinusoidal rate whose phase changes by x over a node. For this rate, with w
 //! and its derivative w' in the middle of the node, W and D are
@@ -29,7 +28,7 @@ const N: f64 = STEPS_OF_A_NODE as f64;
 /// Coefficient a of W (see the start of this file): the relative difference between W and n w, divided by the squared
 /// phase change x^2.
 pub(super) const SECOND: f64 = (1.0 + 2.0 / (N * N)) / 24.0;
-/// Ratio b / a of the coefficients of W.
+/// Ratio b / a of the coefficients a and b of W (see the start of this file).
 const FOURTH: f64 = (1.0 / 1920.0 + 1.0 / (288.0 * N * N) - 1.0 / (720.0 * N * N * N * N)) / SECOND;
 /// D must be `n a w' (1 - (b / a) x^2)`. If D contained only the difference between the sums over the two halves of a
 /// node, this value would take the place of b / a.
@@ -39,14 +38,14 @@ const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
 const OF_ENDS: f64 = 1.0 / 24.0;
 /// Share of the difference between the end samples in D: `share x OF_ENDS + (1 - share) x OF_HALVES = b / a`.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
-/// In D, the difference between the sums over the two halves of a node is multiplied by this factor. The factor is for
-/// the rates of the kernel, which are multiplied by a sixth of the time step.
+/// In D, the difference between the sums over the two halves of a node is multiplied by this factor. The factor is
+/// valid for the rates in the vectorised integration, which are multiplied by a sixth of the time step.
 pub(super) const BY_HALVES: f64 = (1.0 - SHARE_OF_ENDS) * 24.0 * SECOND * N;
-/// In D, the difference between the samples at the two ends of a node is multiplied by this factor. The factor is for
-/// the rates of the kernel, which are multiplied by a sixth of the time step.
+/// In D, the difference between the samples at the two ends of a node is multiplied by this factor. The factor is valid
+/// for the rates in the vectorised integration, which are multiplied by a sixth of the time step.
 pub(super) const BY_ENDS: f64 = SHARE_OF_ENDS * 6.0 * SECOND * N * N;
 
-/// Contribution of a sample to the sums.
+/// Contribution of a sample to the sums, in each SIMD lane.
 #[derive(Clone, Copy)]
 #[repr(align(64))] // A vector that crosses a cache line takes twice as long to load and to store.
 pub(super) struct Sample<S: Simd> {
@@ -65,18 +64,18 @@ impl<S: Simd> Sample<S> {
     }
 }
 
-/// Contribution of a node to the sums.
+/// Quantities of a node from which its contribution to the sums is computed.
 pub(super) struct Node<S: Simd> {
-    /// The sample at the start of the node.
+    /// Rate of the sample at the start of the node.
     begin: Three<S>,
-    /// The sample in the middle of the node.
+    /// Rate of the sample in the middle of the node.
     middle: Three<S>,
-    /// The sample at the end of the node.
+    /// Rate of the sample at the end of the node.
     end: Three<S>,
     /// Columns of the rotation matrix in the middle of the node.
     rotation: [Three<S>; 3],
-    /// Sums of the samples over the first and over the second half of the node. The two samples at the ends of each
-    /// half have half weight.
+    /// Sums of the rates over the first and over the second half of the node. The two samples at the ends of each half
+    /// have half weight.
     halves: [Three<S>; 2],
 }
 
@@ -88,7 +87,8 @@ impl<S: Simd> Node<S> {
         Self { begin, middle: zero, end: begin, rotation: [zero; 3], halves: [zero; 2] }
     }
 
-    /// Starts the next node at the end of the previous node, and sets the values at its middle.
+    /// Starts the next node at the end of the previous node, and sets the rate, the rotation and the sum of rates up to
+    /// its middle.
     #[inline(always)]
     pub(super) fn reach_middle(&mut self, middle: Three<S>, half: Three<S>, rotation: [Three<S>; 3]) {
         (self.begin, self.middle, self.halves[0], self.rotation) = (self.end, middle, half, rotation);
@@ -157,7 +157,8 @@ impl<S: Simd> Totals<S> {
         ]);
     }
 
-    /// Columns of four sums: the sum of R, and for each component of the rate, the sum of R x component.
+    /// Four sums, each given by its three columns: the sum of R, and the sums of R times each of the three components
+    /// of the rate.
     #[inline(always)]
     pub(super) fn columns(&self) -> [[Three<S>; 3]; 4] {
         let [x, y, z] = &self.0;
@@ -166,8 +167,8 @@ impl<S: Simd> Totals<S> {
     }
 }
 
-/// Contribution of the first (`sign` -1) or last (`sign` 1) sample of all nodes to the sums. It is due to the
-/// integration by parts.
+/// Contribution to the sums of the sample at the start (`sign` -1) or at the end (`sign` 1) of a series of nodes. It is
+/// the boundary term of the integration by parts that the start of this file describes.
 #[inline(always)]
 pub(super) fn end_of_nodes<S: Simd>(simd: S, sign: f64, rate: Three<S>, rotation: &[Three<S>; 3]) -> Sample<S> {
     let factor = Lanes::splat(simd, sign * 6.0 * SECOND * N * N);

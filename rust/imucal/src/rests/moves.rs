@@ -19,8 +19,8 @@ use crate::rests::unit_rest::{UnitRest, touches};
 /// (7)). Over a longer time step, the rotation cannot be integrated accurately.
 const LONGEST_STEP: f64 = 2.5;
 
-/// Duration of the part of an unsteady rest from which the gravity direction is computed, s (model.md (13)). This part
-/// is adjacent to the move.
+/// The gravity direction at an end of an unsteady rest is computed from this duration of the rest next to the move, s
+/// (model.md (13)).
 const SPAN_S: f64 = 1.0;
 /// Number of sub-means into which the mean over the last or first second of an unsteady rest is divided. The variance
 /// of the gravity direction is computed from the scatter of the sub-means (model.md (13)).
@@ -31,49 +31,51 @@ const TREMBLING: f64 = 1.5;
 /// A rest does not count as hand-held if the scatter of its rates within 0.1 s is below this limit, rad/s. Hand tremor
 /// causes larger rates. The limit prevents false detections in recordings without noise.
 const STILL_RADPS: f64 = 1e-3;
-/// Lower bound of the standard deviation of a move's direction error, rad. It is the integration error of a sampled
-/// rate, which is the only error in simulated data without noise.
+/// Lower bound of the standard deviation of the gravity-direction error after a move, rad. It is the error of
+/// integrating a sampled rate, which is the only error in simulated data without noise.
 pub(crate) const FINEST_RAD: f64 = 2e-5;
 
 /// A move: the samples from the last sample of a rest to the first sample of the next rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Move {
-    /// Index of the recording.
+    /// Index of the recording that contains the move.
     pub(crate) recording: usize,
-    /// Index of the rest before the move, among all rests of all recordings.
+    /// Index of the rest before the move, in the list of the rests of all recordings.
     pub(crate) from: usize,
-    /// Index of the rest after the move.
+    /// Index of the rest after the move, in the same list.
     pub(crate) to: usize,
     /// Index of the first sample of the move, which is the last sample of the rest before it.
     pub(crate) first: usize,
     /// Index of the last sample of the move (inclusive), which is the first sample of the rest after it.
     pub(crate) last: usize,
-    /// Duration, s.
+    /// Duration of the move, s.
     pub(crate) duration_s: f64,
     /// Median sampling interval within the move, s.
     pub(crate) interval_s: f64,
 }
 
-/// Measured quantities on which the residual of a move depends, in addition to the angular rates (model.md (7), (8)).
+/// Measured gravity directions at both ends of a move, and the standard deviation of the residual of the move (model.md
+/// (7), (8)).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ends {
     /// Unit vector of gravity in the body frame at the rest before the move.
     pub(crate) before: Vector3<f64>,
     /// Unit vector of gravity in the body frame at the rest after the move.
     pub(crate) after: Vector3<f64>,
-    /// Standard deviation of each component of the residual, rad.
+    /// Standard deviation of each of the two components of the residual of the move, rad.
     pub(crate) sigma_rad: f64,
 }
 
 impl Ends {
-    /// The projection matrix E of model.md (7): two orthonormal rows perpendicular to the direction of gravity after
-    /// the move.
+    /// The projection matrix E of model.md (7). Its two rows are orthonormal and perpendicular to the direction of
+    /// gravity after the move.
     pub(crate) fn across(&self) -> Matrix2x3<f64> {
         rows_across(&self.after)
     }
 
-    /// Residual of the move, rad: the propagated gravity direction minus the measured one, projected with E. `rotation`
-    /// is the rotation from the body frame at the end of the move to the body frame at its start.
+    /// Residual of the move, rad: the gravity direction that the gyroscope propagates from the start, minus the
+    /// direction measured at the end, both projected with E. `rotation` is the rotation from the body frame at the end
+    /// of the move to the body frame at its start.
     pub(crate) fn residual(&self, rotation: &Matrix3<f64>) -> Vector2<f64> {
         self.across() * (rotation.tr_mul(&self.before) - self.after)
     }
@@ -89,20 +91,20 @@ pub(crate) fn across(up: &Vector3<f64>) -> [Vector3<f64>; 2] {
 /// is far from parallel to `up`, so neighbouring directions have the same axis. The axis of the smallest component is
 /// not used, because noise changes the order of two components near zero.
 pub(crate) fn axis_aside(up: &Vector3<f64>) -> usize {
-    /// The absolute component of `up` along the chosen axis is below this limit. A unit vector always has a component
-    /// below 0.58.
+    /// The component of `up` along the chosen axis must be below this limit in absolute value. A unit vector always has
+    /// such an axis, because its smallest component is at most 0.58.
     const ASIDE: f64 = 0.6;
     up.iter().position(|component| component.abs() < ASIDE).unwrap_or(0)
 }
 
-/// The two vectors of [`across`] as rows of a matrix.
+/// The two vectors perpendicular to `up` that [`across`] returns, as rows of a matrix.
 pub(crate) fn rows_across(up: &Vector3<f64>) -> Matrix2x3<f64> {
     Matrix2x3::from_rows(&across(up).map(|direction| direction.transpose()))
 }
 
 impl Move {
-    /// Whether this is the step from one epoch of a long rest to the next epoch, during which the unit does not move.
-    /// An epoch is a part of a long rest with its own mean.
+    /// Whether this interval connects two epochs of one long rest, so that the unit does not move. An epoch is a part
+    /// of a long rest with its own mean.
     pub(crate) fn is_within_rest(&self, rests: &[UnitRest]) -> bool {
         rests[self.from].whole == rests[self.to].whole
     }
@@ -117,9 +119,9 @@ impl Move {
 /// An interval between two rests that cannot be used as a move.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Unusable {
-    /// The interval, with its first and last sample, duration and adjacent rests in the fields of a [`Move`].
+    /// The interval: its first and last sample, its duration, and the rests before and after it.
     pub(crate) span: Move,
-    /// Reason code: `saturation` or `samples_missing`.
+    /// Why the interval cannot be used, as a code: `saturation` or `samples_missing`.
     pub(crate) reason: &'static str,
 }
 
@@ -130,8 +132,8 @@ pub(crate) fn saturated_stretches(recordings: &[Recording<'_>], findings: &[Find
     recordings.iter().map(|recording| if found { saturated_samples(recording) } else { Vec::new() }).collect()
 }
 
-/// The moves between consecutive usable rests, and the intervals that cannot be used because they contain missing or
-/// saturated samples.
+/// The moves between consecutive usable rests, and the intervals between such rests that cannot be used because samples
+/// in them are missing or saturated.
 pub(crate) fn between(
     recordings: &[Recording<'_>],
     rests: &[UnitRest],
@@ -166,12 +168,12 @@ pub(crate) fn between(
 pub(crate) struct Directions<'a> {
     pub(crate) recordings: &'a [Recording<'a>],
     pub(crate) rests: &'a [UnitRest],
-    /// White-noise densities of each recording, raw units per sqrt(Hz).
+    /// For each recording: white-noise densities of the sensors, raw units per sqrt(Hz).
     pub(crate) noise: &'a [NoiseDensity],
-    /// Model of the tremor of the hand for each recording; `None` if the unit is not hand-held.
+    /// For each recording: model of the tremor of the hand; `None` if the unit is not hand-held.
     pub(crate) hands: &'a [Option<Hand>],
     pub(crate) accelerometer: &'a Triad<f64>,
-    /// Current estimate of the gyroscope.
+    /// Current estimate of the gyroscope's calibration.
     pub(crate) gyroscope: &'a Triad<f64>,
 }
 
@@ -179,21 +181,22 @@ pub(crate) struct Directions<'a> {
 /// the sum of two parts.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct End {
-    /// Reading of the accelerometer, raw units.
+    /// Reading of the accelerometer at this end of the move, raw units.
     pub(crate) raw: Vector3<f64>,
-    /// Whether the reading is the mean over the whole rest.
+    /// Whether the reading is the mean over the whole rest, as for a rest on a rigid support. Otherwise, it describes
+    /// only one end of the rest.
     pub(crate) steady: bool,
-    /// First part of the variance, rad^2: noise of the mean over the whole rest. Other residuals depend on this mean,
-    /// too, so their errors are correlated.
+    /// First part of the variance, rad^2: noise of the mean over the whole rest. The residuals of other moves and of
+    /// the rest depend on the same mean, so their errors are correlated.
     pub(crate) shared_variance: f64,
-    /// Second part of the variance, rad^2: noise that no other residual contains.
+    /// Second part of the variance, rad^2: noise that only the residual of this move contains.
     pub(crate) own_variance: f64,
 }
 
 impl Directions<'_> {
     /// For each move: the gravity directions at both ends, with the standard deviation of the move's residual. The
-    /// second result is this standard deviation without the noise of the rests' means, rad. The errors that it
-    /// describes are independent between moves.
+    /// second result is the standard deviation without the noise of the means over rests, rad. It contains only errors
+    /// that are independent between moves.
     pub(crate) fn ends_of(&self, moves: &[Move]) -> (Vec<Ends>, Vec<f64>) {
         moves
             .iter()
@@ -209,7 +212,7 @@ impl Directions<'_> {
             .unzip()
     }
 
-    /// Readings of gravity at the start and at the end of a move.
+    /// Accelerometer readings of gravity at the start and at the end of a move, with their variances.
     ///
     /// `sensors_drift` states that a drift of the sensors may explain a changing mean force. Whether a rest is
     /// hand-held is then determined from the gyroscope only.
@@ -221,8 +224,8 @@ impl Directions<'_> {
         [self.reading(m.from, true, steady(m.from)), self.reading(m.to, false, steady(m.to))]
     }
 
-    /// Whether the gyroscope shows that the unit is hand-held at rest `k`, because the rates scatter by more than
-    /// sensor noise within 0.1 s.
+    /// Whether the gyroscope shows that the unit is hand-held at rest `k`: within 0.1 s, the rates scatter by more than
+    /// sensor noise explains.
     fn trembles(&self, k: usize) -> bool {
         let UnitRest { recording, rest, .. } = &self.rests[k];
         let rates = self.recordings[*recording].angular_rate.part(rest.first..rest.end);
@@ -241,7 +244,7 @@ impl Directions<'_> {
         (0..3).any(|axis| scatter[axis] > floor[axis])
     }
 
-    /// Reading of gravity at the last (`at_end`) or first sample of rest `k`.
+    /// Accelerometer reading of gravity at the last (`at_end`) or first sample of rest `k`, with its variance.
     fn reading(&self, k: usize, at_end: bool, steady: bool) -> End {
         let UnitRest { recording, rest, bias, .. } = &self.rests[k];
         let mean = &rest.specific_force;
@@ -262,15 +265,17 @@ impl Directions<'_> {
         }
         let (force, scatter, span_s) = self.tremor_free(k, at_end);
         let walk = random_walk_rad(&self.noise[*recording].angular_rate, self.gyroscope.inverse(), span_s);
-        // The integrated rotation has a random-walk error. It is zero at this end of the rest and has the variance
-        // walk^2 at the other end of the span. Its mean over the span has the variance walk^2 / 3.
+        // The integrated rotation has the error of a random walk. This error is zero at this end of the rest and has
+        // the variance walk^2 at the other end of the averaged interval. The mean of the error over this interval has
+        // the variance walk^2 / 3.
         let raw = self.accelerometer.measure(force);
         End { raw, steady: false, shared_variance: 0.0, own_variance: scatter + walk * walk / 3.0 + rounding }
     }
 
     /// Mean force over the last (`at_end`) or first second of a rest. Each sample is rotated by the integrated
     /// gyroscope rate to the attitude at that end of the rest (model.md (13)). Returns the mean (m/s^2), the variance
-    /// of its direction (rad^2), and the duration used (s). The variance is computed from the scatter of ten sub-means.
+    /// of its direction (rad^2), and the duration of the averaged interval (s). The variance is computed from the
+    /// scatter of ten sub-means.
     ///
     /// The attitude of a hand-held unit varies during a rest, so the plain mean is not the gravity direction at the
     /// start of the move. The mean rate of this rest is used as the gyroscope bias, so a bias that depends on the pose
@@ -296,7 +301,8 @@ impl Directions<'_> {
     }
 }
 
-/// Error of the gravity direction after a move, rad: the angle between the propagated and the measured direction.
+/// Error of the gravity direction after a move, rad: the angle between the direction that the gyroscope propagates and
+/// the measured direction.
 pub(crate) fn direction_error_rad(ends: &Ends, rotation: &Matrix3<f64>) -> f64 {
     let propagated: Vector3<f64> = rotation.tr_mul(&ends.before);
     // The arc tangent is accurate at small angles, whereas the arc cosine is not.

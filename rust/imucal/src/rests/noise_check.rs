@@ -1,5 +1,5 @@
-//! Checks noise and bias at the rests for values that no real sensor has. For hand-held units, the hand tremor is
-//! subtracted first.
+//! Check for noise densities and biases at the rests that no real sensor has. If the unit is hand-held, the tremor of
+//! the hand is first subtracted from the noise.
 
 use imucal_core::sensor::Triad;
 
@@ -14,8 +14,9 @@ use crate::rests::tremor::{Hand, Sensors};
 
 impl Segments {
     /// Findings about noise densities and biases that no sensor has. There are no findings if every rest is unsteady,
-    /// because the densities then contain hand tremor. If the tremor of all rests has equal size, no rest counts as
-    /// unsteady. The tremor is then detected from the correlation of both sensors and subtracted.
+    /// because the densities then contain the tremor of the hand. If the tremor is equally strong at all rests, no rest
+    /// counts as unsteady. The tremor is then detected by the correlation of both sensors, and the densities are
+    /// computed without it.
     pub fn check_noise(&self, recording: &Recording<'_>) -> Vec<Finding> {
         let steady: Vec<&Rest> = self.rests.iter().filter(|rest| rest.is_steady()).collect();
         if steady.is_empty() {

@@ -1,4 +1,5 @@
-//! White noise of a recording, and the variances of derived quantities (model.md (8), (10)).
+//! White-noise densities of a recording, and the variances of quantities that are computed from noisy readings
+//! (model.md (8), (10)).
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -12,19 +13,21 @@ pub struct NoiseDensity {
     pub angular_rate: Vector3<f64>,
 }
 
-/// Standard deviation of the integrated white noise of the gyroscope over `duration_s`, per axis, rad. It is the angle
-/// random walk of model.md (8). `density` is in raw units per sqrt(Hz), and `inverse` is the inverse sensitivity.
+/// Standard deviation, about each axis, of the angle that results from integrating the white noise of the gyroscope
+/// over `duration_s`, rad. It is the angle random walk of model.md (8). `density` is in raw units per sqrt(Hz), and
+/// `inverse` is the inverse sensitivity.
 pub(crate) fn random_walk_rad(density: &Vector3<f64>, inverse: &Matrix3<f64>, duration_s: f64) -> f64 {
     (variance_per_axis(inverse, density) * duration_s).sqrt()
 }
 
-/// Variance of noise along each body axis, squared SI units. `raw` contains the standard deviations or densities of the
-/// noise in raw units. `inverse` is the inverse sensitivity of the triad.
+/// Variance of the noise along each body axis, squared SI units. `raw` contains the standard deviation of the noise of
+/// each sensor axis in raw units. For densities instead of standard deviations, the result is a squared density.
+/// `inverse` is the inverse sensitivity of the triad.
 pub(crate) fn variance_by_axis(inverse: &Matrix3<f64>, raw: &Vector3<f64>) -> Vector3<f64> {
     (inverse * Matrix3::from_diagonal(raw)).map(|v| v * v).column_sum()
 }
 
-/// Mean of [`variance_by_axis`] over the three axes.
+/// Mean over the three axes of the variances that [`variance_by_axis`] returns.
 pub(crate) fn variance_per_axis(inverse: &Matrix3<f64>, raw: &Vector3<f64>) -> f64 {
     variance_by_axis(inverse, raw).mean()
 }

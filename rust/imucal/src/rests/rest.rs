@@ -1,4 +1,5 @@
-//! One rest: its range of samples, the means of both triads, and the error of the norm of the mean force.
+//! One rest: its range of samples, the means of the accelerometer and of the gyroscope, and the error of the norm of
+//! the mean force.
 
 use faer::Mat;
 use imucal_core::sensor::Triad;
@@ -10,15 +11,16 @@ use crate::rounding::Rounding;
 /// is near 1 for rests on a table.
 pub(super) const UNSTEADY: f64 = 2.0;
 
-/// Mean of a triad over a rest, in raw units.
+/// Mean of a three-axis sensor over a rest, with its errors, in raw units.
 #[derive(Clone, Copy, Debug)]
 pub struct RestMean {
-    /// Mean of the three axes.
+    /// Mean reading of each of the three axes over the rest.
     pub mean: Vector3<f64>,
     /// Variance of the mean of each axis, squared raw units. It is computed from the scatter within this rest and the
     /// correlation of the noise.
     pub variance_of_mean: Vector3<f64>,
-    /// Rounding of each axis. All rests with the same reading have the same rounding error of the mean (model.md (37)).
+    /// Quantisation step of each axis, and the statistics of the rounding error of its mean. Rests with equal readings
+    /// have equal rounding errors of the mean (model.md (37)).
     pub rounding: [Rounding; 3],
 }
 
@@ -38,8 +40,8 @@ impl RestMean {
 /// quantisation steps. The rounding errors of two such rests are equal, even if their size is unknown.
 const SAME_POSE: f64 = 0.5;
 
-/// Covariance of the rounding errors of the rests' means on one axis, squared raw units. `None` if there are no
-/// rounding errors.
+/// Covariance matrix of the rounding errors of `means`, the means of several rests, on one axis, squared raw units.
+/// `None` if there are no rounding errors.
 pub(crate) fn rounding_covariance(means: &[&RestMean], axis: usize) -> Option<Mat<f64>> {
     let reading = |k: usize| (&means[k].rounding[axis], means[k].mean[axis]);
     let are_in_one_pose = |i: usize, j: usize| {
@@ -58,9 +60,9 @@ pub(crate) fn rounding_covariance(means: &[&RestMean], axis: usize) -> Option<Ma
 /// An interval in which the unit does not move.
 #[derive(Clone, Copy, Debug)]
 pub struct Rest {
-    /// Index of the first sample.
+    /// Index of the first sample of the rest.
     pub first: usize,
-    /// Index after the last sample.
+    /// Index of the first sample after the rest.
     pub end: usize,
     /// Time of the first sample, s.
     pub start_s: f64,
@@ -68,23 +70,24 @@ pub struct Rest {
     pub end_s: f64,
     /// Unsteadiness (model.md (11)): the larger of two ratios. The first is (variance within half a second) / (noise
     /// floor). The second is (squared drift of the mean force) / (15 x variance of this drift from noise). The
-    /// unsteadiness is near 1 on a table and above 2 in a hand.
+    /// unsteadiness is near 1 if the unit lies on a table, and above 2 if it is hand-held.
     pub unsteadiness: f64,
-    /// Mean of the accelerometer.
+    /// Mean of the accelerometer over the rest, raw units.
     pub specific_force: RestMean,
-    /// Mean of the gyroscope.
+    /// Mean of the gyroscope over the rest, raw units.
     pub angular_rate: RestMean,
 }
 
 impl Rest {
-    /// Whether the unit is on a rigid support. Otherwise, the unit is hand-held, and the rest contains tremor.
+    /// Whether the unit is on a rigid support during the rest. Otherwise, it is hand-held, and the samples contain
+    /// tremor.
     pub fn is_steady(&self) -> bool {
         self.unsteadiness < UNSTEADY
     }
 }
 
-/// Lower bound of the standard deviation of a mean force's norm at a rest, m/s^2. It prevents a standard deviation of
-/// zero in simulated data without noise.
+/// Lower bound of the standard deviation of the norm of the mean force at a rest, m/s^2. It prevents a standard
+/// deviation of zero in simulated data without noise.
 pub(crate) const FINEST_MPS2: f64 = 1e-5;
 
 /// Standard deviation of the norm of a rest's mean force, m/s^2. It contains the scatter of the samples and their
@@ -100,7 +103,8 @@ pub(crate) fn at_least(finest: f64, sigma: f64) -> f64 {
     if sigma < finest { finest } else { sigma }
 }
 
-/// Error of the norm of the mean force of a rest, and its standard deviation from noise, both in m/s^2.
+/// Error of the norm of the mean force of a rest: the norm minus gravity. The second result is the standard deviation
+/// of this error from noise. Both are in m/s^2.
 pub(crate) fn norm_error_mps2(rest: &Rest, accelerometer: &Triad<f64>, gravity_mps2: f64) -> (f64, f64) {
     let error = accelerometer.correct(rest.specific_force.mean).norm() - gravity_mps2;
     (error, sigma_norm(rest, accelerometer))

@@ -1,5 +1,5 @@
-//! Rounding at the rests of a recording: estimation of noise below the quantisation step, and a finding that reports
-//! such noise.
+//! Rounding errors at the rests of a recording: estimation of noise that is below the quantisation step, and a finding
+//! that reports such noise.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -13,13 +13,13 @@ use crate::recording::{RawUnit, Recording, Samples};
 use crate::rests::rest::Rest;
 use crate::rounding::{Levels, Rounding};
 
-/// Rests count as rests with one true mean if their mean readings differ by less than this number of quantisation
+/// Rests are assumed to have the same true mean if their mean readings differ by less than this number of quantisation
 /// steps. The readings of a gyroscope are nearly equal at all rests. A separate unknown true mean for each rest would
 /// make large noise seem too likely, so the estimate of the noise would be too large.
 const SAME_READING: f64 = 0.15;
-/// A level (a multiple of the quantisation step) that is more than 1.5 steps from the mean is omitted if it has at most
-/// this share of the samples. Its samples are due to a jolt or a transmission error, and a single such sample would
-/// dominate the estimated noise.
+/// A level (multiple of the quantisation step) that is more than 1.5 steps from the mean is omitted if at most this
+/// share of the samples is at this level. Its samples are due to a jolt or a transmission error, and a single such
+/// sample would dominate the estimated noise.
 const FOREIGN: f64 = 1e-3;
 
 /// Share of a rest that is omitted at each end when the samples at each level are counted. A filter delays the rate, so
@@ -45,9 +45,10 @@ pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6
     })
 }
 
-/// Rounding of the six channels, in the order gyroscope x, y, z, accelerometer x, y, z. For each channel whose noise is
-/// below its quantisation step, `steps` contains this step. For all other channels it contains zero. `colour` contains
-/// the factor c of model.md (10), which describes the correlation of the noise.
+/// Estimates the statistics of the rounding errors of the six channels, in the order gyroscope x, y, z, accelerometer
+/// x, y, z. For each channel whose noise is below its quantisation step, `steps` contains this step. For all other
+/// channels it contains zero. `colour` contains the factor c of model.md (10), which describes the correlation of the
+/// noise.
 pub(super) fn roundings(
     recording: &Recording<'_>,
     rests: &[Rest],
@@ -64,9 +65,9 @@ pub(super) fn roundings(
     [a, b, c, d, e, f]
 }
 
-/// Rounding of the six channels at one rest. If all samples of an accelerometer channel have the same level, its
-/// reading does not determine its rounding error. The reading of a gyroscope channel always determines the rounding
-/// error, because the true rate is zero at every rest.
+/// Statistics of the rounding errors of the six channels at one rest. If all samples of an accelerometer channel have
+/// the same level, its mean reading does not determine its rounding error. The reading of a gyroscope channel always
+/// determines the rounding error, because the true rate is zero at every rest.
 pub(super) fn at_rest(recording: &Recording<'_>, rest: &Rest, roundings: &[Rounding; 6]) -> [Rounding; 6] {
     std::array::from_fn(|channel| {
         let (rows, axis) = of_channel(recording, channel);
@@ -77,7 +78,7 @@ pub(super) fn at_rest(recording: &Recording<'_>, rest: &Rest, roundings: &[Round
     })
 }
 
-/// Sample range of a rest without the parts that [`EDGE`] excludes.
+/// Sample range of a rest, without the share [`EDGE`] of its samples at each end.
 fn inner(rest: &Rest) -> Range<usize> {
     let edge = (EDGE * (rest.end - rest.first) as f64) as usize;
     rest.first + edge..rest.end - edge
@@ -90,7 +91,8 @@ pub(super) fn of_channel<'a>(recording: &Recording<'a>, channel: usize) -> (Samp
     (rows, channel % 3)
 }
 
-/// Number of independent samples at each level, for each group of rests with nearly equal means.
+/// For each group of rests with nearly equal means: the number of independent samples at each level (multiple of the
+/// quantisation step).
 fn levels(rows: Samples<'_>, axis: usize, rests: &[Rest], step: f64, colour: f64) -> Vec<Levels> {
     let Some(zero) = rests.first().map(|rest| rows.at(rest.first)[axis]) else { return Vec::new() };
     let mut readings: Vec<(f64, BTreeMap<i64, f64>)> = rests
@@ -106,7 +108,8 @@ fn levels(rows: Samples<'_>, axis: usize, rests: &[Rest], step: f64, colour: f64
         })
         .collect();
     readings.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // For each group of rests: the last mean, and the number of samples at each level.
+    // For each group of rests: the mean reading of the rest that was added last, and the number of samples at each
+    // level.
     let mut groups: Vec<(f64, BTreeMap<i64, f64>)> = Vec::new();
     for (mean, counts) in readings {
         match groups.last_mut().filter(|(last, _)| mean - last < SAME_READING) {
@@ -137,8 +140,9 @@ pub(super) fn noise_below_lsb(recording: &Recording<'_>, rests: &[Rest], roundin
     let of = |column: usize| rounding[(column + 3) % 6];
     let decides = |column: &usize| {
         let Rounding { step, noise, error_variance, .. } = of(*column);
-        // A mean of n samples has the variance noise^2 / n from white noise, and step^2 / (12 n) from uniformly
-        // distributed rounding errors. The larger of both is the limit for the variance of the actual rounding error.
+        // White noise gives a mean of n samples the variance noise^2 / n, and uniformly distributed rounding errors
+        // give it the variance step^2 / (12 n). An axis is reported if the variance of its actual rounding error
+        // exceeds the larger of these two variances.
         error_variance > (noise * noise).max(step * step / 12.0) / samples
     };
     let columns: Vec<usize> = (0..6).filter(decides).collect();

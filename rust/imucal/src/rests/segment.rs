@@ -1,10 +1,11 @@
 //! Detection of rests (model.md (11)).
 //!
-//! Each window of half a second has a statistic: variance / noise variance, averaged over the six channels. At 400 Hz
-//! and above, the samples are first averaged over about 5 ms. The user specifies neither an initial rest nor a
-//! threshold. The noise variance is estimated from the quietest windows. The threshold is chosen from the widest range
-//! of thresholds that give the same number of rests. The sum of squared residuals of a calibration is not suitable for
-//! the choice, because it is always smaller with fewer rests.
+//! For each window of half a second, a statistic is computed: variance / noise variance, averaged over the six
+//! channels. A window is at rest if its statistic is below a threshold. At 400 Hz and above, the samples are first
+//! averaged over about 5 ms. The user specifies neither an initial rest nor a threshold. The noise variance is
+//! estimated from the quietest windows. The threshold is chosen from the widest range of thresholds that give the same
+//! number of rests. The sum of squared residuals of a calibration cannot be used for the choice, because it is always
+//! smaller with fewer rests.
 
 mod blocks;
 mod edges;
@@ -33,24 +34,27 @@ use epochs::{LONG_REST_S, cut, joined};
 use steadiness::{Steadiness, Stretch, gravity_wanders};
 use threshold::{choose_threshold, still, window_statistic};
 
-/// Length of a block, s. The ends of rests are determined with this time resolution.
+/// Length of a block of consecutive samples, s. The ends of rests are determined with this time resolution.
 const BLOCK_S: f64 = 0.05;
 /// Number of blocks in a window, which is therefore 0.5 s long.
 const WINDOW_BLOCKS: usize = 10;
-/// Threshold of the window statistic, with the range of thresholds from which it was chosen.
+/// Threshold of the window statistic (variance / noise variance), with the range of thresholds from which it was
+/// chosen.
 #[derive(Clone, Debug)]
 pub struct Threshold {
     /// The threshold. A window is at rest if its statistic (variance / noise variance, averaged over the channels) is
     /// below this value.
     pub factor: f64,
-    /// Lower end of the chosen range. All thresholds in this range give the same number n of rests. Of all such ranges,
-    /// the chosen range has approximately the largest product ln(upper end / lower end) x ln n.
+    /// Lower end of the range from which the threshold was chosen. All thresholds in this range give the same number n
+    /// of rests. Of all such ranges, the chosen range has approximately the largest product ln(upper end / lower end) x
+    /// ln n.
     pub stable_from: f64,
-    /// Upper end of the chosen range.
+    /// Upper end of the range from which the threshold was chosen.
     pub stable_to: f64,
-    /// Noise floor: standard deviation of one sample, raw units, in the order gyroscope x, y, z, accelerometer x, y, z.
+    /// Noise floor: standard deviation of the noise of one sample, raw units, in the order gyroscope x, y, z,
+    /// accelerometer x, y, z.
     pub noise_floor: Vector6<f64>,
-    /// Length of a window, s.
+    /// Length of the windows in which the statistic is computed, s.
     pub window_s: f64,
 }
 
@@ -62,18 +66,20 @@ pub struct Segments {
     /// The epochs of each rest (model.md (41)). A long rest is divided into epochs, each with its own mean. The list is
     /// empty for a rest that is so short that one mean describes it.
     pub epochs: Vec<Vec<Rest>>,
-    /// Intervals at rest that are shorter than the required duration, as index ranges of samples.
+    /// Intervals that are at rest but too short to count as rests, as index ranges of samples.
     pub too_short: Vec<Range<usize>>,
-    /// The threshold and the reason for its choice.
+    /// The threshold, and the range of thresholds that explains its choice.
     pub threshold: Threshold,
     /// White-noise densities estimated from the rests. If the noise of a channel is below the quantisation step, its
     /// density includes the rounding errors of samples in moves.
     pub noise_density: NoiseDensity,
-    /// Rounding of each channel, in the order gyroscope x, y, z, accelerometer x, y, z.
+    /// Quantisation step of each channel, and the statistics of its rounding errors, in the order gyroscope x, y, z,
+    /// accelerometer x, y, z.
     pub rounding: [Rounding; 6],
 }
 
-/// Default of the minimum duration of a rest, s. Poses are held longer, and pauses within a move are shorter.
+/// Default of the minimum duration of a rest, s. Users hold a pose longer than this, and pauses within a move are
+/// shorter.
 pub const MIN_REST_S: f64 = 1.0;
 /// Maximum accepted value of `min_rest_s`, s. A larger value is refused, because it probably has the wrong unit.
 const LONGEST_MIN_REST_S: f64 = 3600.0;
@@ -110,8 +116,7 @@ impl Segments {
         // tilt check.
         let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };
         let block_s = block_samples as f64 * dt_s;
-        // At very low sampling rates, a block may last minutes. A lower limit of the number of blocks is therefore
-        // needed.
+        // A lower limit of the number of blocks is needed, because a block may last minutes at very low sampling rates.
         let long_blocks = ((LONG_REST_S / block_s).round() as usize).max(WINDOW_BLOCKS);
         let still: Vec<_> = still(&statistic, threshold.0)
             .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), blocks, &coarse))
@@ -163,8 +168,8 @@ impl Segments {
         }
         let sample_variance = floor * averaged;
         let mut variance = steadiness.noise_variance(described(&stretches, &epochs)).unwrap_or(sample_variance);
-        // At rest, the scatter of rounded samples depends on the position of the mean between two levels. In moves, the
-        // samples pass through many levels, so their variance is (variance of the noise) + step^2 / 12.
+        // At rest, the scatter of rounded samples depends on where the mean is between two levels. In moves, the
+        // samples pass through many levels, so rounding adds an error with the variance step^2 / 12 to the noise.
         for channel in (0..6).filter(|&channel| rounding[channel].is_coarse()) {
             variance[channel] = rounding[channel].sweeping_variance(colour[channel]);
         }
@@ -190,12 +195,13 @@ impl Segments {
         Ok(found)
     }
 
-    /// The rests and their epochs.
+    /// All rests and all epochs of rests, to change their means.
     fn means(&mut self) -> impl Iterator<Item = &mut Rest> {
         self.rests.iter_mut().chain(self.epochs.iter_mut().flatten())
     }
 
-    /// Sets all values of a missing sensor to NaN. `is_there` is in the order gyroscope, accelerometer.
+    /// Sets all results for a missing sensor to NaN. `is_there` states whether the gyroscope and whether the
+    /// accelerometer was recorded.
     fn blank(&mut self, is_there: [bool; 2]) {
         let none = Vector3::repeat(f64::NAN);
         let of_none = RestMean { mean: none, variance_of_mean: none, rounding: Default::default() };
@@ -215,7 +221,7 @@ impl Segments {
 }
 
 /// The recording with the channels of the missing sensor replaced by copies of the channels of the existing sensor. The
-/// statistic is a mean over the channels, so it equals the statistic of the existing sensor.
+/// window statistic is a mean over the channels, so it is then that of the existing sensor alone.
 fn doubled<'a>(recording: &Recording<'a>) -> Recording<'a> {
     let (force, rate) = (recording.specific_force, recording.angular_rate);
     Recording {
@@ -243,12 +249,13 @@ impl Segments {
         noise_below_lsb(recording, &self.rests, &self.rounding)
     }
 
-    /// Index ranges of the rests.
+    /// Index ranges of the samples of each rest.
     pub(crate) fn ranges(&self) -> Vec<Range<usize>> {
         self.rests.iter().map(|rest| rest.first..rest.end).collect()
     }
 
-    /// Replaces means and noise of the raw samples by means and noise of the corrected samples, in SI units.
+    /// Replaces the means and the noise of the raw samples by those of the samples that were corrected with
+    /// `calibration`, in SI units.
     pub(crate) fn correct(&mut self, corrected: &Recording<'_>, calibration: &Calibration<f64>) {
         let mean = |rows: Samples<'_>| rows.iter().map(Vector3::from).sum::<Vector3<f64>>() / rows.len() as f64;
         let turned = |triad: &Triad<f64>, std: Vector3<f64>| variance_by_axis(triad.inverse(), &std);
@@ -270,13 +277,13 @@ impl Segments {
     }
 }
 
-/// The intervals with one mean each: the epochs (parts) of long rests, and all rests without epochs.
+/// The intervals that one mean describes: the epochs (parts) of long rests, and all rests without epochs.
 fn described<'a, T>(rests: &'a [T], epochs: &'a [Vec<T>]) -> impl Iterator<Item = &'a T> {
     let of = |(rest, epochs): (&'a T, &'a Vec<T>)| if epochs.is_empty() { std::slice::from_ref(rest) } else { epochs };
     rests.iter().zip(epochs).flat_map(of)
 }
 
-/// Mean of the known temperatures, degC; `None` if there are none.
+/// Mean of the temperatures that are finite, degC; `None` if there are none.
 fn mean_temperature(degc: &[f64]) -> Option<f64> {
     let known = || degc.iter().filter(|degc| degc.is_finite());
     let count = known().count();
@@ -291,8 +298,8 @@ fn around(still: &[Range<usize>], blocks: usize) -> impl Iterator<Item = Range<u
     before.zip(after).map(|(start, end)| start..end)
 }
 
-/// Magnitude of gravity in raw units. For raw counts, the result is an estimate. It is more often too large than too
-/// small, also if the counts have an offset.
+/// Magnitude of gravity in raw units. For raw counts, it is estimated from the range of the readings. The estimate is
+/// more often too large than too small, also if the counts have an offset.
 fn gravity_size(recording: &Recording<'_>, blocks: &[Block]) -> f64 {
     if recording.accel_unit == RawUnit::Si {
         return STANDARD_GRAVITY_MPS2;
@@ -385,7 +392,8 @@ mod tests {
                 .zip(&run.rests)
                 .flat_map(|(rest, (start_s, end_s))| [kept(rest.start_s, *start_s), kept(*end_s, rest.end_s)]);
             let mean_rad = ends.sum::<f64>() / (2 * found.len()) as f64;
-            // Rotation angle that is wrongly assigned to a rest, divided by the angle random walk over a move of 2 s.
+            // The rotation angle of the moves that is wrongly assigned to rests, divided by the angle random walk over
+            // a move of 2 s.
             let share = mean_rad / (noise * Unit::paper().gyroscope.noise_density * 2_f64.sqrt());
             assert!(share < 0.02, "{rate_hz} Hz, noise x {noise}: {share}");
             let lasting =
@@ -401,7 +409,8 @@ mod tests {
         let found = Segments::find(&run(200.0, 1.0).recording("run"), 1.0).unwrap();
         let unit = Unit::paper();
         for axis in 0..3 {
-            // With 45 s of rests in means of 0.25 s, the estimate of each axis has a standard deviation of about 9 %.
+            // The noise density is estimated from means over 0.25 s. With 45 s of rests, the estimate for each axis has
+            // a standard deviation of about 9 %.
             let rate = found.noise_density.angular_rate[axis] / unit.gyroscope.noise_density;
             let force = found.noise_density.specific_force[axis] / unit.accelerometer.noise_density;
             assert!((rate - 1.0).abs() < 0.27 && (force - 1.0).abs() < 0.27, "{rate} {force}");

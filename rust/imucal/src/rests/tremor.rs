@@ -9,10 +9,11 @@
 //! and dt is the sampling interval.
 //!
 //! Both sensors measure the same tremor, and their noise is independent. The first expression above is therefore the
-//! variance of the tremor, without noise. The unit is hand-held if this variance exceeds the error variance of a
-//! gravity direction that is averaged along the gyroscope attitude. In a hand-held rest, the mean force is not the
-//! gravity direction at the start of the next move, and the scatter of the samples is not sensor noise. Sensor noise is
-//! estimated from fourth differences of consecutive samples, because tremor is too slow to change these differences.
+//! variance of the tremor, without noise. The unit counts as hand-held if this variance exceeds sqrt(r q), with r and q
+//! of model.md (27). This is the error variance of a gravity direction that is averaged over samples which the
+//! gyroscope rotates to one attitude. At a hand-held rest, the mean force does not have the direction of gravity at the
+//! start of the next move, and the scatter of the samples is not sensor noise. Sensor noise is estimated from fourth
+//! differences of consecutive samples, because tremor is too slow to change these differences.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -32,29 +33,30 @@ use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 const DIFFERENCE: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
 /// Sum of the squares of the coefficients of the fourth difference.
 const SQUARES: f64 = 70.0;
-/// The exponential weights extend over this number of averaging time constants. The omitted weights have a sum below 1
-/// %.
+/// Duration over which samples are averaged with exponential weights, in averaging time constants. The weights of older
+/// samples are omitted; their sum is below 1 %.
 const REACH: f64 = 5.0;
-/// Maximum share of rests without measurable tremor in a hand-held recording (model.md (27)).
+/// Maximum share of the rests of a hand-held recording at which the estimated variance of the tremor is not positive
+/// (model.md (27)).
 const FEW: f64 = 0.1;
-/// The averaging time constant is at most (duration of the rest) / ROOM (model.md (27)). This limit applies in short
-/// rests.
+/// The averaging time constant of the gravity direction is at most (duration of the rest) / ROOM (model.md (27)). Only
+/// short rests reach this limit.
 const ROOM: f64 = 6.0;
 
-/// Model of the tremor in a hand-held recording.
+/// Model of the tremor of the hand, and of the sensor noise, in a hand-held recording.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Hand {
-    /// White-noise densities of the sensors without tremor, raw units per sqrt(Hz).
+    /// White-noise densities of the sensors, without the tremor of the hand, raw units per sqrt(Hz).
     pub(crate) noise: NoiseDensity,
-    /// Variance of the rotation about each axis from the first to the last sample of a rest, rad^2.
+    /// Variance of the rotation of the hand about each axis from the first to the last sample of a rest, rad^2.
     turn_rad2: f64,
-    /// Spectral density of the tilt error from accelerometer noise, rad^2 s; r in model.md (27).
+    /// Spectral density of the tilt error that accelerometer noise causes, rad^2 s; r in model.md (27).
     tilt_rad2_s: f64,
-    /// Spectral density of the rate error from gyroscope noise, rad^2/s; q in model.md (27).
+    /// Spectral density of the rate error that gyroscope noise causes, rad^2/s; q in model.md (27).
     walk_rad2_per_s: f64,
 }
 
-/// Current estimates of both triads.
+/// Current estimates of the calibration of both sensors.
 #[derive(Clone, Copy)]
 pub(crate) struct Sensors<'a> {
     pub(crate) accelerometer: &'a Triad<f64>,
@@ -87,7 +89,7 @@ impl<'a> Sensors<'a> {
 }
 
 impl Hand {
-    /// Tests whether the unit is hand-held in nearly all rests of a recording. Returns `None` if it is not.
+    /// Estimates the model of the tremor if the unit is hand-held at nearly all rests of a recording. Otherwise `None`.
     pub(crate) fn of(recording: &Recording<'_>, rests: &[&Rest], sensors: Sensors<'_>) -> Option<Self> {
         let dt_s = sample_interval_s(recording.time_s);
         let noise = NoiseDensity {
@@ -102,47 +104,49 @@ impl Hand {
         let tilt = variance_per_axis(sensors.accelerometer.inverse(), &noise.specific_force) / (force * force);
         let walk = variance_per_axis(sensors.gyroscope.inverse(), &noise.angular_rate);
         let tremor_rad2 = median(&mut tremors);
-        // Low-pass filtered noise has small fourth differences. The estimated density and the threshold are then too
-        // small, and a random correlation of force and rotation may exceed the threshold. A random correlation is
-        // negative as often as positive. Therefore the estimated variance must also be positive in nearly all rests.
+        // Low-pass filtered noise has small fourth differences. The estimated noise densities and the threshold sqrt(r
+        // q) are then too small, and a random correlation of force and rotation may exceed the threshold. A random
+        // correlation is negative as often as positive. The estimated variance of the tremor must therefore also be
+        // positive at nearly all rests.
         let everywhere = quantile(&mut tremors, FEW) > 0.0;
         let trembles = tilt * walk > 0.0 && tremor_rad2 > (tilt * walk).sqrt() && everywhere;
         trembles.then_some(Self { noise, turn_rad2: 2.0 * tremor_rad2, tilt_rad2_s: tilt, walk_rad2_per_s: walk })
     }
 
-    /// Standard deviation of the tremor about each axis, rad.
+    /// Standard deviation of the rotation angle of the tremor about each axis, rad.
     pub(crate) fn tremor_rad(&self) -> f64 {
         (self.turn_rad2 / 2.0).sqrt()
     }
 
-    /// Averaging time constant of the gravity direction at an end of a rest, s. This direction is a mean along the
-    /// gyroscope attitude with exponential weights. The time constant is `sqrt(r / q)` with r = `tilt_rad2_s` and q =
-    /// `walk_rad2_per_s`, as for the steady state of a Kalman filter for the noise of both sensors. In short rests, it
-    /// is limited.
+    /// Averaging time constant of the gravity direction at an end of a rest, s. This direction is a mean over samples
+    /// that the gyroscope rotates to the attitude at this end, with exponential weights. The time constant is
+    /// `sqrt(r / q)` with r = `tilt_rad2_s` and q = `walk_rad2_per_s`, as for the steady state of a Kalman filter for
+    /// the noise of both sensors. In short rests, the time constant is limited to (duration of the rest) / [`ROOM`].
     fn averaging_s(&self, rest: &Rest) -> f64 {
         (self.tilt_rad2_s / self.walk_rad2_per_s).sqrt().min((rest.end_s - rest.start_s) / ROOM)
     }
 
-    /// Variance of each component of a direction that is averaged with the time constant a, rad^2. It is
-    /// `r / (2 a) + q a / 2`, with r = `tilt_rad2_s` and q = `walk_rad2_per_s`.
+    /// Variance of each component of the gravity direction at an end of a rest, which is averaged with the time
+    /// constant a, rad^2. It is `r / (2 a) + q a / 2`, with r = `tilt_rad2_s` and q = `walk_rad2_per_s`.
     pub(crate) fn variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         (self.tilt_rad2_s / averaging_s + self.walk_rad2_per_s * averaging_s) / 2.0
     }
 
-    /// Error variance of the rotation over a rest about an axis perpendicular to gravity, rad^2: `q (T - 3 a) + r / a`.
-    /// The error is that of the integrated gyroscope minus the rotation between the gravity directions at both ends. T
-    /// is the duration of the rest, and a, q and r are those of [`variance_rad2`](Self::variance_rad2). The variance
-    /// includes the errors of both directions.
+    /// Variance, rad^2, of an angle about an axis perpendicular to gravity: the rotation that the integrated gyroscope
+    /// gives over a rest, minus the rotation between the gravity directions at both ends of the rest. The variance is
+    /// `q (T - 3 a) + r / a`, where T is the duration of the rest, and a, q and r are those of
+    /// [`variance_rad2`](Self::variance_rad2). Both directions contain gyroscope noise, too, which cancels a part of
+    /// that of the integrated rotation, hence - 3 a.
     fn turn_variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         let between_s = rest.end_s - rest.start_s - 3.0 * averaging_s;
         self.walk_rad2_per_s * between_s + self.tilt_rad2_s / averaging_s
     }
 
-    /// The specific force at the first or last sample of a rest, m/s^2. It is the mean of the samples, each rotated to
-    /// this end of the rest by the gyroscope. The weights decrease exponentially with the distance in time. `bias` is
-    /// the bias of the gyroscope, raw units.
+    /// The specific force at the first or last (`at_end`) sample of a rest, m/s^2. It is a weighted mean of the
+    /// samples, each of which the gyroscope rotates to the attitude at this end of the rest. The weight of a sample
+    /// decreases exponentially with its distance in time from this end. `bias` is the bias of the gyroscope, raw units.
     pub(crate) fn force_at(
         &self,
         recording: &Recording<'_>,
@@ -165,9 +169,9 @@ impl Hand {
         sum / weights
     }
 
-    /// Removes the tremor from the means of a rest. The variance of the mean force then contains only sensor noise. The
-    /// rotation from the first to the last sample is subtracted from the mean rate. The component about gravity is
-    /// unknown and is not subtracted. Returns the subtracted rotation, rad.
+    /// Corrects the means of a rest for the tremor. The variance of the mean force is set to that of sensor noise. The
+    /// rotation of the hand from the first to the last sample is subtracted from the mean rate, except its component
+    /// about gravity, which is unknown. Returns the subtracted rotation, rad.
     fn remove_tremor(&self, recording: &Recording<'_>, rest: &mut UnitRest, sensors: Sensors<'_>) -> Vector3<f64> {
         let UnitRest { rest: Rest { first, end, start_s, end_s, .. }, bias, .. } = *rest;
         let duration_s = end_s - start_s;
@@ -175,7 +179,7 @@ impl Hand {
         let (before, after) = (at(false), at(true));
         let up = (before + after).normalize();
         let rate = |sample: usize| Vector3::from(recording.angular_rate.at(sample));
-        // The rotation extends from the first to the last sample, so the sum uses the trapezoidal rule.
+        // The rotation extends from the first to the last sample, so the rates are summed by the trapezoidal rule.
         let seen = (first..end).map(rate).sum::<Vector3<f64>>() - (rate(first) + rate(end - 1)) / 2.0;
         let turn = (after - before).cross(&up);
         let along = up * up.transpose();
@@ -206,8 +210,8 @@ pub(crate) fn hands(
         let mut own: Vec<OwnRest<'_>> = rests
             .iter_mut()
             .zip(used)
-            // Rests of minutes are not hand-held, because nobody holds a unit still for so long. In such a rest, a bias
-            // drift would be mistaken for tremor.
+            // Rests of several minutes are omitted. They are not hand-held, because nobody holds a unit still for so
+            // long, and in such a rest, a bias drift would be mistaken for tremor.
             .filter(|(rest, _)| rest.recording == index && rest.rest.end_s - rest.rest.start_s <= LONG_REST_S)
             .map(|(rest, &contributes)| OwnRest { rest, contributes })
             .collect();
@@ -233,8 +237,8 @@ pub(crate) fn hands(
         };
         let turns: Vec<f64> = own.iter_mut().filter_map(turned).collect();
         hand.turn_rad2 = (turns.iter().sum::<f64>() / turns.len() as f64).max(0.0);
-        // The covariances of the mean rates depend on the rotation variance `turn_rad2`, so the tremor is removed a
-        // second time.
+        // The covariances of the mean rates depend on the variance `turn_rad2` of the rotation, which is known only
+        // now. The tremor is therefore removed a second time.
         own.iter_mut().for_each(|own| {
             hand.remove_tremor(recording, own.rest, sensors);
         });
@@ -257,10 +261,10 @@ struct OwnRest<'a> {
 }
 
 /// Estimates the gyroscope bias at each rest. The bias may depend on the pose, but the mean rate of a rest also
-/// contains rotation of the hand. Therefore the mean rate of each rest is shrunk towards the mean of all rests by the
-/// share v / (v + b). v is the variance of this mean rate. b is the variance of the true biases between rests, which is
-/// estimated from the scatter of the mean rates. Returns the mean bias of all rests, raw units, and the share of each
-/// rest.
+/// contains rotation of the hand. The mean rate of each rest is therefore shrunk towards the mean of all rests by the
+/// share v / (v + b). v is the variance of the error of this mean rate. b is the variance of the true bias between
+/// rests, which is estimated from the scatter of the mean rates. Returns the mean bias of all rests, raw units, and the
+/// share of each rest.
 fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>>) {
     let mut shrunk = vec![Vector3::repeat(1.0); rests.len()];
     let bias = Vector3::from_fn(|axis, _| {
@@ -281,8 +285,9 @@ fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>
     (bias, shrunk)
 }
 
-/// Covariance of tilt (from the force) and integrated rotation within a rest, rad^2 per axis. A rotation of the body
-/// changes the gravity direction in the body frame, so both quantities contain the tremor.
+/// Variance of the tremor about each axis at a rest, rad^2. It is the covariance of the tilt, which the force shows,
+/// and the integrated rotation. Both contain the tremor, because a rotation of the body changes the gravity direction
+/// in the body frame.
 fn tremor_variance_rad2(recording: &Recording<'_>, rest: &Rest, sensors: Sensors<'_>, dt_s: f64) -> f64 {
     let samples = (rest.end - rest.first) as f64;
     let (mut turn, mut products) = (Vector3::zeros(), Matrix3::zeros());
@@ -290,7 +295,7 @@ fn tremor_variance_rad2(recording: &Recording<'_>, rest: &Rest, sensors: Sensors
         turn += (Vector3::from(recording.angular_rate.at(i)) - rest.angular_rate.mean) * dt_s;
         products += (Vector3::from(recording.specific_force.at(i)) - rest.specific_force.mean) * turn.transpose();
     }
-    // Covariance of force and rotation. The mean force of the rest has been subtracted before.
+    // Covariance matrix of force and rotation. The mean force of the rest was subtracted from the force of each sample.
     let both = sensors.accelerometer.inverse() * (products / samples) * sensors.gyroscope.inverse().transpose();
     let force = sensors.accelerometer.correct(rest.specific_force.mean);
     // `cross` is the mean of phi x f. With force f, rotation phi and direction of gravity u, the product in
@@ -299,8 +304,8 @@ fn tremor_variance_rad2(recording: &Recording<'_>, rest: &Rest, sensors: Sensors
     cross.dot(&force) / (2.0 * force.norm_squared())
 }
 
-/// Standard deviation of the white noise of one sample, raw units. It is computed from fourth differences within the
-/// rests.
+/// Standard deviation of the white noise of one sample on each axis, raw units. It is computed from fourth differences
+/// of consecutive samples within the rests.
 fn white_noise(rows: Samples<'_>, rests: &[&Rest]) -> Vector3<f64> {
     let squares = |k: usize| {
         let rows = rows.part(rests[k].first..rests[k].end);
@@ -313,8 +318,8 @@ fn white_noise(rows: Samples<'_>, rests: &[&Rest]) -> Vector3<f64> {
     (sum / (SQUARES * f64::max(count, 1.0))).map(f64::sqrt)
 }
 
-/// Sum of the squared fourth differences of consecutive rows. It is computed with the widest vector instructions of the
-/// processor.
+/// Computation of the sum of the squared fourth differences of consecutive samples (rows of three axes), for each axis.
+/// It uses the widest vector instructions of the processor.
 struct SquaredDifferences<'a>(&'a [[f64; 3]]);
 
 impl WithSimd for SquaredDifferences<'_> {

@@ -12,14 +12,14 @@ use crate::rests::segment::Segments;
 /// A rest and the recording that contains it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct UnitRest {
-    /// Index of the recording.
+    /// Index of the recording that contains the rest.
     pub(crate) recording: usize,
     pub(crate) rest: Rest,
-    /// Covariance of the mean rate, raw units squared.
+    /// Covariance matrix of the error of the mean rate, squared raw units.
     pub(crate) rate_covariance: Matrix3<f64>,
     /// Best estimate of the gyroscope bias at this rest, raw units.
     pub(crate) bias: Vector3<f64>,
-    /// Parameters of the means of a hand-held rest; `None` for a rest without tremor.
+    /// Parameters with which the means of a hand-held rest are computed; `None` for a rest without tremor.
     pub(crate) propagated: Option<PropagatedMean>,
     /// Index of the rest to which this interval belongs, among the rests of all recordings. All epochs of a long rest
     /// have the same index.
@@ -32,21 +32,22 @@ pub(crate) struct UnitRest {
 /// rate to an end of the rest (model.md (27)).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PropagatedMean {
-    /// Time constant of the exponential weights, s.
+    /// Time constant of the exponential weights of the samples, s.
     pub(crate) mean_s: f64,
-    /// Mean gyroscope bias over all rests, raw units.
+    /// Mean of the gyroscope bias over all rests of the recording, raw units.
     pub(crate) bias: Vector3<f64>,
     /// Shrinkage s of the bias of this rest for each axis: bias = s x (mean rate of all rests) + (1 - s) x (mean rate
     /// of this rest).
     pub(crate) shrunk: Vector3<f64>,
 }
 
-/// The rests that a table of means describes. All of them belong to one recording, and none is divided into epochs.
+/// The rests of a unit of which only a table of mean readings exists, one row per rest. All of them belong to one
+/// recording, and none is divided into epochs.
 pub(crate) fn rests_of_means(rests: &[Rest]) -> Vec<UnitRest> {
     rests.iter().enumerate().map(|(whole, rest)| UnitRest::new(0, *rest, whole, 0)).collect()
 }
 
-/// All rests of all recordings, in order of recording and time.
+/// The rests of all recordings, first in the order of the recordings, then in the order of time.
 pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
     let of = |(recording, segments): (usize, &Segments)| {
         segments.rests.iter().map(move |rest| (recording, *rest)).collect::<Vec<_>>()
@@ -55,9 +56,9 @@ pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
     all.map(|(whole, (recording, rest))| UnitRest::new(recording, rest, whole, 0)).collect()
 }
 
-/// The rests, with each long rest replaced by its epochs. `segments` must be the value from which [`rests_of`] computed
-/// `rests`. The rests of a hand-held recording are not replaced, because the means of its rests and of epochs are
-/// computed differently.
+/// Replaces each long rest by its epochs, and returns all other rests unchanged. `segments` must be the value from
+/// which [`rests_of`] computed `rests`. The rests of a hand-held recording are not replaced, because the means of its
+/// rests and of epochs are computed differently.
 pub(crate) fn in_epochs(rests: &[UnitRest], segments: &[Segments]) -> Vec<UnitRest> {
     let epochs = segments.iter().flat_map(|segments| &segments.epochs);
     let of = |(rest, epochs): (&UnitRest, &Vec<Rest>)| -> Vec<UnitRest> {
@@ -70,7 +71,8 @@ pub(crate) fn in_epochs(rests: &[UnitRest], segments: &[Segments]) -> Vec<UnitRe
     rests.iter().zip(epochs).flat_map(of).collect()
 }
 
-/// For each whole rest: the range of indices in `rests` that contains its epochs.
+/// For each rest: the range of the indices in `rests` at which its epochs are, or its own index if it is not divided
+/// into epochs.
 pub(crate) fn ranges_of_rests(rests: &[UnitRest]) -> Vec<Range<usize>> {
     let ends = rests.chunk_by(|a, b| a.whole == b.whole).scan(0, |end, epochs| {
         *end += epochs.len();
@@ -79,7 +81,7 @@ pub(crate) fn ranges_of_rests(rests: &[UnitRest]) -> Vec<Range<usize>> {
     ends.collect()
 }
 
-/// A rest with the means over all of its epochs.
+/// Combines the epochs of one rest to the whole rest, with the means over all samples.
 pub(crate) fn together(epochs: &[UnitRest]) -> UnitRest {
     let [first, .., last] = epochs else { return epochs[0] };
     let samples = |epoch: &UnitRest| (epoch.rest.end - epoch.rest.first) as f64;

@@ -11,10 +11,11 @@ use crate::recording::Samples;
 const MOST_SAMPLES: usize = 200_000;
 /// Relative accuracy of float32. Differences below this fraction of the largest value are due to the number format.
 const FLOAT32: f64 = 3e-7;
-/// Maximum distance between two neighbouring levels that is compared with multiples of the quantisation step, in steps.
+/// Distances between neighbouring levels above this limit are not compared with multiples of the quantisation step, in
+/// steps.
 const FAR: f64 = 20.5;
-/// Maximum deviation of a distance from a multiple of the step, in steps. In a text file with few decimals, the
-/// distances are uneven.
+/// Maximum deviation of a distance between two levels from a multiple of the step, in steps. In a text file with few
+/// decimals, the distances are uneven.
 const UNEVEN: f64 = 0.25;
 /// Minimum share of the distances between neighbouring levels that are multiples of the step.
 const REGULAR: f64 = 0.9;

@@ -8,7 +8,8 @@
 //! ```
 //!
 //! R_ab rotates vectors from frame b to frame a, and w_ab is the angular rate of frame b relative to frame a. A prime
-//! is a derivative with respect to time, and v is any vector. The derivatives are exact for any chain of rotations.
+//! is a derivative with respect to time, and v is any vector. The derivatives are exact for a product of any number of
+//! rotations.
 
 use imucal_core::so3;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -76,7 +77,8 @@ impl Attitude {
         }
     }
 
-    /// Product of this rotation and `next`, which is relative to the moving frame of this rotation.
+    /// Product of this attitude and `next`, the attitude of a further frame relative to the moving frame of this
+    /// attitude.
     #[inline]
     pub(super) fn then(&self, next: &Self) -> Self {
         let carried = next.rotation.inverse_transform_vector(&self.rate);

@@ -25,7 +25,7 @@ const BLOCK_STEPS: usize = 32_768;
 /// distributed among the threads.
 const PIECE_STEPS: usize = 1024;
 
-/// Data of a run that all of its pieces use.
+/// Inputs of a run that all threads use.
 pub(super) struct Plan<'a> {
     pub(super) setup: &'a Setup<'a>,
     pub(super) truth: Truth<'a>,
@@ -36,7 +36,7 @@ pub(super) struct Plan<'a> {
     pub(super) threads: usize,
 }
 
-/// Fills all columns of a run whose time stamps are already set.
+/// Computes the true values and the measurements of a run whose time stamps are already set.
 pub(super) fn fill(plan: &Plan, run: &mut Simulation, triads: [&mut Sampler; 2], clock: &mut Clock) {
     let samples = run.time_s.len();
     let block_samples = (BLOCK_STEPS / plan.steps).max(1);
@@ -61,15 +61,16 @@ pub(super) fn fill(plan: &Plan, run: &mut Simulation, triads: [&mut Sampler; 2],
     }
 }
 
-/// Intermediate data of a block that are not columns of the run.
+/// Intermediate data of a block that the finished run does not contain.
 struct Buffers {
     true_time_s: Vec<f64>,
     encoder_noise: Vec<Vector3<f64>>,
     encoders: Option<Generators>,
-    /// State of the temperature memory, and the instant of the last temperature added to it, s; `None` if no effect
-    /// depends on the memory.
+    /// Filters that compute the temperature history, and the instant of the last temperature that they received, s;
+    /// `None` if no effect depends on the temperature history.
     memory: Option<(TemperatureMemory<f64>, Option<f64>)>,
-    /// Temperature history at the sample before the block and at each sample of the block. Empty without a memory.
+    /// Temperature history (lag, rate and direction of the temperature) at the sample before the block and at each
+    /// sample of the block; empty if no effect depends on it.
     history: Vec<TemperatureHistory<f64>>,
     seen_force: Vec<Seen>,
     seen_rate: Vec<Seen>,
@@ -98,7 +99,7 @@ impl Buffers {
         }
     }
 
-    /// Computes the temperature history at each sample of the block. The memory depends on all earlier samples, so the
+    /// Computes the temperature history at each sample of the block. The history depends on all earlier samples, so the
     /// samples are processed in order.
     fn remember(&mut self, truth: &Truth) {
         let Some((memory, last_s)) = &mut self.memory else { return };
@@ -111,7 +112,7 @@ impl Buffers {
     }
 }
 
-/// Consecutive rows of a run, which one thread fills.
+/// The part of the arrays of a run that belongs to some consecutive samples. One thread computes it.
 struct Piece<'r> {
     first: usize,
     true_time_s: &'r [f64],
@@ -129,7 +130,7 @@ struct Piece<'r> {
     stand_rad: &'r mut [[f64; 3]],
 }
 
-/// Divides the samples from `first` to `end` (excluded) into pieces.
+/// Divides the samples from `first` to `end` (excluded) into pieces, each of which one thread computes.
 fn pieces<'r>(
     plan: &Plan,
     run: &'r mut Simulation,
@@ -150,7 +151,7 @@ fn pieces<'r>(
     let mut temperature_degc = run.temperature_degc[first..end].chunks_mut(samples);
     let mut stand_rad = stand_rad.chunks_mut(samples);
     let times = buffers.true_time_s.chunks(samples).enumerate();
-    // All columns have the same number of rows. Only the columns of the stand are empty if there is no stand.
+    // All arrays have one row per sample. Only `stand_rad` is empty if there is no stand.
     times
         .map(|(k, true_time_s)| Piece {
             first: first + k * samples,

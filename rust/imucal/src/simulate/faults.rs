@@ -6,7 +6,7 @@
 //! ```
 //!
 //! n_i are independent standard normal numbers. The time stamps stay nominal, so the time column does not show a clock
-//! error. The clock of the unit gains `clock_rate_error` seconds per second relative to true time.
+//! error. In each second of true time, the clock of the unit gains `clock_rate_error` seconds.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -79,7 +79,8 @@ pub(super) fn lose<T>(rows: &mut Vec<T>, missing: &[bool]) {
     rows.retain(|_| missing.next() != Some(&true));
 }
 
-/// Overwrites each flagged row by the previous row. The order is ascending, so consecutive repeats have equal values.
+/// Overwrites each flagged row by the previous row, in ascending order. Consecutive flagged rows therefore get equal
+/// values.
 pub(super) fn duplicate<T: Copy>(rows: &mut [T], duplicated: &[bool]) {
     for i in 1..rows.len() {
         if duplicated[i] {
@@ -109,7 +110,7 @@ impl Clock {
         true_time_s * (1.0 + self.rate_error)
     }
 
-    /// True time of the next sample, s.
+    /// True time, s, of the next sample, whose time stamp is `stamp_s`. It includes the jitter.
     pub(super) fn next(&mut self, stamp_s: f64) -> f64 {
         let true_time_s = stamp_s / (1.0 + self.rate_error);
         if self.jitter_s > 0.0 {

@@ -8,8 +8,8 @@
 //! random walk          K^2 / (2 pi f)^2               K sqrt(tau / 3)                     (K / sqrt(r)) sum_(k<i) n_k
 //! ```
 //!
-//! f is the frequency and tau the averaging time. N, B and K are the figures `noise_density`, `bias_instability` and
-//! `random_walk` of a sensor. The n_i are independent standard normal numbers, and the h_k are defined below
+//! f is the frequency and tau the averaging time. N, B and K are the fields `noise_density`, `bias_instability` and
+//! `random_walk` of [`Sensor`]. The n_i are independent standard normal numbers, and the h_k are defined below
 //! (`docs/model.md` (22)). Sources: N. Kasdin, Proc. IEEE 83, 802, 1995; densities as in IEEE Std 952.
 //!
 //! # Flicker noise
@@ -109,7 +109,7 @@ impl Walk {
     }
 }
 
-/// One of the first-order filters, described by its pole p. The sum of these filters is the flicker filter.
+/// One of the first-order filters whose sum is the flicker filter. p is its pole, and c its coefficient in the sum.
 struct Pole {
     /// The decay d in p = exp(-d).
     decay: f64,
@@ -127,7 +127,8 @@ struct Flicker {
     generators: Generators,
 }
 
-/// Ratio of the decays d of adjacent poles. With this ratio, the relative error of the power is 0.05 %.
+/// Ratio of the decays d of adjacent poles. With this ratio, the relative error of the power of the flicker noise is
+/// 0.05 %.
 const RATIO: f64 = 2.5;
 /// Largest decay d of a pole. A pole with a larger decay has a coefficient c below 1e-12 and is omitted.
 const FASTEST: f64 = 64.0;
@@ -179,8 +180,8 @@ impl Flicker {
     }
 }
 
-/// Random states of the filters of all poles. The steady-state covariance of the states of poles j and k is
-/// `1 / (1 - p_j p_k)`.
+/// Random states of the filters of all poles, for each axis. Their covariance is that of the steady state: `1 / (1 -
+/// p_j p_k)` for the states of poles j and k.
 fn steady_states(poles: &[Pole], generators: &mut Generators) -> Vec<Lanes> {
     let n = poles.len();
     let covariance = DMatrix::from_fn(n, n, |j, k| -(-(poles[j].decay + poles[k].decay)).exp_m1().recip());

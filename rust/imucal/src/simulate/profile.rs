@@ -79,8 +79,8 @@ pub(super) struct Course {
     pub(super) acceleration: f64,
 }
 
-/// A segment of the first half of the profile: its start, the value and the derivatives at its start, and its constant
-/// jerk.
+/// A segment of the first half of the profile: its start as a share of the duration, the value and the derivatives at
+/// its start, and its constant jerk.
 struct Segment {
     start: f64,
     value: f64,
@@ -125,8 +125,8 @@ impl Course {
         }
     }
 
-    /// Profile from 0 to 1 and back to 0 while `share` increases from 0 to 1. It is the smooth step of `4 u (1 - u)`
-    /// with u = `share`.
+    /// Smooth profile that increases from 0 to 1 and returns to 0 while `share` increases from 0 to 1. It is the smooth
+    /// step of `4 u (1 - u)` with u = `share`.
     #[inline]
     pub(super) fn swell(share: f64) -> Self {
         let inner = Self { value: 4.0 * share * (1.0 - share), rate: 4.0 - 8.0 * share, acceleration: -8.0 };

@@ -1,7 +1,7 @@
 //! A program of the stand: a sequence of turns and holds.
 //!
 //! In every step, each motor turns by an angle, and then all motors hold. All motors start and stop together (see
-//! [`profile`](super::profile)). At the start of a program, all motors are at zero. [`Program::grid`] and
+//! [`profile`](super::profile)). At the start of a program, the angles of all motors are zero. [`Program::grid`] and
 //! [`Program::random`] are the accelerometer and gyroscope programs of the paper (`docs/model.md`). Any other program
 //! is given as a list of steps.
 
@@ -26,7 +26,7 @@ pub struct Step {
 }
 
 impl Step {
-    /// A step that holds without turning.
+    /// A step in which no motor turns, so that the unit rests for `hold_s`, s.
     pub fn hold(hold_s: f64) -> Self {
         Self { turn_rad: [0.0; 3], move_s: 0.0, hold_s }
     }
@@ -35,8 +35,8 @@ impl Step {
         self.turn_rad != [0.0; 3]
     }
 
-    /// For each motor, the sign of its last turn until the end of this step. `before` contains the signs before this
-    /// step. A motor that does not turn keeps its sign.
+    /// For each motor, the sign of its last turn up to the end of this step; 0 if it has not turned yet. `before`
+    /// contains the signs before this step. A motor that does not turn in this step keeps its sign.
     fn direction_after(&self, before: &Vector3<f64>) -> Vector3<f64> {
         before.zip_map(&self.turn_rad.into(), |before, turn: f64| if turn == 0.0 { before } else { turn.signum() })
     }
@@ -83,8 +83,8 @@ impl Default for Grid {
 pub struct RandomMoves {
     /// Number of turns. The paper uses 45.
     pub moves: usize,
-    /// Maximum magnitude of each motor's mean rate during a turn, rad/s. The angle of the turn is uniformly distributed
-    /// between plus and minus `max_rate_radps * move_s`. The default is 120 deg/s. The peak rate is 4/3 of the mean
+    /// Maximum magnitude of each motor's mean rate during a turn, rad/s; the default is 120 deg/s. The angle of the
+    /// turn is uniformly distributed between plus and minus `max_rate_radps * move_s`. The peak rate is 4/3 of the mean
     /// rate.
     pub max_rate_radps: f64,
     /// Duration of each turn, s. The paper uses 2 s.
@@ -111,15 +111,15 @@ pub struct Program {
 struct Start {
     time_s: f64,
     angle_rad: Vector3<f64>,
-    /// Sign of each motor's last motion.
+    /// Sign of each motor's last turn before this step; 0 if it has not turned yet.
     direction: Vector3<f64>,
 }
 
-/// State of the program at a time.
+/// State of the motors at a time during the program.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Phase {
     pub(super) motors: MotorState,
-    /// Sign of each motor's current or last motion.
+    /// Sign of each motor's current or last turn; 0 if it has not turned yet.
     pub(super) direction: Vector3<f64>,
     /// Time since the start of the present turn, and duration of this turn, s; `None` if no motor turns.
     pub(super) turn: Option<(f64, f64)>,

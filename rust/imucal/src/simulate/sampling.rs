@@ -27,12 +27,12 @@ pub struct LowPass {
 pub(super) const MIN_STEPS: usize = 8;
 /// Maximum number of internal steps per sample.
 pub(super) const MAX_STEPS: usize = 64;
-/// Number of internal steps per period of the bandwidth frequency. With this number, the frequency distortion of the
-/// bilinear transform is small.
+/// Number of internal steps per period of a sine at the bandwidth of the filter. With this number, the frequency
+/// distortion of the bilinear transform is small.
 const STEPS_PER_PERIOD: f64 = 16.0;
 
 impl LowPass {
-    /// Number of internal steps per sample that this filter needs at a sampling rate in Hz.
+    /// Number of internal steps per sample that this filter needs at the sampling rate `rate_hz`, Hz.
     pub(super) fn steps(&self, rate_hz: f64) -> usize {
         ((STEPS_PER_PERIOD * self.bandwidth_hz / rate_hz).ceil() as usize).max(MIN_STEPS)
     }
@@ -76,7 +76,8 @@ mod tests {
 
     #[test]
     fn gain_is_the_butterworth_filters() {
-        // The bandwidth is far below the internal rate, so the gain is accurate. At the bandwidth, it is exact.
+        // The bandwidth is far below the internal rate, so the gain is close to that of the analogue filter. At the
+        // bandwidth, it is exact.
         let (rate_hz, bandwidth_hz) = (1000.0, 10.0);
         for frequency_hz in [1.0, 5.0, 10.0, 20.0, 40.0] {
             let mut filter = Filter::new(&LowPass { bandwidth_hz }, rate_hz, &Vector3::zeros());

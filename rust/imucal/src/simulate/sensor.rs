@@ -17,7 +17,8 @@ use super::sampling::Filter;
 use super::stream::{Stream, Triad};
 use super::unit::Sensor;
 
-/// Input of a triad at one internal step: `sensitivity * (true + effects) + bias`.
+/// Input of a triad at one internal step: `sensitivity * (true + effects) + bias`. A sample may need several internal
+/// steps, because filtering and averaging are simulated at a rate above the sampling rate.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Seen {
     pub(super) value: [f64; 3],
@@ -32,10 +33,10 @@ pub(super) struct Sampler<'a> {
     analogue: Option<Analogue>,
 }
 
-/// Low-pass filter and averaging at the internal rate.
+/// Low-pass filter and averaging of a triad, simulated at the internal rate.
 struct Analogue {
     rate_hz: f64,
-    /// State between samples; `None` before the first value.
+    /// Last input and state of the filter, which are needed for the next sample; `None` before the first sample.
     memory: Option<Memory>,
 }
 
@@ -102,8 +103,8 @@ impl Analogue {
 }
 
 impl Memory {
-    /// Steady state of the filter for the first input value. Noise has already passed through the filter, because the
-    /// first samples would otherwise have less noise than later samples.
+    /// State before the first sample: the steady state of the filter for the first input value. Noise has already
+    /// passed through the filter, because the first samples would otherwise have less noise than later samples.
     fn settled(sensor: &Sensor, noise: &mut Noise, rate_hz: f64, first: &Vector3<f64>) -> Self {
         let filter = sensor.low_pass.map(|low_pass| {
             let mut filter = Filter::new(&low_pass, rate_hz, first);

@@ -55,7 +55,7 @@ pub struct Stand {
     pub encoder_noise_rad: f64,
     /// Encoder counts per revolution; `None` for no rounding.
     pub encoder_counts: Option<u32>,
-    /// Tremor of the stand, which acts at all times; `None` for a stand without tremor.
+    /// Tremor of the stand, for example on a vibrating table. It acts at all times; `None` for a stand without tremor.
     pub tremor: Option<Tremor>,
     /// Slip of the unit on its mount; `None` for no slip.
     pub slip: Option<Slip>,
@@ -82,7 +82,7 @@ impl Stand {
     /// Encoder readings, rad: the motor angles with the encoder effects in `effects`, with noise, and rounded to
     /// counts.
     ///
-    /// `noise` contains three numbers with a standard deviation of one.
+    /// `noise` contains one random number with a standard deviation of one for each encoder.
     pub fn read_encoders(
         &self,
         stand: &StandState<f64>,
@@ -148,7 +148,8 @@ impl Stand {
         Attitude::small(&[course(1) * self.flexure_rad, course(0) * -self.flexure_rad, level])
     }
 
-    /// Vibration with an amplitude of one, about three axes or along three axes.
+    /// Vibration with an amplitude of one for each of three axes, with its derivatives. The same three functions of
+    /// time describe the angular and the translational vibration.
     fn vibration(&self, elapsed_s: f64, duration_s: f64) -> [Course; 3] {
         let swell = Course::swell(elapsed_s / duration_s).in_time(duration_s);
         [0.0, 1.0, 2.0].map(|axis| swell * Course::sine(TAU * self.vibration_hz, TAU / 3.0 * axis, elapsed_s))

@@ -118,7 +118,7 @@ fn same_seed_same_bytes() {
     let run = random_run(&Unit::paper(), 100.0, 11);
     assert_eq!(run, random_run(&Unit::paper(), 100.0, 11));
     assert_ne!(run.angular_rate, random_run(&Unit::paper(), 100.0, 12).angular_rate);
-    // The noise of a channel does not depend on the noise of the other sensor.
+    // The noise of the gyroscope must not depend on the noise of the accelerometer.
     let mut quiet = Unit::paper();
     quiet.accelerometer = Sensor::ideal();
     assert_eq!(run.angular_rate, random_run(&quiet, 100.0, 11).angular_rate);
@@ -150,7 +150,7 @@ fn arguments_that_cannot_be_used_are_refused() {
     }
 }
 
-/// A hand-held run with a rising temperature and with all properties that a motion can have.
+/// Setup of a run at 100 Hz with this motion, unit and temperature, without faults.
 fn hand_setup<'a>(motion: &'a Motion, unit: &'a Unit, temperature: &'a Temperature) -> Setup<'a> {
     Setup {
         motion,
@@ -180,7 +180,7 @@ fn warming() -> Temperature {
     Temperature::try_new(vec![0.0, 10.0, 30.0], vec![20.0, 35.0, 30.0]).unwrap()
 }
 
-/// The shortest form of the effect, with the fewest parameters, all at their typical size.
+/// The effect in its form with the fewest parameters. Each parameter has its typical size.
 fn typical(effect: &'static Effect<f64>) -> EffectValues<f64> {
     let values: Vec<f64> = effect.parameters[..effect.plain].iter().map(|parameter| parameter.typical).collect();
     EffectValues::try_new(effect, &values, effect.shape.map(|shape| shape.typical)).unwrap()

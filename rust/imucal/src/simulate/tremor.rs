@@ -60,7 +60,8 @@ impl Tremor {
     }
 }
 
-/// A random sine in a frequency band. Its variance is the band's share of the variance of the tremor.
+/// A sine with a random frequency in a frequency band and a random phase. Its variance is the band's share of the
+/// variance of the tremor.
 fn sine((low_hz, high_hz, share): (f64, f64, f64), tremor_rad: f64, generator: &mut ChaCha8Rng) -> Sine {
     Sine {
         amplitude_rad: tremor_rad * (2.0 * share).sqrt(),

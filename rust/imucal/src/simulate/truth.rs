@@ -18,7 +18,7 @@ use super::temperature::Temperature;
 use super::unit::Unit;
 use crate::recording::REFERENCE_TEMPERATURE_DEGC;
 
-/// All inputs of the true state: motion, location and unit.
+/// The inputs from which the true state is computed: motion, local gravity, temperature, and the effects of the unit.
 pub(super) struct Truth<'a> {
     motion: &'a Motion,
     unit: &'a Unit,
@@ -87,22 +87,24 @@ impl<'a> Truth<'a> {
     }
 }
 
-/// The state at an instant. While the unit is at rest, the state is reused.
+/// The true state at one instant, which [`Cursor::seek`] moves to another instant. While the unit is at rest, the
+/// motion and the constant effects are not computed again.
 pub(super) struct Cursor<'a> {
     truth: &'a Truth<'a>,
     from_s: f64,
     until_s: f64,
-    /// The true state at the instant.
+    /// The true state (rate, force and surroundings) at the present instant.
     pub(super) state: State<f64>,
     pub(super) temperature_degc: f64,
-    /// Sum of the constant effects on rate, rad/s, and on force, m/s^2.
+    /// Sum of the effects in `Truth::steady` on the rate, rad/s, and on the force, m/s^2.
     steady: (Vector3<f64>, Vector3<f64>),
     /// Whether the unit moves at this instant.
     pub(super) moving: bool,
 }
 
 impl Cursor<'_> {
-    /// Moves to an instant. `history` is the temperature history at this instant, if any effect depends on it.
+    /// Computes the true state at the time `time_s`, s. `history` is the temperature history at this time, if any
+    /// effect depends on it.
     #[inline]
     pub(super) fn seek(&mut self, time_s: f64, history: Option<TemperatureHistory<f64>>) {
         let truth = self.truth;
@@ -131,13 +133,15 @@ impl Cursor<'_> {
         self.steady = truth.steady.at(&self.state);
         self.moving = !truth.is_rest(time_s);
         let still_until = |time_s: f64| truth.motion.still_until(time_s).unwrap_or(time_s);
-        // The output of a gyroscope with a delay is constant only from the delay after the start of a rest on.
+        // At the start of a rest, a gyroscope with a delay still measures the end of the move. Its output is constant
+        // only after the delay.
         let start_s = delay_start_s(time_s, truth.delay_s);
         let until_s = still_until(time_s).min(still_until(start_s) + (time_s - start_s));
         (self.from_s, self.until_s) = (time_s, until_s);
     }
 
-    /// Input of gyroscope and accelerometer. `added` is the additional rate and force given in the setup.
+    /// Inputs of the gyroscope and of the accelerometer, before noise. `added` is the additional rate and force given
+    /// in the setup.
     #[inline]
     pub(super) fn seen(&self, added: (Vector3<f64>, Vector3<f64>)) -> (Vector3<f64>, Vector3<f64>) {
         let (mut on_rate, mut on_force) = self.steady;

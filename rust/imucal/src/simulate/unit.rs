@@ -20,8 +20,8 @@ pub struct Unit {
     pub effects: EffectSet<f64>,
 }
 
-/// A triad: `measured = convert(sample(low_pass(sensitivity * (true + effects) + bias + noise)))`, `docs/model.md`
-/// (22).
+/// Model of a triad: `measured = convert(sample(low_pass(sensitivity * (true + effects) + bias + noise)))`,
+/// `docs/model.md` (22).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensor {
     /// Sensitivity (the product M S in the paper cited in docs/model.md); the identity for a sensor without errors.

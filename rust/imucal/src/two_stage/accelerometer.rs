@@ -28,7 +28,7 @@ use crate::two_stage::observability::{self, LARGEST_SHIFT, REST_ERROR_MPS2};
 
 /// An ellipsoid is valid only if the noise of a rest mean, relative to the size of the ellipsoid, is below this limit.
 /// The ratio is `noise |T^-1| / g` with the Frobenius norm. For a noisy sensor, the ratio is 0.001. If all rests have
-/// one pose, the ellipsoid is fitted to their noise, and the ratio is about 0.5.
+/// one pose, the ellipsoid is fitted to the noise of their means, and the ratio is about 0.5.
 const NOISE_OVER_SIZE: f64 = 0.02;
 
 /// Result of the accelerometer fit.
@@ -38,11 +38,11 @@ pub(crate) struct AccelerometerFit {
     pub(crate) triad: Triad<f64>,
     /// For each rest, whether the fit uses it. The other rests were excluded as outliers.
     pub(crate) used: Vec<bool>,
-    /// Derivative of the parameters with respect to the error of |f| (the norm of the mean force) at each rest in
-    /// m/s^2; 9 rows, and one column per rest. The columns of rests that are not used are zero.
+    /// Derivative of the parameters with respect to the error of |f| at each rest, where |f| is the norm of the mean
+    /// force, per m/s^2; 9 rows, and one column per rest. The columns of rests that are not used are zero.
     pub(crate) gain: Mat<f64>,
-    /// Derivative of the parameters with respect to the error of each prior, in standard deviations of the prior; 9 x
-    /// number of priors.
+    /// Derivative of the parameters with respect to the error of each prior, in standard deviations of the prior; 9
+    /// rows, and one column per prior.
     pub(crate) prior_gain: Mat<f64>,
     /// Mean square of the second-order errors of the parameters that are due to the priors, 9 x 9.
     pub(crate) second_order: Mat<f64>,
@@ -69,8 +69,8 @@ pub(crate) fn fit(
     held: &StageRows<'_>,
 ) -> Result<AccelerometerFit, Error> {
     let means: Vec<Vector3<f64>> = rests.iter().map(|rest| rest.specific_force.mean).collect();
-    // If there are priors, no ellipsoid is fitted. The poses may not determine all parameters, and an ellipsoid through
-    // them may then be far from the truth.
+    // If there are priors, a sphere is fitted instead of an ellipsoid. The poses may not determine all parameters, and
+    // an ellipsoid through the means may then be far from the truth.
     let found = if held.count() == 0 {
         ellipsoid::fit(&means, gravity_mps2)?
     } else {
@@ -94,8 +94,8 @@ pub(crate) fn fit(
 }
 
 /// Fits the accelerometer to rests that do not determine some of its parameters. These parameters stay at the values of
-/// `start`, and all others are fitted. For this purpose, every parameter has a prior with a standard deviation of 1 %
-/// of its size. This prior hardly changes a parameter that the rests determine.
+/// `start`, and all others are fitted. For this purpose, every parameter has a prior around its start value, with a
+/// standard deviation of 1 % of its size. This prior hardly changes a parameter that the rests determine.
 ///
 /// All rests are used. With a few rests on the faces of a box, a wrong rest cannot be detected. The joint fit excludes
 /// outliers.
@@ -213,7 +213,8 @@ pub(crate) fn triad_of(parameters: &[f64]) -> Result<Triad<f64>, Error> {
     Triad::try_new(sensitivity, bias).map_err(|error| Error::Fit(format!("accelerometer: {error}")))
 }
 
-/// The norm |f| for one mean, and its derivative with respect to the nine parameters.
+/// The norm |f| of the corrected force at a rest, and its derivative with respect to the nine parameters. `mean` is the
+/// mean reading of the rest.
 pub(crate) fn norm_and_gradient(triad: &Triad<f64>, mean: &Vector3<f64>) -> (f64, SVector<f64, 9>) {
     let f = triad.correct(*mean);
     let norm = f.norm();
@@ -228,7 +229,7 @@ pub(crate) fn norm_and_gradient(triad: &Triad<f64>, mean: &Vector3<f64>) -> (f64
     (norm, gradient)
 }
 
-/// The residuals of the rests that are used. Their weights are computed from the start value and stay fixed.
+/// The residuals of the rests that the fit uses. Their weights are computed from the start value and stay fixed.
 struct Norms<'a> {
     means: Vec<Vector3<f64>>,
     sigma: Vec<f64>,

@@ -31,7 +31,8 @@ pub(crate) struct Start {
 /// largest one is below this limit.
 const LEAST_SINGULAR: f64 = 1e-3;
 
-/// The ellipsoid through `means` (one for each rest, in any raw unit), or a sphere if the means determine no ellipsoid.
+/// The ellipsoid through the mean readings `means` (one for each rest, in any raw unit), or a sphere if they determine
+/// no ellipsoid.
 ///
 /// Returns `None` if the means are in one plane, because they then determine no sphere.
 ///
@@ -52,8 +53,9 @@ pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<St
     }))
 }
 
-/// The sphere through `means`. It is the minimum-norm least-squares solution. If the poses do not determine a unique
-/// sphere, its centre is near the midpoint of the means. Returns `None` for a single pose.
+/// The sphere through the mean readings `means`. It is the minimum-norm least-squares solution. If the poses do not
+/// determine a unique sphere, the centre of this solution is near the midpoint of the means. Returns `None` for a
+/// single pose.
 pub(crate) fn smallest_sphere(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
     let Some((centre, size)) = extent(means) else { return Ok(None) };
     let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();
@@ -84,7 +86,7 @@ fn extent(means: &[Vector3<f64>]) -> Option<(Vector3<f64>, f64)> {
     (size > 0.0).then(|| ((low + high) / 2.0, size))
 }
 
-/// The ellipsoid of points with |T^-1 (a - b)| = 1; `None` if the fitted quadric is not an ellipsoid.
+/// The ellipsoid |T^-1 (a - b)| = 1 through the points a; `None` if the fitted quadric is not an ellipsoid.
 fn ellipsoid(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     if points.len() < 9 {
         return Ok(None);

@@ -42,21 +42,22 @@ pub(crate) struct GyroscopeFit {
     pub(crate) triad: Triad<f64>,
     /// For each move, whether the fit uses it. The other moves were excluded as outliers.
     pub(crate) used: Vec<bool>,
-    /// Preintegrated rotation and Jacobian integrals of each move at the solution.
+    /// For each move, at the fitted gyroscope: the preintegrated rotation and the integrals from which its derivatives
+    /// are computed.
     pub(crate) preintegrated: Vec<Preintegrated>,
-    /// Derivative of the entries of T with respect to the error of each residual in rad; 9 rows, and 2 columns per
-    /// move. The columns of moves that are not used are zero.
+    /// Derivative of the entries of T with respect to the error of each direction residual in rad; 9 rows, and 2
+    /// columns per move. The columns of moves that are not used are zero.
     pub(crate) gain: Mat<f64>,
     pub(crate) report: FitReport,
 }
 
-/// The moves to which the gyroscope is fitted, with their most recent preintegration.
+/// The moves to which the gyroscope is fitted, with the result of their most recent preintegration.
 pub(crate) struct PreintegratedMoves<'a> {
     /// Rates of each move.
     segments: Vec<RateSegment<'a>>,
     bias: Vector3<f64>,
     held: &'a StageRows<'a>,
-    /// Most recent preintegration.
+    /// Result of the most recent preintegration.
     last: RefCell<Option<Rc<Linearised>>>,
 }
 
@@ -68,8 +69,9 @@ struct Linearised {
 
 /// A first fit is close to the global minimum if the rms of its direction errors is below this limit, rad.
 const CLOSE_RAD: f64 = 0.05;
-/// A preintegration is corrected to first order for a slightly different sensitivity if, for each move, second-order
-/// error <= this value x standard deviation of the direction residual. Otherwise, the samples are integrated again.
+/// Limit for a first-order correction of a preintegration to a slightly different sensitivity. For each move, the
+/// second-order error must be at most this value x standard deviation of the direction residual. Otherwise, the samples
+/// are integrated again.
 const MAX_SECOND_ORDER: f64 = 1e-9;
 
 impl<'a> PreintegratedMoves<'a> {
@@ -165,8 +167,8 @@ impl<'a> PreintegratedMoves<'a> {
 }
 
 impl Linearised {
-    /// These moves, corrected to first order for a slightly different gyroscope sensitivity; `None` if the second-order
-    /// error is too large.
+    /// These preintegrated moves, corrected to first order for a slightly different gyroscope sensitivity; `None` if
+    /// the second-order error is too large.
     fn moved(self: Rc<Self>, triad: &Triad<f64>, ends: &[Ends]) -> Option<Rc<Self>> {
         if self.triad == *triad {
             return Some(self);
@@ -197,8 +199,9 @@ pub(crate) fn triad_with(sensitivity: &Matrix3<f64>, bias: Vector3<f64>) -> Resu
 /// Derivative of a move's residual (rad) with respect to the nine entries of T and the three biases; a 2 x 12 matrix.
 pub(crate) fn residual_gradient(ends: &Ends, preintegrated: &Preintegrated, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
     let propagated_up = preintegrated.rotation.tr_mul(&ends.before);
-    // A rotation `delta` of the attitude at the end of the move changes the propagated direction by [R^T u]x delta. R
-    // is the rotation over the move, and u is the gravity direction before it.
+    // A rotation `delta` of the attitude at the end of the move, in the body frame there, changes the propagated
+    // gravity direction R^T u by [R^T u]x delta. R is the rotation over the move, and u is the gravity direction before
+    // it.
     let by_turn = -(ends.across() * hat(&propagated_up) * preintegrated.rotation.transpose());
     std::array::from_fn(|p| match p {
         0..9 => by_turn * (preintegrated.sensitivity_sums[p % 3] * triad.inverse().column(p / 3)),

@@ -6,9 +6,9 @@
 //!
 //! J is the design matrix. Its rows are divided by model errors that every real unit has: half a mg at a rest, and 0.2
 //! deg in a move. Each of its columns is multiplied by 1 % of the size of its parameter. The rows are not divided by
-//! sensor noise, because with small noise, three nearly equal poses would seem sufficient. The term 1 / 10^2 is a
-//! prior. The standard deviation of each parameter about its nominal value is a tenth of its size, which is 10 units of
-//! its column.
+//! sensor noise, because with small noise, three nearly equal poses would seem sufficient. The term 1 / 10^2 is a prior
+//! of each parameter about its nominal value. The standard deviation of the prior is a tenth of the size of the
+//! parameter, which is 10 units of its column.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -27,14 +27,14 @@ pub(crate) const LARGEST_SHIFT: f64 = 0.01;
 /// Standard deviation of the prior of a parameter about its nominal value, as a fraction of its size.
 pub(crate) const FARTHEST: f64 = 0.1;
 /// An undetermined parameter is unobservable by itself, and belongs to no group, if p >= this value. The unit vector
-/// along the parameter is projected onto the unobservable directions, and p is the squared length of the projection.
+/// along the parameter is projected onto the unobservable directions, and p is the squared length of this projection.
 const OWN_SHARE: f64 = 0.95;
 /// Two undetermined parameters belong to one group if |correlation| > this value. The correlation is computed from the
 /// unobservable directions only.
 const TRADED: f64 = 0.1;
 /// A pose counts as "axis up" or "axis down" if the angle between the axis and the vertical is at most this limit, deg.
 const FACE_LIMIT_DEG: f64 = 40.0;
-/// Recommendation if all rests are on the six faces.
+/// Recommendation if each of the six faces was up at some rest, but poses between the faces are missing.
 pub(crate) const EDGES_AND_CORNERS: &str = "add rests with edges and corners up";
 /// Alternative recommendation for a unit with a gyroscope, which measures the rotations between the faces. Four turns
 /// about each axis while this axis is horizontal include every face, and they separate the misalignment of the
@@ -48,8 +48,8 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 pub(crate) struct Open {
     /// Columns of the design matrix whose parameters are not determined.
     pub(crate) columns: Vec<usize>,
-    /// Groups of columns whose parameters are not determined individually. The number with each group is the number of
-    /// linear combinations of these parameters that are determined.
+    /// Groups of columns whose parameters are not determined individually, but some of whose linear combinations are.
+    /// The number with each group is the number of these combinations.
     pub(crate) traded: Vec<(Vec<usize>, usize)>,
 }
 
@@ -72,7 +72,7 @@ impl Open {
     }
 
     /// Removes the parameters with the columns `held` from the undetermined parameters, because they have priors with
-    /// known standard deviations. Groups with such a parameter are also removed.
+    /// known standard deviations. Groups that contain such a parameter are also removed.
     pub(crate) fn without(self, held: &[usize]) -> Self {
         let is_left = |j: &usize| !held.contains(j);
         let columns: Vec<usize> = self.columns.into_iter().filter(is_left).collect();
@@ -131,8 +131,8 @@ impl Open {
     }
 }
 
-/// Groups of undetermined parameters (columns) that are correlated within the unobservable directions. The number with
-/// each group is the number of linear combinations of its parameters that are determined.
+/// Groups of undetermined parameters (columns) that are correlated with each other within the unobservable directions.
+/// The number with each group is the number of linear combinations of its parameters that are determined.
 fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(Vec<usize>, usize)> {
     let mut left: Vec<usize> = columns.iter().copied().filter(|&j| projection(j, j) < OWN_SHARE).collect();
     let mut groups = Vec::new();
@@ -161,9 +161,9 @@ fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(V
 
 /// Returns an error if the rests do not determine the accelerometer.
 ///
-/// `design` is the Jacobian of |f|, m/s^2. Biases are in units of the reading at 1 g, and entries of the sensitivity in
-/// units of the mean scale. `up` contains the gravity directions at the rests. `held` contains the columns of
-/// parameters with a prior.
+/// `design` is the Jacobian of |f| at the rests, m/s^2, with respect to the nine parameters. Biases are in units of the
+/// reading at 1 g, and entries of the sensitivity in units of the mean scale. `up` contains the gravity directions at
+/// the rests. `held` contains the columns of parameters with a prior.
 ///
 /// # Errors
 /// [`Error::NotEnoughMotion`] names the parameters and the poses to add.

@@ -3,8 +3,8 @@
 //! Both stages use the same rests. Errors of the rests therefore affect the gyroscope in three ways: through the
 //! gravity directions, through the parameters of the accelerometer, and through the gyroscope bias. To first order,
 //! every parameter is a linear function of independent errors: three of each mean force, three of each mean rate, and
-//! two of each move. The covariance is computed from the variances of these errors. The second-order errors that are
-//! due to priors are added.
+//! two of each move. The covariance is computed from the variances of these errors. For an accelerometer without a
+//! gyroscope, the errors that are due to priors are added, also those of second order.
 
 use faer::Mat;
 use nalgebra::{Matrix2x3, Matrix3, SMatrix, SVector, Vector3};
@@ -18,8 +18,8 @@ use crate::two_stage::gyroscope::{GyroscopeBias, GyroscopeFit, residual_gradient
 /// Covariance of all parameters in the symmetric frame, 21 x 21, raw units. The order is: accelerometer bias, the six
 /// entries of its sensitivity, gyroscope bias, the nine entries of its sensitivity.
 ///
-/// `random_walk_rad` contains, for each move, the standard deviation of the error that is not due to the rests at its
-/// ends, rad.
+/// `random_walk_rad` contains, for each move, the standard deviation of the direction residual without the noise of the
+/// rests' means, rad.
 pub(crate) fn covariance(
     rests: &[&Rest],
     moves: &[Move],
@@ -30,7 +30,7 @@ pub(crate) fn covariance(
     random_walk_rad: &[f64],
 ) -> Mat<f64> {
     let (k, m) = (rests.len(), moves.len());
-    // Columns: mean forces (3 k), mean rates (3 k), moves (2 m).
+    // Columns of the matrix: errors of the mean forces (3 k), of the mean rates (3 k), and of the moves (2 m).
     let mut map = Mat::<f64>::zeros(21, 6 * k + 2 * m);
     accelerometer_rows(&mut map, rests, accelerometer);
     for (rest, weight) in bias.weights.iter().enumerate() {
@@ -146,7 +146,7 @@ fn gyroscope_rows(
     }
 }
 
-/// Subtracts `change` from the nine rows of the gyroscope, beginning at column `column`.
+/// Subtracts `change` from the nine rows of the gyroscope sensitivity, beginning at column `column`.
 fn subtract<const C: usize>(map: &mut Mat<f64>, column: usize, change: &SMatrix<f64, 9, C>) {
     for i in 0..9 {
         for c in 0..C {

@@ -40,7 +40,8 @@ pub enum ResidualGroup {
 }
 
 impl ResidualGroup {
-    /// Name in documents. The factor by which the fit increases the standard deviations of this kind has the same name.
+    /// Name of the kind in documents. The factor by which the fit increases the standard deviations of this kind has
+    /// the same name.
     pub fn name(self) -> &'static str {
         match self {
             Self::RestNorms => "norms",
@@ -70,7 +71,7 @@ impl ResidualGroup {
         }
     }
 
-    /// Converts a residual from SI units to [`Self::unit`].
+    /// Converts a residual from SI units to the unit that [`Self::unit`] returns.
     pub fn in_unit(self, si: f64) -> f64 {
         match self {
             Self::RestNorms | Self::MoveForces => si / STANDARD_GRAVITY_MPS2 * 1e3,
@@ -105,7 +106,7 @@ impl GroupMisfit {
         self.rms / self.ratio()
     }
 
-    /// Probability of a larger chi2 if noise is the only error.
+    /// Probability of a larger chi2 than `self.chi2` if noise is the only error.
     pub fn p_value(&self) -> f64 {
         p_value_of(self.chi2, self.degrees_of_freedom)
     }

@@ -10,8 +10,8 @@ use crate::finding::{Finding, general};
 use crate::held::PriorCost;
 use crate::numerics::fit_report::FitReport;
 
-/// A finding on time stamps explains large residuals only if it concerns enough samples: at least this multiple of the
-/// number of residuals. A move has two residuals, so the limit is one sample for ten moves.
+/// Limit for irregular time stamps as the cause of large residuals. A finding on time stamps must concern at least this
+/// number of samples per residual. A move has two residuals, so the limit is one sample for ten moves.
 const FEW_OF_RESIDUALS: f64 = 0.05;
 
 /// Reason for a verdict that is not good. Messages contain it as a sentence with numbers.
@@ -48,7 +48,7 @@ pub enum Reason {
         /// residuals; `None` if the rests determine the parameters exactly.
         noise_mps2: Option<f64>,
     },
-    /// chi2 has no value, because some samples could not be corrected.
+    /// chi2 is not a finite number, because some samples could not be corrected.
     NotCorrected {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
@@ -200,8 +200,8 @@ impl Reason {
     }
 
     /// The reason for an incomplete verdict if the residuals of any group exceed their noise, otherwise `None`. The
-    /// reason is an irregular clock if two conditions hold: only residuals of moves exceed their noise, and there is a
-    /// finding about time stamps or about missing or repeated samples that concerns more than a few samples.
+    /// reason is an irregular clock if two conditions hold. First, only residuals of moves exceed their noise. Second,
+    /// a finding about time stamps, or about missing or repeated samples, concerns more than a few samples.
     pub(crate) fn above_noise(set: RecordingSet, groups: &[GroupMisfit], findings: &[Finding]) -> Option<Self> {
         let groups: Vec<GroupMisfit> = groups.iter().filter(|group| group.exceeds_noise()).copied().collect();
         let is_of_move = |misfit: &GroupMisfit| {
@@ -210,7 +210,7 @@ impl Reason {
                 ResidualGroup::MoveDirections | ResidualGroup::MoveForces | ResidualGroup::StandAttitudes
             )
         };
-        // If a finding concerns few samples, it concerns few moves. So few moves do not explain a large rms over all
+        // A finding that concerns few samples also concerns few moves. So few moves do not explain a large rms over all
         // moves.
         let residuals = groups.iter().map(|misfit| misfit.degrees_of_freedom).fold(0.0, f64::max);
         let is_of_few = |finding: &&Finding| (finding.count as f64) < FEW_OF_RESIDUALS * residuals;

@@ -30,9 +30,9 @@ use crate::numerics::stats::p_value;
 /// Minimum log Bayes factor, nats, for an effect to be selected with generic hypotheses (unknown variations of a bias
 /// or scale) in the model. 8 nats are odds of 3000 to 1.
 const LEAST: f64 = 8.0;
-/// Minimum of the ratio: likelihood ratio statistic of an effect / statistic of the generic hypotheses. The columns of
-/// the hypotheses describe the variation only approximately. An effect with a smaller ratio may only fit the
-/// approximation error.
+/// An effect is selected only if its likelihood ratio statistic exceeds SHARE x the statistic of the generic
+/// hypotheses. The hypotheses describe the variation only approximately, and an effect with a smaller statistic may
+/// only fit the approximation error.
 const SHARE: f64 = 0.02;
 /// Another candidate is a rival of the best candidate if its log evidence is smaller by less than this number of nats.
 /// 3 nats are odds of 20 to 1.
@@ -46,8 +46,8 @@ pub(in crate::gap) const OF_TIME: [&str; 4] =
     ["gyro_bias_drift", "gyro_bias_warmup", "accel_bias_drift", "accel_bias_warmup"];
 /// Trial widths of the prior of a random walk, in multiples of the typical size of the bias.
 const WALK_WIDTHS: [f64; 3] = [0.1, 0.5, 2.5];
-/// Ratio: prior precision of a removed parameter / information of the data about the parameter. Such a prior fixes the
-/// parameter at zero.
+/// A narrow prior at zero removes a parameter from a model. This number is the ratio: precision of this prior /
+/// information of the data about the parameter.
 const REMOVED: f64 = 1e6;
 
 /// A generic hypothesis (unknown variation of a bias or scale) whose columns are part of a model.
@@ -81,7 +81,7 @@ fn varying(patterns: &[Pattern]) -> Vec<Varying> {
     all
 }
 
-/// Whether the gyroscope bias varies with heading in the best generic hypothesis of one of the `patterns`.
+/// Whether one of the significant hypotheses in `patterns` is a gyroscope bias that varies with heading.
 pub(super) fn turns_with_heading(patterns: &[Pattern]) -> bool {
     let is_of_heading =
         |own: &Varying| own.block == Block::GyroscopeBias && matches!(own.kernel, Kernel::Heading | Kernel::Attitude);

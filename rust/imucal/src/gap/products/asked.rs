@@ -1,4 +1,4 @@
-//! The set of column products that the scoring of candidates needs.
+//! The set of products of two Jacobian columns that the scoring of candidates needs.
 
 use std::ops::Range;
 

@@ -74,8 +74,8 @@ struct Job {
     /// Position of each column within a row. If there are fewer than [`OF_MODEL`] columns, the last position is
     /// repeated.
     places: [usize; OF_MODEL],
-    /// The register contains the values of a row from position `first` on. `with` is the range of the columns whose
-    /// products are used.
+    /// The register contains the values of a row from position `first` on. Only products with the columns in the range
+    /// `with` are used.
     first: usize,
     with: Range<usize>,
 }

@@ -7,15 +7,15 @@ use pulp::{Simd, WithSimd};
 use crate::numerics::instructions::Instructions;
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// Upper bound of the ratio: rounding error of a column's squared length after the elimination / squared length before
-/// the elimination.
+/// Upper bound of the rounding error of a column's squared length after the elimination, as a share of the squared
+/// length before the elimination.
 const ROUNDING: f64 = 1e-9;
 
 /// Gram matrix of the additional columns and the residual after elimination of the model's columns (Schur complement).
 /// The residual is the last column. The columns are scaled to typical sizes of their parameters.
 pub(crate) struct Left {
     pub(super) sums: SymmetricMatrix,
-    /// Squared length of each column before the elimination.
+    /// Squared length of each additional column before the elimination.
     pub(super) whole: Vec<f64>,
 }
 
@@ -66,7 +66,8 @@ impl Left {
         normal.symmetric_eigenvalues().into_iter().filter(|value| **value >= least).count()
     }
 
-    /// Sum over the columns of the change of chi2 if only the column's parameter changes, by its typical size.
+    /// Sum over the parameters of the additional columns. The term of a parameter is the change of chi2 if only this
+    /// parameter changes, by its typical size.
     pub(crate) fn trace(&self) -> f64 {
         (0..self.columns()).map(|a| self.sums.row(a)[0].max(0.0)).sum()
     }

@@ -20,8 +20,9 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 use crate::cancellation::checkpoint;
 use crate::numerics::stats::{median, quantile, sample_interval_s};
 
-/// The largest change of a reading within `SPAN_S` is computed for each rest. Its quantile of this order over the rests
-/// is taken as the largest change at an undisturbed rest. With 0.9, up to a tenth of the rests may be disturbed.
+/// Order of a quantile over the rests. For each rest, the largest change of a reading within `SPAN_S` is computed. The
+/// quantile of these values is taken as the largest change at an undisturbed rest. With 0.9, up to a tenth of the rests
+/// may be disturbed.
 const ORDINARY: f64 = 0.9;
 /// Motion is detected from the change of a reading over this time interval, s. A rotation of half a degree or more
 /// changes the reading within this interval by more than the largest change at rest.
@@ -40,8 +41,8 @@ const START: f64 = 100.0;
 /// Lower limit of the noise of a reading, rad, for noise-free simulated encoders.
 const FINEST_RAD: f64 = 1e-12;
 
-/// Direction of the last motion of each motor (+1 or -1), for every sample of a recording with the rests `rests`. It is
-/// zero before the first motion.
+/// Direction of the last motion of each motor (+1 or -1), for every sample of a recording. It is zero before the first
+/// motion. `rests` are the sample ranges of the rests.
 pub(super) fn directions(time_s: &[f64], stand_rad: &[[f64; 3]], rests: &[Range<usize>]) -> Vec<Vector3<f64>> {
     let mut all = vec![Vector3::zeros(); stand_rad.len()];
     let span = ((SPAN_S / sample_interval_s(time_s)).round() as usize).max(1);
@@ -191,7 +192,7 @@ mod tests {
         (0..samples).map(|i| (at(i).0 + backlash_rad * at(i).1 + noise(i), at(i).1)).unzip()
     }
 
-    /// Sum of the squared errors that wrong signs cause in the readings, divided by the noise variance.
+    /// Sum of the squared errors that the readings have due to wrong signs, divided by the noise variance.
     fn harm(backlash_rad: f64) -> f64 {
         let (readings, truth) = there_and_back(backlash_rad);
         let found = Motor { readings, span: 30, still_rad: 8e-4 }.signs();

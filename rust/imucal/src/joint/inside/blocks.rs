@@ -25,15 +25,15 @@ pub(super) struct Derivatives<'a> {
     pub(super) at_edges: &'a [f64],
 }
 
-/// Writes the whitened rows of a move to a matrix. The first row written is row `first`.
+/// Writes the whitened derivatives of a move's residuals to a matrix. The first residual is written to row `first`.
 pub(super) struct IntoColumns<'a> {
     pub(super) seen: Derivatives<'a>,
     pub(super) matrix: &'a mut Mat<f64>,
     pub(super) first: usize,
 }
 
-/// Writes the whitened rows of a move to `lanes`. The values of the first parameter are written at position `place` of
-/// each row.
+/// Writes the whitened derivatives of a move's residuals to `lanes`, one row per residual. The values of the first
+/// parameter are written at position `place` of each row.
 pub(super) struct IntoLanes<'a> {
     pub(super) seen: Derivatives<'a>,
     pub(super) lanes: &'a mut Lanes,
@@ -110,16 +110,16 @@ impl WithSimd for IntoLanes<'_> {
     }
 }
 
-/// Divides the rows of a move, each with `length` values, by direction. The direction along gravity has no row for the
-/// rest after the move.
+/// Divides the rows of a move, each with `length` values, by direction. The first direction, along gravity, has one row
+/// per block. The two perpendicular directions have one more row, for the rest after the move.
 fn by_direction<T>(rows: &mut [T], blocks: usize, length: usize) -> [&mut [T]; 3] {
     let (along, across) = rows.split_at_mut(blocks * length);
     let (one, other) = across.split_at_mut((blocks + 1) * length);
     [along, one, other]
 }
 
-/// For each SIMD lane, which is one parameter: the dot product of `direction` and a vector, added to `there`.
-/// `planes` contains the x, y and z components of the vectors.
+/// For each SIMD lane, which is one parameter: `there` plus the dot product of `direction` and the vector of the
+/// parameter. `planes` contains the x, y and z components of these vectors.
 #[inline(always)]
 fn along_direction<S: Simd>(simd: S, direction: &Vector3<f64>, planes: [S::f64s; 3], there: S::f64s) -> S::f64s {
     let mut seen = simd.mul_add_e_f64s(simd.splat_f64s(direction.x), planes[0], there);

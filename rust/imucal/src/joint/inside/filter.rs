@@ -46,14 +46,14 @@ impl<const N: usize> WalkFilter<N> {
     }
 }
 
-/// Filter states for a residual and for all its derivatives. The same gains apply to all of them.
+/// States of the filter for a residual and for each of its derivatives. The same gains apply to all of them.
 pub(crate) struct Filter<const N: usize> {
     states: Vec<[f64; N]>,
     pub(crate) walk: WalkFilter<N>,
 }
 
 impl<const N: usize> Filter<N> {
-    /// Zero states for `width` values: the derivatives and the residual.
+    /// Zero states for `width` values: the derivatives of the residual, and the residual itself.
     pub(crate) fn new(width: usize, walk: WalkFilter<N>) -> Self {
         Self { states: vec![[0.0; N]; width], walk }
     }

@@ -1,8 +1,8 @@
 //! Goodness of fit of each kind of residuals, relative to noise (model.md (26)).
 //!
 //! The degrees of freedom of a kind are the sum of 1 - h over its residuals, where h is the leverage of a residual. The
-//! residuals are those of the final fit, in which kinds with excess scatter have reduced weights. In a fit with weights
-//! from noise only, these kinds would distort the residuals of other kinds.
+//! residuals are those of the final fit. In this fit, kinds of residuals with excess scatter have reduced weights. With
+//! weights from noise only, they would distort the fit and thus the residuals of other kinds.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -20,7 +20,7 @@ use crate::verdict::{GroupMisfit, ResidualGroup};
 /// freedom, the fit reproduces any values of the measurements.
 const MIN_FREEDOM: f64 = 1.0;
 
-/// Goodness of fit of each kind of residuals. `residuals` and `jacobian` are those of the linearisation, whitened with
+/// Goodness of fit of each kind of residuals. `residuals` and `jacobian` are those at the end of the fit, whitened with
 /// `noise`, the weights from noise only.
 pub(super) fn group_misfits(
     linear: &Linear,

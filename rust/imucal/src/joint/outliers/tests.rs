@@ -177,7 +177,7 @@ fn the_end_of_a_fit_is_judged_as_if_linearised_anew() {
     .unwrap();
 }
 
-/// Chi-square of a weighted least-squares fit to these rows only.
+/// Chi-square of a weighted least-squares fit to the residuals with the indices `rows` only.
 fn chi2(covariance: &DMatrix<f64>, jacobian: &DMatrix<f64>, residuals: &DVector<f64>, rows: &[usize]) -> f64 {
     let n = rows.len();
     let factor = DMatrix::from_fn(n, n, |i, j| covariance[(rows[i], rows[j])]).cholesky().unwrap();

@@ -28,8 +28,8 @@ use crate::numerics::aligned::{Aligned, WIDEST};
 use crate::numerics::instructions::Instructions;
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 
-/// Accumulates the Jacobians of attitude and force inside a move, block by block. The stored values are derivatives
-/// with opposite sign: they describe an increase of the measured rate or force, which the correction subtracts.
+/// Accumulates the derivatives of attitude and force inside a move, block by block. The stored values are the negative
+/// derivatives, because a parameter increases the measured rate or force, and the correction subtracts this increase.
 pub(super) struct Turns<'a> {
     route: &'a Route<'a>,
     model: &'a Model,
@@ -46,13 +46,13 @@ pub(super) struct Turns<'a> {
     /// this midpoint.
     rates: Columns<'a>,
     forces: Columns<'a>,
-    /// `next` is the index of the first segment of the next block. `turned` contains the attitude error of each
-    /// parameter at the start of this segment.
+    /// `next` is the index of the first segment of the next block. `turned` contains the attitude error at the start of
+    /// this segment, per unit of each parameter.
     next: usize,
     turned: Vec<f64>,
     /// Number of segments per block.
     of_block: usize,
-    /// Jacobians of the blocks completed so far.
+    /// Derivatives of attitude and force in the blocks completed so far.
     changes: Changes,
 }
 
@@ -71,8 +71,8 @@ impl<'a> Columns<'a> {
         Self { base, terms, all }
     }
 
-    /// Computes the derivatives with respect to the effects at the midpoint of segment `k`. Returns the storage for the
-    /// derivatives with respect to the base parameters, which the caller fills.
+    /// Computes the derivatives with respect to the parameters of the effects at the midpoint of segment `k`. Returns
+    /// the storage for the derivatives with respect to the base parameters, which the caller fills.
     fn at(&mut self, route: &Route<'_>, stretches: &Stretches, k: usize) -> &mut [Vector3<f64>] {
         let (base, own) = self.all.split_at_mut(self.base);
         route.columns(&self.terms.terms, &self.terms.values, stretches, k, own);
@@ -81,7 +81,8 @@ impl<'a> Columns<'a> {
 }
 
 impl<'a> Turns<'a> {
-    /// Prepares a move. `size` is the number of samples per segment, and `of_block` the number of segments per block.
+    /// Prepares the sums for a move. `size` is the number of samples per segment, and `of_block` the number of segments
+    /// per block.
     pub(super) fn new(
         route: &'a Route<'a>,
         model: &'a Model,
@@ -119,8 +120,9 @@ impl<'a> Turns<'a> {
         turns
     }
 
-    /// Computes the Jacobian columns (one per parameter) of the segments before `end` that have not been computed yet.
-    /// The force columns of the base parameters are evaluated at the propagated gravity, which contains no noise.
+    /// Computes the derivatives with respect to all parameters for the segments before `end` for which they are not
+    /// known yet. The derivatives of the force with respect to the base parameters are evaluated at the propagated
+    /// gravity, which contains no noise.
     fn look_to(&mut self, end: usize) {
         let Self { route, model, freed, stretches, weights, on_rate, on_force, rates, forces, .. } = self;
         let inverse = model.gyroscope.inverse();
@@ -141,7 +143,8 @@ impl<'a> Turns<'a> {
         }
     }
 
-    /// Computes the mean attitude error and the mean change of the force over the next block.
+    /// Computes the mean attitude error and the mean change of the force over the next block, per unit of each
+    /// parameter.
     pub(super) fn next_block(&mut self) {
         self.changes.turn.next();
         self.changes.force.next();
@@ -152,7 +155,7 @@ impl<'a> Turns<'a> {
         self.next += self.of_block;
     }
 
-    /// Adds the contribution of segment `k` to the means over the block of the segment.
+    /// Adds the contribution of segment `k` to the mean attitude error and the mean change of the force over its block.
     #[inline(always)] // Compiled for the widest SIMD registers of the processor.
     fn take_stretch(&mut self, k: usize) {
         let Self { stretches, on_rate, on_force, turned, of_block, changes, .. } = self;
@@ -222,7 +225,7 @@ impl Turned {
         self.count += 1;
     }
 
-    /// Adds the products of `matrix` and each vector in `columns` to the sum, without keeping the products.
+    /// Adds the products of `matrix` and each vector in `columns` to the sum, without storing the products.
     pub(super) fn add(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
         let columns = &columns[..self.last.width()];
         Instructions::Best.run(Push::<false> { columns, matrix, to: &mut [], sum: &mut self.sum });
@@ -251,13 +254,13 @@ impl Turned {
         self.last.write_negative(&self.sum, to);
     }
 
-    /// Empty storage for the Jacobian columns of the same parameters in `states` segments.
+    /// Empty storage for the derivatives with respect to the same parameters in `states` blocks or segments.
     pub(super) fn room(&self, states: usize) -> Planes {
         Planes::new(self.last.parameters().to_vec(), states)
     }
 }
 
-/// Adds a segment to the sum. If `KEEPS` is true, the products of the segment are also kept.
+/// Adds the products of a segment to the sum. If `KEEPS` is true, it also stores the products.
 struct Push<'a, const KEEPS: bool> {
     columns: &'a [Vector3<f64>],
     matrix: &'a Matrix3<f64>,

@@ -16,7 +16,7 @@ use crate::joint::terms::Terms;
 use crate::preintegration::{Interpolation, turn};
 use crate::recording::Samples;
 
-/// Corrected rate and force of the samples of a move and of one additional sample on either side.
+/// Corrected rate and force for the samples of a move and for one additional sample on either side.
 pub(super) struct Corrected {
     pub(super) rate: Vec<Vector3<f64>>,
     pub(super) force: Vec<Vector3<f64>>,
@@ -65,9 +65,10 @@ impl Step {
 /// iteration multiplies the error by gyroscope delay / time scale of the motion, about 1/50. For long delays, more
 /// iterations would amplify noise.
 ///
-/// A gyroscope with a delay measures the rate of an earlier time. The mean of the angular acceleration over the delay
-/// is therefore approximated by the mean of two derivatives: that of the corrected rate and that of the measured rate.
-/// The remaining error of the corrected rate is proportional to the third power of the delay.
+/// A gyroscope with a delay measures the rate of an earlier time. The correction of the delay needs the mean of the
+/// angular acceleration over the delay. It is approximated by the mean of two derivatives: that of the corrected rate
+/// and that of the measured rate. The remaining error of the corrected rate is proportional to the third power of the
+/// delay.
 const SLOPE_PASSES: usize = 3;
 
 impl Route<'_> {
@@ -142,8 +143,8 @@ impl Route<'_> {
         }
     }
 
-    /// Mean change of rate and force by the effects over `samples`. The indices in `samples` are relative to the start
-    /// of `reach`.
+    /// Mean contribution of the effects to the rate and to the force over `samples`. The indices in `samples` are
+    /// relative to the start of `reach`.
     pub(super) fn mean_added(&self, model: &Model, freed: &Corrected, samples: Range<usize>) -> [Vector3<f64>; 2] {
         if !freed.has_effects {
             return [Vector3::zeros(); 2];

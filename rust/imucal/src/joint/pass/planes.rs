@@ -1,8 +1,9 @@
-//! Jacobian columns of many parameters, stored for SIMD.
+//! Derivatives with respect to many parameters, stored for SIMD.
 //!
-//! A Jacobian column is a 3-vector for each parameter, in each state. A state is a block or a segment of a move. The x
-//! components of all parameters in a state are stored together and form a plane. The planes of the y and z components
-//! follow. One SIMD instruction processes as many parameters as a register has lanes.
+//! A Jacobian column contains the derivative with respect to one parameter: a 3-vector for each state. A state is a
+//! block or a segment of a move. The x components of all parameters in a state are stored together and form a plane.
+//! The planes of the y and z components follow. One SIMD instruction processes as many parameters as a register has
+//! lanes.
 
 use nalgebra::Vector3;
 use pulp::{Simd, WithSimd};
@@ -52,7 +53,7 @@ impl Planes {
         &mut self.numbers[start..]
     }
 
-    /// Planes of the last state.
+    /// Mutable access to the planes of the state that was appended last.
     #[inline(always)]
     pub(super) fn last_mut(&mut self) -> &mut [f64] {
         let start = self.numbers.len() - 3 * self.width;
@@ -77,7 +78,7 @@ impl Planes {
         self.parameters.iter().enumerate().for_each(|(k, p)| to[*p] = -self.column(planes, k));
     }
 
-    /// Column of parameter `k` in `planes`.
+    /// Jacobian column (3-vector) of the `k`-th stored parameter, read from `planes`.
     pub(crate) fn column(&self, planes: &[f64], k: usize) -> Vector3<f64> {
         Vector3::from_fn(|axis, _| planes[axis * self.width + k])
     }
@@ -119,7 +120,7 @@ impl Groups {
         Self { size, lacking: (size - begin % size) % size, samples }
     }
 
-    /// Group of sample `k`.
+    /// Index of the group that contains sample `k`.
     #[inline(always)]
     pub(super) fn of(self, k: usize) -> usize {
         (k + self.lacking) / self.size
@@ -136,12 +137,13 @@ impl Groups {
     }
 }
 
-/// Derivatives of attitude and force inside a move, with one state per block. The stored values are derivatives with
-/// opposite sign: they describe an increase of the measured rate or force, which the correction subtracts.
+/// Derivatives of attitude and force inside a move, with one state per block. The stored values are the negative
+/// derivatives, because a parameter increases the measured rate or force, and the correction subtracts this increase.
 pub(crate) struct Changes {
-    /// Mean attitude error over each block, rad per unit of the parameter.
+    /// Mean attitude error over each block due to each parameter, rad per unit of the parameter.
     pub(crate) turn: Planes,
-    /// Mean change of the force over each block, in the body frame at the start of the move.
+    /// Mean change of the force over each block, per unit of each parameter, in the body frame at the start of the
+    /// move.
     pub(crate) force: Planes,
 }
 
@@ -152,12 +154,13 @@ impl Changes {
         Self { turn, force }
     }
 
-    /// Number of values of each vector component in a state: one value per parameter, plus padding.
+    /// Number of values in a row of derivatives inside the move: one for each parameter that affects the attitude, then
+    /// one for each parameter that affects the force, with padding after each part.
     pub(crate) fn lanes(&self) -> usize {
         self.turn.width() + self.force.width()
     }
 
-    /// For each parameter: its position among the values of a state (its lane), and its index in the parameter vector.
+    /// For each parameter: its position in a row of derivatives (its lane), and its index in the parameter vector.
     pub(crate) fn parameters(&self) -> impl Iterator<Item = (usize, usize)> {
         let first = self.turn.width();
         let of_turn = self.turn.parameters().iter().copied().enumerate();
@@ -198,7 +201,8 @@ impl WithSimd for AddAlong<'_> {
     }
 }
 
-/// For each parameter, adds the dot product `direction . column` to `to`. The columns are those in `planes`.
+/// For each parameter, adds the dot product of `direction` and the column (3-vector) of the parameter in `planes` to
+/// `to`.
 #[inline(always)] // Compiled for the SIMD registers of the caller.
 fn add_along(direction: &Vector3<f64>, planes: &[f64], to: &mut [f64]) {
     let (x, yz) = planes.split_at(to.len());

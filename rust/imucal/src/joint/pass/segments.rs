@@ -1,6 +1,6 @@
-//! Integration over a move in segments. It gives the attitude Jacobian over the whole move, for base parameters and
-//! effects. It also gives the segments at which generic error fields are evaluated. A generic error field is a
-//! variation of a bias or scale that no effect of the catalogue describes.
+//! Integration over a move in segments. It gives the derivatives of the rotation over the whole move with respect to
+//! base parameters and effects. It also gives the segments at which generic error fields are evaluated. A generic error
+//! field is a variation of a bias or scale that no effect of the catalogue describes.
 
 use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
@@ -25,8 +25,8 @@ pub(crate) struct Stretch {
     /// Rotation from the body frame at the midpoint to the start of the move: `v_start = attitude v_here`.
     pub(crate) attitude: Matrix3<f64>,
     pub(crate) rate: Vector3<f64>,
-    /// Attitude change at the midpoint, rad per rad/s, due to a constant rate that is subtracted from the measured rate
-    /// of all samples since the start of the move. Column k is for a rate about body axis k.
+    /// Derivative of the attitude at the midpoint with respect to a constant rate that is subtracted from the measured
+    /// rate of all samples since the start of the move, rad per rad/s. Column k is for a rate about body axis k.
     pub(crate) turn: Matrix3<f64>,
 }
 
@@ -87,7 +87,7 @@ fn turn(base: &Sums, model: &Model, total: usize) -> Vec<Vector3<f64>> {
 }
 
 impl Route<'_> {
-    /// Rotation and attitude Jacobian over the whole move, without blocks.
+    /// Rotation over the whole move, and its derivatives with respect to all parameters. No blocks are computed.
     pub(super) fn over_whole_move(&self, model: &Model, evaluated: &EvaluatedTerms<'_>) -> Pass {
         // Effects on the force do not change the attitude.
         let EvaluatedTerms { terms, active, on_rate: SideBySide { terms: own, values, places }, .. } = evaluated;

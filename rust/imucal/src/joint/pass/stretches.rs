@@ -1,5 +1,5 @@
-//! Short segments of a move. The columns of the effects (derivatives with respect to their parameters) are evaluated
-//! once per segment, at its midpoint.
+//! Short segments of a move. The derivatives of the sensor readings with respect to the parameters of the effects are
+//! evaluated once per segment, at its midpoint.
 //!
 //! ```text
 //! midpoint value from means m over n samples     m_k - (1 - 1/n^2) (m_(k-1) - 2 m_k + m_(k+1)) / 24
@@ -93,7 +93,7 @@ impl Route<'_> {
         Stretches { groups, states, rotations, durations_s: self.durations_s(groups), are_even, spread }
     }
 
-    /// Sets the mean state over segment `k`, except its attitude.
+    /// Sets `state` to the mean state over segment `k`. The attitude is not set.
     #[inline]
     fn set_means(
         &self,
@@ -150,8 +150,9 @@ impl Route<'_> {
         (0..groups.count()).map(own_s).collect()
     }
 
-    /// Columns of the effects (derivatives with respect to their parameters) at the midpoint of segment `k`.
-    /// User-defined effects are averaged over the segment, and the mean is corrected to the midpoint.
+    /// Computes the derivatives of the sensor readings with respect to the parameters of the effects (`columns`) at the
+    /// midpoint of segment `k`. Those of user-defined effects are averaged over the segment, and the mean is corrected
+    /// to the midpoint.
     pub(super) fn columns(
         &self,
         terms: &Terms<'_>,
@@ -172,14 +173,14 @@ impl Route<'_> {
         }
     }
 
-    /// Samples of a group as a range of the recording.
+    /// Range of the samples of a segment (`group`) in the recording.
     fn samples(&self, groups: Groups, group: usize) -> Range<usize> {
         let (first, own) = (self.reach().start, groups.samples(group));
         first + own.start..first + own.end
     }
 }
 
-/// Whether the times before and after time `k` are equally far from it.
+/// Whether the times before and after `time_s[k]` are equally far from it.
 fn is_even(time_s: &[f64], k: usize) -> bool {
     match k.checked_sub(1).and_then(|before| time_s[before..].first_chunk()) {
         Some([t0, t1, t2]) => are_equal_steps(t1 - t0, t2 - t1),

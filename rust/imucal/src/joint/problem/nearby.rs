@@ -1,5 +1,6 @@
-//! Cache of linearisations. For parameters near the last linearisation, the result is a first-order update of it, so
-//! the samples are not integrated again.
+//! Cache of linearisations. A linearisation contains the residuals at given parameters and their derivatives. For
+//! parameters near the last linearisation, the result is a first-order update of it, so the samples are not integrated
+//! again.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -14,8 +15,8 @@ use crate::joint::model::Model;
 use crate::joint::terms::Term;
 use crate::numerics::lsq::Solution;
 
-/// The first-order update is used up to this distance from the last linearisation. The distance is the norm of the
-/// change of the whitened residuals. The neglected second-order terms are then at most a thousandth of a standard
+/// Largest distance from the last linearisation at which its first-order update is used. The distance is the norm of
+/// the change of the whitened residuals. The neglected second-order terms are then at most a thousandth of a standard
 /// deviation. A search uses the update without further computation. If a final fit converges to parameters for which
 /// only a first-order update is known, the linearisation is computed from the samples, and the fit is continued from
 /// there.
@@ -25,7 +26,7 @@ const NEAR: f64 = 3.0;
 pub(crate) struct Nearby {
     /// Last linearisation that was computed from the samples.
     last: Mutex<Place>,
-    /// Last first-order update of `last`.
+    /// Most recent first-order update of `last`.
     near: Mutex<Place>,
 }
 

@@ -32,12 +32,13 @@ pub(crate) struct JointFit {
     pub(crate) second_order: Option<Mat<f64>>,
     pub(crate) report: FitReport,
     pub(crate) scales: ResidualScales,
-    /// Bias instability and random walk assumed by the weights.
+    /// Bias instability and random walk of the biases that the weights of the residuals assume; `None` for constant
+    /// biases.
     pub(crate) wander: Option<UnitWander>,
     /// Residual of the norm |f| of the specific force at each rest, and its standard deviation from noise, m/s^2;
     /// `None` for rests that are not used.
     pub(crate) norms: Vec<Option<(f64, f64)>>,
-    /// Gravity directions and rotation of each move.
+    /// For each move: the gravity directions at its ends, and its rotation.
     pub(crate) moves: Vec<(Ends, Matrix3<f64>)>,
     pub(crate) terms: Vec<TermEstimate>,
     /// Residuals and Jacobian at the end of the fit.
@@ -51,13 +52,13 @@ pub(crate) struct JointFit {
 /// this ratio. The ratio is 1 if noise explains the residuals, or if there are no residuals of a kind.
 #[derive(Clone, Copy, Debug)]
 pub struct ResidualScales {
-    /// Norms of the specific force at the rests.
+    /// Ratio for the norms of the specific force at the rests.
     pub norms: f64,
-    /// Propagated gravity directions of the moves.
+    /// Ratio for the propagated gravity directions after the moves.
     pub moves: f64,
-    /// Force inside the moves.
+    /// Ratio for the specific force inside the moves.
     pub inside: f64,
-    /// Attitudes relative to the encoders of the stand: the larger of the ratios for rests and for moves.
+    /// Ratio for attitudes relative to the encoders of the stand: the larger of the ratios for rests and for moves.
     pub stand: f64,
 }
 

@@ -20,8 +20,8 @@ use crate::rests::moves::{Move, rows_across};
 use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
 
-/// A quiet end of a move is the time in which the rate of an axis differs from the mean rate at the adjacent rest by
-/// less than this limit, in quantisation steps. The rounding error at a quiet end is assumed to equal the error at this
+/// Limit of the quiet ends of a move, in quantisation steps. During the quiet end, the rate of an axis differs from the
+/// mean rate at the adjacent rest by less than this limit, and its rounding error is assumed to equal the error at this
 /// rest. In simulated moves with filter bandwidths from 5 to 40 Hz, the computed rotation error agrees best with the
 /// true error at a limit of 0.8 steps.
 const QUIET: f64 = 0.8;
@@ -30,11 +30,11 @@ const QUIET: f64 = 0.8;
 /// gyroscope (g-sensitivity). With this error, the later epochs determine only changes of the bias.
 const POSE_ERROR_RADPS: f64 = 1.7e-3;
 
-/// Removes the correlation between the residuals of different rests and moves. The first whitening has already divided
-/// the residuals by their standard deviations; this second whitening accounts for three errors that rests have in
-/// common. It applies to force norms at rests, gravity directions after moves, and mean rates at rests. The biases vary
-/// (model.md (28)). The means have rounding errors (model.md (37)). A pose error depends on the attitude, and is equal
-/// in all epochs of a long rest (model.md (41)).
+/// Removes the correlation between the residuals of different rests and moves. The first whitening (`Weights`) accounts
+/// for noise and excess scatter. This second whitening accounts for three errors that rests have in common. First, the
+/// biases vary (model.md (28)). Second, the means have rounding errors (model.md (37)). Third, a pose error depends on
+/// the attitude and is equal in all epochs of a long rest (model.md (41)). The whitening applies to force norms at
+/// rests, gravity directions after moves, and mean rates at rests.
 pub(crate) struct Wandering {
     /// Lower Cholesky factor of `I + D C D^T`. C is the covariance of the errors: the bias at each rest, the rounding
     /// errors of its mean rate and mean force, and the pose error of each long rest. D contains the derivatives of the
@@ -107,10 +107,10 @@ impl Wandering {
         }
     }
 
-    /// Whitens sparse columns, which must be in the order of their first nonzero row. A column is stored as the index
-    /// of its first nonzero row and the values from that row on.
+    /// Whitens sparse vectors over the residuals, which must be in the order of their first nonzero entry. A vector is
+    /// stored as the index of its first nonzero entry and the entries from there on.
     pub(crate) fn apply_to_columns(&self, columns: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
-        /// Number of columns that are whitened together.
+        /// Number of vectors that are whitened together.
         const TOGETHER: usize = 256;
         let n = self.factor.nrows();
         let of_part = |part: &[(usize, Vec<f64>)]| -> Vec<(usize, Vec<f64>)> {
@@ -253,9 +253,9 @@ impl Joint<'_> {
         [(m.from, start), (m.to, end)]
     }
 
-    /// Duration of the quiet start of a move for each axis, s. If `at_end` is set, the duration of the quiet end.
-    /// During this time, the rate is within `QUIET` quantisation steps of its mean at the adjacent rest. The duration
-    /// is zero for an axis without rounding errors.
+    /// Duration of the quiet start of a move for each axis, s, or of its quiet end if `at_end` is true. During this
+    /// time, the rate is within `QUIET` quantisation steps of its mean at the adjacent rest. The duration is zero for
+    /// an axis without rounding errors.
     fn quiet_s(&self, m: &Move, at_end: bool) -> Vector3<f64> {
         let recording = &self.prepared.recordings[m.recording];
         let rest = &self.prepared.rests[if at_end { m.to } else { m.from }].rest.angular_rate;

@@ -18,7 +18,8 @@ use crate::numerics::instructions::Instructions;
 /// and the standard deviation of this error times the derivative of the residual with respect to it.
 pub(crate) type Shares = Vec<(usize, f64)>;
 
-/// Lower Cholesky factor L of a covariance. Each row is stored from its first nonzero entry on.
+/// Lower Cholesky factor L of a covariance. For each row: the index of its first nonzero entry, and the entries from
+/// there to the diagonal.
 #[derive(Clone)]
 pub(crate) struct Whitening {
     rows: Vec<(usize, Vec<f64>)>,
@@ -91,7 +92,7 @@ impl WithSimd for Apply<'_> {
 }
 
 impl Whitening {
-    /// Column j of L^-1, from row j on. It ends where all further entries are negligible.
+    /// Column j of L^-1, from row j on. The column is cut off where all further entries are negligible.
     pub(crate) fn unit(&self, j: usize) -> Vec<f64> {
         let band = self.rows.iter().enumerate().map(|(i, (first, _))| i - first).max().unwrap_or(0);
         let mut column = vec![1.0 / self.rows[j].1[j - self.rows[j].0]];

@@ -12,8 +12,9 @@ use crate::numerics::fit_report::significance_limit;
 use crate::numerics::lsq::{self, Solution};
 use nalgebra::Matrix3;
 
-/// Number of quantities in a `Widening`: six factors on standard deviations, and three quantities with one value per
-/// gyroscope axis: variance between rests, bias instability, and variance between the epochs (parts) of long rests.
+/// Number of quantities in a `Widening`. Six of them are factors on standard deviations. The other nine are three
+/// quantities with one value per gyroscope axis: variance between rests, bias instability, and variance between the
+/// epochs (parts) of long rests.
 pub(in crate::joint) const WIDENINGS: usize = FACTORS + 9;
 /// Number of factors in `Scales`. They are the first quantities of a `Widening`.
 pub(in crate::joint) const FACTORS: usize = 6;
@@ -57,8 +58,8 @@ pub(in crate::joint) struct Widened {
 }
 
 impl Widened {
-    /// Kinds of residuals whose standard deviations are increased in `self` or in `other`. The flag for bias
-    /// instability is that of `other`.
+    /// Kinds of residuals whose standard deviations are increased in `self` or in `other`. Whether the excess of the
+    /// mean rates is modelled as bias instability is taken from `other`.
     pub(in crate::joint) fn union(self, other: Self) -> Self {
         let either = |(a, b): (bool, bool)| a || b;
         let mut all = other;
@@ -73,9 +74,9 @@ impl Widening {
     pub(super) const NONE: Self =
         Self { scales: Scales::NONE, between_rests: [0.0; 3], bias_instability: [0.0; 3], epoch_rates: [0.0; 3] };
 
-    /// Excess of the residuals at a linearisation. If a fit ended at this linearisation, `found` contains the fit and
-    /// the scales used in it. The standard deviations of a kind of residuals are increased if its excess is
-    /// significant, or if `kept` contains the kind.
+    /// Excess of the residuals in `linear` over noise. If they are the residuals at the end of a fit, `found` contains
+    /// this fit and the scales used in it. The standard deviations of a kind of residuals are increased if its excess
+    /// is significant, or if `kept` contains the kind.
     pub(super) fn of(
         prepared: &Prepared<'_>,
         linear: &Linear,
@@ -208,7 +209,7 @@ impl Scales {
         [self.norms, self.moves, self.inside, self.stand_rests, self.stand_moves, self.epochs]
     }
 
-    /// The largest of the factors.
+    /// The largest factor on a standard deviation.
     pub(crate) fn largest(&self) -> f64 {
         self.all().into_iter().fold(1.0, f64::max)
     }

@@ -1,4 +1,5 @@
-//! Forward search for steps and drifts. The component with the largest gain is added until no component is significant.
+//! Forward search for steps and drifts (components). The component that increases the likelihood most is added to the
+//! model, until no further component is significant.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -7,19 +8,19 @@ use crate::noise::cosines::{Power, pooled};
 use crate::noise::likelihood::Likelihood;
 use crate::noise::power_law::{KINDS, PerKind, WALK, WHITE, dot};
 
-/// A component at a known time is significant if it increases 2 ln L by at least this value. L is the likelihood. The
-/// time is in fact unknown, so the increase must also exceed the penalty for the choice of the time. Under both
-/// conditions, the false-alarm probability is about 1e-3 for a record without steps.
+/// A component is added only if it increases 2 ln L by at least this value plus the penalty of its shape, where L is
+/// the likelihood. This value would be sufficient if the time of the component were known, and the penalty accounts for
+/// the choice of the time. For a record without steps, the probability of a false alarm is then about 1e-3.
 const GAIN: f64 = 16.0;
-/// Additional penalty of a drift, subtracted from its increase of 2 ln L. A drift has one more parameter than a step.
-/// This parameter must increase 2 ln L by at least the penalty, which is a likelihood ratio of exp(4 / 2) = 7.
+/// Additional penalty of a drift, in units of 2 ln L. A drift has one more parameter than a step. This parameter must
+/// increase 2 ln L by at least the penalty, which corresponds to a likelihood ratio of exp(4 / 2) = 7.
 const LENGTH: f64 = 4.0;
-/// Maximum number of components.
+/// Maximum number of steps and drifts of one axis.
 const MAX_COMPONENTS: usize = 12;
 /// Number of iterations of the alternating estimation of amplitudes and noise parameters.
 const ROUNDS: usize = 4;
 
-/// The search for steps and drifts of one axis, in the cosine transform z of its block means.
+/// Data of the search for steps and drifts of one axis. The search uses `z`, the cosine transform of the block means.
 pub(super) struct Search<'a> {
     pub(super) blocks: &'a Blocks,
     pub(super) z: &'a [f64],
@@ -27,19 +28,22 @@ pub(super) struct Search<'a> {
     pub(super) shapes: Vec<Shape>,
 }
 
-/// The steps and drifts added so far, with their amplitudes. The noise parameters describe the record after these steps
-/// and drifts are subtracted.
+/// A model with several steps and drifts: their shapes and amplitudes, and the parameters of the noise that is left
+/// after their subtraction.
 struct Explained {
     shapes: Vec<Shape>,
+    /// The cosine transform of each shape.
     columns: Vec<Vec<f64>>,
+    /// Amplitude of each component, and the standard deviation of the amplitude.
     sizes: Vec<(f64, f64)>,
+    /// Noise parameters.
     theta: PerKind,
-    /// -2 ln L plus a constant. L is the likelihood.
+    /// -2 ln L plus a constant, where L is the likelihood.
     cost: f64,
 }
 
 impl Search<'_> {
-    /// Components in the order in which they are added.
+    /// Runs the search, and returns the components in the order in which they were added.
     pub(super) fn run(&self) -> Vec<Component> {
         let kinds = self.noise.kinds;
         let mut best = self.explained(Vec::new(), Vec::new(), (kinds, self.fit(self.z, kinds).0));
@@ -68,10 +72,10 @@ impl Search<'_> {
         2.0 * (self.shapes.iter().filter(is_same).count() as f64).ln() + length
     }
 
-    /// The present set of components, extended by the best further component. Candidates are scored twice: with the
-    /// noise parameters of the present set, and with noise parameters fitted without a random walk. The second score is
-    /// needed because the estimated random walk also contains a large step that is not yet in the set. With this random
-    /// walk, the step is not significant.
+    /// The model `present`, extended by the best further component. Candidates are scored twice: with the noise
+    /// parameters of `present`, and with noise parameters that are fitted without a random walk. The second score is
+    /// needed because a large step that is not yet in the model increases the estimated random walk. With this random
+    /// walk, the step would not be significant.
     fn next(&self, present: &Explained) -> Option<Explained> {
         let mut without_walk = self.noise.kinds;
         without_walk[WALK] = false;
@@ -101,7 +105,7 @@ impl Search<'_> {
         best.map(|(_, explained)| explained)
     }
 
-    /// The best step, the best ramp and the best warm-up for the given noise parameters.
+    /// For the noise parameters `theta`: the step, the ramp and the warm-up that explain most of `residual`.
     fn best_shapes(&self, residual: &[f64], theta: &PerKind, present: &Explained) -> Vec<Shape> {
         let weights: Vec<f64> = self.blocks.expected.iter().map(|expected| 1.0 / self.power(theta, expected)).collect();
         let used = self.used(&weights);
@@ -135,8 +139,9 @@ impl Search<'_> {
         best.into_iter().filter_map(|(_, shape)| shape.map(within)).collect()
     }
 
-    /// The step near block `first`, with its best time within a block. The cosines of such a step are a weighted sum of
-    /// the cosines of steps at the two ends of the block. The weights are computed from the residual.
+    /// The step near the start of block `first`, at the best time within a block. The cosine transform of a step within
+    /// a block is a weighted sum of the transforms of steps at the two ends of the block. The weights are fitted to
+    /// `residual`.
     fn within_block(&self, first: usize, residual: &[f64], weights: &[f64]) -> Shape {
         let product = |a: &[f64], b: &[f64]| -> f64 { (0..weights.len()).map(|k| weights[k] * a[k] * b[k]).sum() };
         let plain = Shape::Step { first, fraction: 0.0 };
@@ -167,9 +172,9 @@ impl Search<'_> {
         best.1
     }
 
-    /// Number of cosines with which a component is detected. They have the lowest frequencies and contain 99 % of the
-    /// information about a step. The power of a step in cosine j is proportional to 1 / j^2. Frequencies far above the
-    /// crossover of white noise and random walk therefore contribute little.
+    /// Number of elements z_j, from the lowest frequency on, that are used to score a component. They contain 99 % of
+    /// the information about a step. The power of a step in z_j is proportional to 1 / j^2, so frequencies at which
+    /// white noise is far above the random walk contribute little.
     fn used(&self, weights: &[f64]) -> usize {
         const FEWEST: usize = 128;
         let mut total: f64 = (0..weights.len()).map(|k| weights[k] / ((k + 1) as f64).powi(2)).sum();
@@ -206,7 +211,8 @@ impl Search<'_> {
         Explained { shapes, columns, sizes, theta, cost }
     }
 
-    /// Amplitudes and their standard deviations from a weighted least-squares fit.
+    /// Amplitudes of the components, each with its standard deviation, from a weighted least-squares fit to `z`.
+    /// `columns` contains the cosine transforms of the shapes.
     fn amplitudes(&self, columns: &[Vec<f64>], theta: &PerKind) -> Vec<(f64, f64)> {
         let weights: Vec<f64> = self.blocks.expected.iter().map(|expected| 1.0 / self.power(theta, expected)).collect();
         let product = |a: &[f64], b: &[f64]| -> f64 { (0..weights.len()).map(|k| weights[k] * a[k] * b[k]).sum() };
@@ -235,8 +241,8 @@ impl Search<'_> {
         residual
     }
 
-    /// Fits the noise parameters to the cosines `residual`. Returns the parameters and -2 ln L of the fit, up to a
-    /// constant.
+    /// Fits the noise parameters to `residual`, the elements z_j without the components. Returns the parameters, and -2
+    /// ln L of the fit up to a constant.
     fn fit(&self, residual: &[f64], kinds: [bool; KINDS]) -> (PerKind, f64) {
         let squares: Vec<f64> = residual.iter().map(|z| z * z).collect();
         let mut powers = pooled(&squares, &self.blocks.expected, self.blocks.samples as f64);

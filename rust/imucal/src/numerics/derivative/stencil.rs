@@ -11,23 +11,24 @@ use pulp::{Simd, WithSimd};
 use crate::numerics::instructions::Instructions;
 use crate::numerics::stats::sample_interval_s;
 
-/// Number of boxes of a stencil. Five means determine a polynomial of fourth degree.
+/// Number of boxes (averaging intervals) of a stencil. The means over five boxes determine a polynomial of fourth
+/// degree.
 pub(super) const BOXES: usize = 5;
 /// Two derivatives agree if the mean square of their difference is at most this multiple of the mean square expected
 /// from noise.
 const AGREE: f64 = 2.0;
 /// Length of the segments in which two derivatives are compared, s. The derivatives must agree in every segment.
 const STRETCH_S: f64 = 1.0;
-/// Minimum length of a segment in which derivatives are compared, in boxes.
+/// Minimum length of the segments in which two derivatives are compared, in widths of the wider boxes.
 const STRETCH_BOXES: usize = 20;
-/// Maximum number of samples per segment at which two derivatives are compared.
+/// Maximum number of samples at which two derivatives are compared in a segment.
 const MOST_LOOKS: usize = 100;
 /// Maximum relative deviation of time steps that count as equal. It permits rounding errors.
 const EVEN: f64 = 1e-9;
 
 /// Cumulative sums of the values. The first value is subtracted from all values, which avoids rounding errors with a
-/// large bias. The fourth component counts missing values, and gives the vector a length that is suitable for SIMD
-/// addition.
+/// large bias. The fourth component is the number of missing values so far. With four components, the vector also has a
+/// length that is suitable for SIMD addition.
 pub(super) struct Sums(Vec<Vector4<f64>>);
 
 impl Sums {
@@ -45,12 +46,12 @@ impl Sums {
     }
 }
 
-/// Properties of the time steps.
+/// Sampling interval of the data, and whether all time steps are equal.
 #[derive(Clone, Copy)]
 pub(super) struct Steps {
     /// Sampling interval, s: the mean of equal steps, otherwise the median.
     pub(super) interval_s: f64,
-    /// Whether all steps are equal.
+    /// Whether all time steps are equal.
     pub(super) are_even: bool,
 }
 
@@ -63,36 +64,37 @@ impl Steps {
     }
 }
 
-/// A stencil with boxes of a given width.
+/// A stencil with boxes (averaging intervals) of a given number of samples.
 #[derive(Clone)]
 pub(super) struct Stencil {
     pub(super) steps: Steps,
     /// Number of samples in a box.
     pub(super) stride: usize,
-    /// Number of boxes. It is smaller than [`BOXES`] if there are too few samples.
+    /// Number of boxes. It is smaller than [`BOXES`] if the data have too few samples for five boxes.
     boxes: usize,
-    /// Weights for all samples, if the steps are equal.
+    /// Weights that are the same for all samples; `None` if the time steps are not equal.
     even: Option<Even>,
 }
 
-/// Weights of a stencil for equal time steps.
+/// Weights of a stencil for equal time steps, which are the same at all samples.
 #[derive(Clone)]
 struct Even {
-    /// The polynomial as a function of the means over the boxes.
+    /// Weights that give the coefficients of the polynomial from the means over the boxes.
     polynomial: Polynomial,
-    /// The slope at the middle sample is the sum of these weights times the means over the boxes.
+    /// Weights of the means over the boxes. The weighted sum of the means is the slope at the middle sample.
     weights: [f64; BOXES],
-    /// The same slope is also the sum of these weights times the cumulative sums at the edges of the boxes.
+    /// Weights of the cumulative sums at the edges of the boxes. The weighted sum of these sums is the same slope.
     edges: Edges,
 }
 
-/// Weights that give the coefficients of the polynomial (columns) from the means over the boxes (rows). Time is counted
-/// from the middle of the stencil, in box widths.
+/// Weights that give the coefficients of the polynomial (columns) from the means over the boxes (rows). The variable of
+/// the polynomial is time in box widths. If the time steps are equal, it is zero at the middle sample of the stencil,
+/// otherwise at the sample at which the derivative is computed.
 type Polynomial = SMatrix<f64, BOXES, BOXES>;
 /// Weights of the cumulative sums at the edges of consecutive boxes. The weighted sum is a slope.
 type Edges = [f64; BOXES + 1];
 
-/// Converts weights of the box means to weights of the cumulative sums at the edges of the boxes.
+/// Converts weights of the means over the boxes to weights of the cumulative sums at the edges of the boxes.
 fn edges(weights: &[f64; BOXES], stride: usize) -> Edges {
     std::array::from_fn(|edge| {
         let before = edge.checked_sub(1).map_or(0.0, |j| weights[j]);
@@ -101,7 +103,7 @@ fn edges(weights: &[f64; BOXES], stride: usize) -> Edges {
 }
 
 impl Stencil {
-    /// The stencil with one sample in each box.
+    /// The stencil with one sample in each box, for data at the times `time_s`.
     pub(super) fn narrow(time_s: &[f64]) -> Self {
         Self { steps: Steps::of(time_s), stride: 1, boxes: 0, even: None }.with(time_s, 1)
     }
@@ -130,7 +132,7 @@ impl Stencil {
         k.saturating_sub(self.before()).min(samples - self.boxes * self.stride)
     }
 
-    /// The stencil for sample `k`.
+    /// The boxes from which the derivative at sample `k` is computed, and their weights.
     pub(super) fn at(&self, time_s: &[f64], k: usize) -> Boxes {
         let first = self.first(time_s.len(), k);
         let middle = first + self.before();
@@ -145,12 +147,13 @@ impl Stencil {
         Boxes { first, stride: self.stride, count: self.boxes, weights }
     }
 
-    /// Index range of the samples for which the stencil is inside the data without a shift.
+    /// Index range of the samples for which a stencil centred at the sample is completely inside the data. The other
+    /// samples are near the ends of the data.
     fn inside(&self, samples: usize) -> Range<usize> {
         self.before()..(samples + self.before() + 1).saturating_sub(self.boxes * self.stride)
     }
 
-    /// The slope at each sample, per second.
+    /// The derivative at each sample, per second. `sums` contains the cumulative sums of the data.
     pub(super) fn slopes(&self, time_s: &[f64], sums: &Sums) -> Vec<Vector3<f64>> {
         let one_by_one = |range: Range<usize>| range.map(|k| self.at(time_s, k).slope(sums));
         let (n, inside) = (time_s.len(), self.inside(time_s.len()));
@@ -166,7 +169,7 @@ impl Stencil {
         slopes
     }
 
-    /// The centred stencil; `None` if the time steps are not equal.
+    /// The weights of the stencil that is centred at a sample; `None` if the time steps are not equal.
     fn run(&self) -> Option<Run> {
         self.even.as_ref().map(|even| Run { before: self.before(), stride: self.stride, edges: even.edges })
     }
@@ -194,8 +197,8 @@ impl Stencil {
         powers
     }
 
-    /// Weights that give the slope of the polynomial at the time `at` from the means over the boxes. Time is counted in
-    /// box widths.
+    /// Weights of the means over the boxes. The weighted sum of the means is the slope, per second, of `polynomial` at
+    /// the time `at`, in box widths.
     fn slope_of(&self, polynomial: &Polynomial, at: f64) -> [f64; BOXES] {
         std::array::from_fn(|j| {
             let slope = (1..self.boxes).rev().fold(0.0, |slope, m| slope * at + m as f64 * polynomial[(j, m)]);
@@ -203,8 +206,8 @@ impl Stencil {
         })
     }
 
-    /// Whether noise of standard deviation `sigma` explains the difference between the slopes of both stencils. Noise
-    /// must explain the difference in each segment and on each axis.
+    /// Whether noise with the standard deviation `sigma` explains the difference between the slopes of this stencil and
+    /// of a narrower stencil. The noise must explain the difference in each segment of the data and on each axis.
     pub(super) fn agrees(&self, narrower: &Self, (time_s, sums): (&[f64], &Sums), sigma: &Vector3<f64>) -> bool {
         let n = time_s.len();
         let length = ((STRETCH_S / self.steps.interval_s) as usize).max(STRETCH_BOXES * self.stride);
@@ -241,7 +244,7 @@ impl Stencil {
     }
 }
 
-/// A centred stencil with the same weights at all samples.
+/// A stencil for equal time steps. It is centred at a sample and has the same weights at all samples.
 struct Run {
     /// Number of samples from the start of the stencil to the sample at which the derivative is computed.
     before: usize,
@@ -249,8 +252,9 @@ struct Run {
     edges: Edges,
 }
 
-/// Difference between the slopes of a wide and of a narrow stencil. The first result is the sum of its squares for each
-/// axis. The second result is the number of samples at which no value is missing.
+/// Computation of the differences between the slopes of a wide and of a narrow stencil at the samples `places`. The
+/// first result is the sum of the squared differences for each axis. The second result is the number of differences;
+/// samples at which a value is missing are omitted.
 struct Squares<'a> {
     sums: &'a Sums,
     runs: &'a [Run; 2],
@@ -279,7 +283,7 @@ impl WithSimd for Squares<'_> {
     }
 }
 
-/// Slopes at consecutive samples. The same stencil is shifted from sample to sample.
+/// Computation of the slopes at `places` consecutive samples. The stencil is shifted from sample to sample.
 struct Slopes<'a> {
     sums: &'a Sums,
     boxes: Boxes,
@@ -300,7 +304,8 @@ impl WithSimd for Slopes<'_> {
     }
 }
 
-/// Adds the slope of a stencil, multiplied by `times`, to `to`.
+/// Adds the slope of the stencil `run`, multiplied by `times`, to `to`. `sums` are the cumulative sums from the start
+/// of the stencil on.
 #[inline(always)] // compiled for the SIMD registers of the caller
 fn add(sums: &[Vector4<f64>], run: &Run, times: f64, to: &mut [f64; 4]) {
     for (edge, share) in run.edges.iter().enumerate() {
@@ -311,16 +316,18 @@ fn add(sums: &[Vector4<f64>], run: &Run, times: f64, to: &mut [f64; 4]) {
     }
 }
 
-/// Consecutive boxes of a stencil at one place in the data, and their weights in the derivative.
+/// The boxes from which the derivative at one sample is computed, and the weight of the mean over each box.
 pub(super) struct Boxes {
+    /// Index of the first sample of the first box.
     first: usize,
     stride: usize,
+    /// Number of boxes, at most five.
     count: usize,
     weights: [f64; BOXES],
 }
 
 impl Boxes {
-    /// The slope, per second; NaN if a value is missing.
+    /// The derivative, per second. It is NaN if a value in the boxes is missing.
     #[inline(always)] // compiled for the SIMD registers of the caller
     pub(super) fn slope(&self, sums: &Sums) -> Vector3<f64> {
         let edge = |j: usize| &sums.0[self.first + j * self.stride];

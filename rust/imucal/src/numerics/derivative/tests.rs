@@ -21,7 +21,7 @@ fn sine(frequency_hz: f64, seed: u64) -> (Vec<f64>, Vec<Vector3<f64>>, Vec<Vecto
     (time_s.clone(), rates.collect(), slopes.collect())
 }
 
-/// Root mean square error of the derivative, and the relative amount by which the derivative is too small.
+/// Root mean square error of the derivative `found`, and the share by which its amplitude is too small.
 fn errors(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> (f64, f64) {
     let of = |product: fn(&Vector3<f64>, &Vector3<f64>) -> f64| -> f64 {
         found.iter().zip(truth).map(|(found, truth)| product(found, truth)).sum()
@@ -33,7 +33,7 @@ fn errors(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> (f64, f64) {
 
 #[test]
 fn noise_goes_as_far_as_the_motion_allows() {
-    // `times_less` is the minimum factor by which smoothing reduces the rms error of the derivative. Slow motion
+    // `times_less` is the factor by which smoothing must at least reduce the rms error of the derivative. Slow motion
     // permits more smoothing than fast motion. The truncation error is below 0.2 %.
     for (frequency_hz, times_less) in [(0.3, 80.0), (1.0, 25.0), (5.0, 4.0)] {
         let (time_s, rates, truth) = sine(frequency_hz, 1);
@@ -63,8 +63,9 @@ fn how_smooth_a_motion_is_is_asked_once() {
 
 #[test]
 fn that_of_neighbours_is_wrong_by_the_fourth_power_of_the_step() {
-    // The error is the fifth derivative times h^4 / 30 in the middle of the data. At the first and the last sample, it
-    // is the fifth derivative times h^4 / 5, and one sample further inside, times h^4 / 20.
+    // The truncation error is the fifth derivative multiplied by a factor. With the time step h, the factor is h^4 / 30
+    // in the middle of the data, h^4 / 5 at the first and the last sample, and h^4 / 20 at the second and the second
+    // last sample.
     let (h, frequency) = (2e-3, 20.0);
     let time_s: Vec<f64> = (0..1000).map(|i| f64::from(i) * h).collect();
     let rates: Vec<Vector3<f64>> = time_s.iter().map(|t| Vector3::repeat((frequency * t + 0.4).sin())).collect();

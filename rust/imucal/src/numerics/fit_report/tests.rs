@@ -52,8 +52,8 @@ fn a_fit_with_a_bound_of_five_iterations_has_not_converged() {
     assert!(reason.starts_with("the fit reached its limit of 5 iterations"), "{reason}");
 }
 
-/// The walls are a million times as steep as the floor. Steps along the curved floor are therefore tiny, and the fit
-/// does not reach its optimum within the iteration limit.
+/// The walls are a million times as steep as the floor. The steps along the curved floor are therefore tiny, and the
+/// fit does not reach its optimum within the iteration limit.
 #[test]
 fn a_fit_in_a_flat_valley_has_not_converged() {
     let report = fitted(&Valley { steep: 1e6, kink: 0.0 }, None);

@@ -1,4 +1,4 @@
-//! Counts, means and variances of blocks of samples, and the variances of windows (model.md (11)).
+//! Number of samples, mean and variance of each block, and the variances of windows of ten blocks (model.md (11)).
 
 use imucal_core::rest::BlockSums;
 use nalgebra::{Vector3, Vector6};
@@ -13,33 +13,34 @@ use crate::recording::{Recording, SIDE_BY_SIDE, each_step};
 /// force x, y, z.
 pub(super) type Block = BlockSums<f64>;
 
-/// Number of means per block at high sampling rates, where samples are averaged over about 5 ms. At low rates, samples
-/// are not averaged.
+/// Number of means into which the samples of a block are averaged at high sampling rates. Each mean then covers about 5
+/// ms. At low sampling rates, samples are not averaged.
 const MEANS: usize = 10;
 
 /// Number of samples that are processed together. Their data fit into the processor's cache.
 const PART: usize = 256;
-/// Number of samples per job of a thread.
+/// Number of samples that a thread processes as one job.
 const JOB: usize = 1 << 16;
 
-/// Number of blocks per mean in the Allan variance. These means over 0.25 s contain noise at low frequencies.
+/// Number of blocks over which a mean of the Allan variance is taken. The means over 0.25 s show the noise at low
+/// frequencies.
 const GROUP_BLOCKS: usize = 5;
 
 /// The blocks of a recording, and further statistics that are computed in the same pass over the samples.
 pub(super) struct Blocks {
     /// Sums over the samples of each block.
     pub(super) samples: Vec<Block>,
-    /// Variance of each channel in each window. It is computed from means over `averaged` samples. Consecutive windows
-    /// are shifted by one block. Single samples are not used, because their noise increases with the sampling rate and
-    /// would mask slow motion.
+    /// Variance of each channel in each window. Each window starts one block after the previous one. The variance is
+    /// that of means over `averaged` samples. The variance of single samples is not used, because their noise increases
+    /// with the sampling rate and would mask slow motion.
     pub(super) variances: [Vec<f64>; 6],
-    /// Number of samples per mean; 1 below 400 Hz.
+    /// Number of consecutive samples that are averaged before the variances are computed; 1 below 400 Hz.
     pub(super) averaged: usize,
     /// Smallest nonzero difference of consecutive samples of each channel (its resolution), raw units.
     pub(super) steps: Vector6<f64>,
 }
 
-/// Computes the blocks in one pass over the samples, divided among threads.
+/// Computes [`Blocks`] in one pass over the samples, which is divided among threads.
 pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> Blocks {
     let averaged = (block_samples / MEANS).max(1);
     let count = recording.len() / block_samples;
@@ -70,18 +71,20 @@ pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> Blo
     Blocks { samples, variances, averaged, steps }
 }
 
-/// Computation for one job of consecutive blocks. It uses the widest vector instructions of the processor.
+/// Computation of [`Blocks`] for one job, which is a sequence of consecutive blocks. It uses the widest vector
+/// instructions of the processor.
 struct Summing<'a> {
     recording: &'a Recording<'a>,
     block_samples: usize,
     averaged: usize,
     /// Index of the first block of the job.
     first: usize,
-    /// Output: sums of the blocks.
+    /// Output: sums over the samples of each block of the job.
     samples: &'a mut [Block],
     /// Output: variances of the windows that begin in these blocks. If samples are not averaged, nothing is written.
     variances: [&'a mut [f64]; 6],
-    /// Output: smallest steps of the rates and of the forces, one value for each SIMD lane.
+    /// Output: smallest nonzero differences of consecutive rates and of consecutive forces, one value for each SIMD
+    /// lane.
     steps: &'a mut [[f64; SIDE_BY_SIDE]; 2],
 }
 
@@ -126,10 +129,11 @@ impl WithSimd for Summing<'_> {
 /// Variance of each channel in each window. It is computed with the widest vector instructions of the processor.
 ///
 /// The blocks are divided into groups of ten. A window is the last k blocks of one group and the first 10 - k blocks of
-/// the next group. Both partial sums are accumulated once for all k, so a window needs three merges instead of ten.
+/// the next group. Both partial sums are accumulated step by step with k, so each window needs three additions of block
+/// sums instead of ten.
 struct Windows<'a> {
     blocks: &'a [Block],
-    /// Output: variances of each channel, one per window.
+    /// Output: for each channel, the variance in each window.
     to: [&'a mut [f64]; 6],
 }
 
@@ -162,7 +166,7 @@ impl WithSimd for Windows<'_> {
     }
 }
 
-/// Updates `steps` with the smallest nonzero differences of consecutive rows.
+/// Updates `steps` with the smallest nonzero differences of consecutive samples (rows of three axes).
 #[inline(always)]
 fn smallest_steps(rows: &[[f64; 3]], steps: &mut [f64; SIDE_BY_SIDE]) {
     each_step(rows, |k, before, after| {
@@ -172,7 +176,7 @@ fn smallest_steps(rows: &[[f64; 3]], steps: &mut [f64; SIDE_BY_SIDE]) {
     });
 }
 
-/// Sums over the means of `averaged` consecutive samples.
+/// Block sums in which each element is a mean over `averaged` consecutive samples, instead of a single sample.
 #[inline(always)]
 fn sum_means(rates: &[[f64; 3]], forces: &[[f64; 3]], averaged: usize) -> Block {
     let mean = |rows: &[[f64; 3]]| rows.iter().map(|&row| Vector3::from(row)).sum::<Vector3<f64>>() / averaged as f64;
@@ -191,13 +195,13 @@ pub(super) fn merge(blocks: &[Block]) -> Block {
     })
 }
 
-/// Mean over blocks with equal numbers of samples.
+/// Mean of all channels over several blocks, which must have equal numbers of samples.
 pub(super) fn mean(blocks: &[Block]) -> Vector6<f64> {
     blocks.iter().map(Block::mean).sum::<Vector6<f64>>() / blocks.len() as f64
 }
 
-/// Noise counts as low-pass filtered if its factor c is at least this value. For white noise, the estimated factor is
-/// almost always smaller.
+/// Noise counts as low-pass filtered if the estimated factor c of [`Colour`] is at least this value. For white noise,
+/// the estimated factor is almost always smaller.
 const FILTERED: f64 = 1.7;
 
 /// Sums from which the factor c of model.md (10) is estimated. c is the factor by which the correlation of the noise
@@ -208,9 +212,10 @@ pub(super) struct Colour {
     /// Sum of (b - a)^2 / (2 v) over all pairs a, b of consecutive means. v is the variance that white noise would give
     /// a mean.
     sum: Vector6<f64>,
-    /// Number of pairs of consecutive means whose samples are not all equal.
+    /// Number of pairs of consecutive means, for each channel. Pairs of a rest at which all samples of the channel are
+    /// equal are not counted.
     pairs: Vector6<f64>,
-    /// Number of samples per mean.
+    /// Number of samples over which each mean is taken.
     samples: f64,
 }
 
@@ -219,7 +224,7 @@ impl Colour {
         Self { sum: Vector6::zeros(), pairs: Vector6::zeros(), samples: 1.0 }
     }
 
-    /// The sums for one rest, in which single samples have the variance `variance`.
+    /// The sums for one rest, which consists of `blocks`. `variance` is the variance of its single samples.
     pub(super) fn of(blocks: &[Block], variance: &Vector6<f64>) -> Self {
         let mut colour = Self::none();
         let mut before = None;
@@ -242,12 +247,13 @@ impl Colour {
         self.samples = self.samples.max(other.samples);
     }
 
-    /// Factor c by which the correlation of the noise increases the variance of long means. `factor` is its estimate
-    /// from means over 0.25 s.
+    /// Factor c by which the correlation of the noise increases the variance of a mean over a long time. `factor` is
+    /// the estimate of c from means over 0.25 s.
     ///
     /// Low-pass filtered noise is correlated across the boundary of consecutive means, so short means differ too
     /// little. Therefore `factor = c (1 - 1.5 / (pi^2 tau B))` with `1 / B = 2 c dt`. tau is the averaging time of 0.25
-    /// s, dt is the sampling interval, and B is the noise bandwidth. Factors of nearly white noise are not changed.
+    /// s, dt is the sampling interval, and B is the noise bandwidth. The equation is solved for c (model.md (10)).
+    /// Factors of nearly white noise are not changed.
     fn without_edges(&self, factor: f64) -> f64 {
         let edges = 3.0 / (std::f64::consts::PI.powi(2) * self.samples);
         if factor < FILTERED {
@@ -296,8 +302,8 @@ mod tests {
 
     #[test]
     fn jobs_and_parts_meet_without_a_seam() {
-        // The recording needs more than two jobs, and its last block is incomplete. The smallest step is at the
-        // boundary of two jobs.
+        // The recording is divided into more than two jobs, and its last block is incomplete. The smallest difference
+        // of consecutive samples is at the boundary of two jobs.
         let rough = |i: usize, axis: usize| (((i * i + 7 * axis) % 1009) as f64 - 504.0) * 10.0;
         let samples = 2 * JOB + 333;
         let mut rate: Vec<[f64; 3]> = (0..samples).map(|i| [0, 1, 2].map(|axis| rough(i, axis))).collect();

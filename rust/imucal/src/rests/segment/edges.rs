@@ -16,9 +16,9 @@ pub(super) fn trim(blocks: &Range<usize>, windows: usize) -> Range<usize> {
     start..end.max(start)
 }
 
-/// Removes blocks at both ends while the statistic of the windows there is above 3 x unsteadiness of the rest, because
-/// a hand settles slowly after a move. The limit is proportional to the unsteadiness, so it adapts to the tremor of the
-/// rest.
+/// Removes blocks at both ends of a rest while the statistic of the first or last window is above 3 x (unsteadiness of
+/// the rest), because a hand settles slowly after a move. The limit is proportional to the unsteadiness, so it adapts
+/// to the tremor of the rest.
 pub(super) fn calm(mut blocks: Range<usize>, statistic: &[f64]) -> Range<usize> {
     if blocks.len() <= WINDOW_BLOCKS {
         return blocks;
@@ -33,11 +33,11 @@ pub(super) fn calm(mut blocks: Range<usize>, statistic: &[f64]) -> Range<usize> 
     blocks
 }
 
-/// Mean and variance of the rate over the inner part of a rest.
+/// Mean and variance of the angular rate over the inner part of a rest, without its ends.
 struct Inner {
-    /// Mean rate, raw units.
+    /// Mean angular rate over the inner part, raw units.
     mean: Vector3<f64>,
-    /// Variance of the mean of one block, raw units squared.
+    /// Variance of the mean rate of one block, squared raw units.
     variance: Vector3<f64>,
     /// Number of blocks in the inner part.
     count: f64,
@@ -45,20 +45,22 @@ struct Inner {
 
 impl Inner {
     /// Mean and variance of the rate, computed from the `blocks` of the inner part of a rest. `coarse` contains the
-    /// quantisation step of each channel whose noise is below its step, and zero for all other channels. With such a
-    /// step, a slight change of the rate can change the mean of a block by a whole step.
+    /// quantisation step of each channel whose noise is below its step, and zero for all other channels. If the noise
+    /// is below the step, a slight change of the rate can change the mean of a block by a whole step. The variance is
+    /// therefore at least step^2 / 12.
     fn of(blocks: &[Block], coarse: &Vector6<f64>) -> Self {
         let rates: Vec<Vector3<f64>> = blocks.iter().map(rate).collect();
         let count = rates.len() as f64;
         let mean = rates.iter().sum::<Vector3<f64>>() / count;
         let scatter = rates.iter().map(|rate| square(rate - mean)).sum::<Vector3<f64>>() / (count - 1.0);
-        // In simulated data without noise, the lower bound prevents rounding errors from being detected as rotation.
+        // In simulated data without noise, the lower bound of 1e-18 prevents floating-point rounding errors from being
+        // detected as rotation.
         let rounding = coarse.fixed_rows::<3>(0).map(|step| (step * step / 12.0).max(1e-18));
         Self { mean, variance: scatter.sup(&rounding), count }
     }
 
-    /// chi2 of `sum` under the null hypothesis of no rotation, with three degrees of freedom. `sum` is the sum over `n`
-    /// blocks of (rate - mean rate).
+    /// chi2, with three degrees of freedom, of the rotation over `n` blocks under the null hypothesis of no rotation.
+    /// `sum` is the sum of (rate - mean rate) over these blocks.
     fn chi2(&self, sum: Vector3<f64>, n: usize) -> f64 {
         let n = n as f64;
         square(sum).component_div(&(self.variance * (n * (1.0 + n / self.count)))).sum()
@@ -73,10 +75,11 @@ fn square(v: Vector3<f64>) -> Vector3<f64> {
     v.component_mul(&v)
 }
 
-/// Removes the ends of a rest in which the unit rotates too slowly to increase the variance within windows.
+/// Removes those ends of a rest in which the unit still rotates, but so slowly that the variance within a window does
+/// not increase.
 ///
-/// Up to half a second at each end is compared with the inner part. Blocks belong to the move if their accumulated
-/// rotation has a probability below 1e-5 under the null hypothesis of no rotation.
+/// Up to half a second at each end is compared with the inner part of the rest. Blocks belong to the move if a rotation
+/// as large as theirs has a probability below 1e-5 under the null hypothesis of no rotation.
 pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6<f64>) -> Range<usize> {
     const EDGE: usize = WINDOW_BLOCKS;
     // Value that chi2 with three degrees of freedom exceeds with a probability of 1e-5.
@@ -105,14 +108,15 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
     range
 }
 
-/// Removes the end of the previous move and the start of the next move from a rest, if they are hidden in its noise.
-/// Blocks outside `within` are not used.
+/// Removes the end of the previous move and the start of the next move from the ends of a rest, if the noise of the
+/// rest hides them. Blocks outside `within` are not used.
 ///
-/// The jerk of a move is bounded. At the time t after its start, a move therefore has the angle c t^3 and the rate
-/// 3 c t^2 with a constant c, so t = 3 angle / rate. The angle is accumulated from 0.2 s inside the rest. Angle and
-/// rate are evaluated when the angle reaches 10 x its noise. The last five sixths of t are assigned to the move. In the
-/// first sixth, the angle is below a twentieth of its noise. Nothing is removed if the angle does not increase further,
-/// as after a jolt, or if the move began before the first accumulated block.
+/// The angular acceleration of a move starts at zero, and its derivative (jerk) is bounded. At the time t after its
+/// start, a move therefore has the angle c t^3 and the rate 3 c t^2 with a constant c, so t = 3 angle / rate. The angle
+/// is accumulated from 0.2 s inside the rest. Angle and rate are evaluated when the angle reaches 10 x its noise. The
+/// last five sixths of t are assigned to the move. In the first sixth, the angle is below a twentieth of its noise.
+/// Nothing is removed if the angle does not increase further, as after a jolt, or if the move began before the first
+/// accumulated block.
 pub(super) fn onset(
     range: Range<usize>,
     within: &Range<usize>,
@@ -123,7 +127,8 @@ pub(super) fn onset(
     const EDGE: usize = 4;
     // Maximum number of blocks outside the rest over which the angle is accumulated (1 s).
     const REACH: usize = 2 * WINDOW_BLOCKS;
-    // Value of chi2 at which the angle is evaluated. The angle is then ten times its noise.
+    // The angle and the rate are evaluated when chi2 of the angle exceeds this value. The angle is then ten times its
+    // noise.
     const CHI2_AT_END: f64 = 100.0;
     // Time assigned to the move, divided by angle / rate. It is five sixths of the time since the start of the move,
     // which is 3 angle / rate.
@@ -132,8 +137,8 @@ pub(super) fn onset(
         return range;
     }
     let inner = Inner::of(&blocks[range.start + EDGE..range.end - EDGE], coarse);
-    // Number of blocks at one end that remain in the rest. `outwards` gives the blocks in order from the inside of
-    // the rest to its outside.
+    // Number of blocks at one end of the rest, out of the outermost EDGE blocks, that remain in the rest. `outwards`
+    // gives the blocks in order from the inside of the rest to the outside.
     let still = |outwards: &mut dyn Iterator<Item = &Block>| {
         let rates: Vec<_> = outwards.take(EDGE + REACH).map(|block| rate(block) - inner.mean).collect();
         let mut turn = Vector3::zeros();
@@ -159,8 +164,8 @@ mod tests {
     const STILL: usize = 40;
     const NOISE: f64 = 0.01;
 
-    /// 40 blocks at rest with zero-mean noise, and then 40 blocks with a rate. `rate` returns the rate at a time since
-    /// the rest, in blocks.
+    /// 40 blocks at rest with zero-mean noise, and then 40 blocks of a move. `rate` is the angular rate as a function
+    /// of the time since the end of the rest, in blocks.
     fn blocks(rate: impl Fn(f64) -> f64) -> Vec<Block> {
         let block = |k: usize| {
             let mut block = Block::new();

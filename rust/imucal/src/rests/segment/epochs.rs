@@ -1,4 +1,4 @@
-//! Epochs of a long rest (model.md (41)).
+//! Division of a long rest into epochs, each with its own mean (model.md (41)).
 //!
 //! One mean describes a rest of a few seconds. During a rest of several minutes, the biases drift and the unit warms
 //! up. A mean over the whole rest is therefore not more accurate than a mean over a part. The change within the rest
@@ -23,7 +23,8 @@ const EPOCH_S: f64 = 60.0;
 /// over the change. The bias of a MEMS sensor is nearly linear over 2 K.
 const EPOCH_K: f64 = 2.0;
 /// Minimum duration of an epoch, s. It applies even if the temperature changes fast. It equals the duration of typical
-/// rests in calibration runs. A mean over this duration has so little noise that it determines the gravity direction.
+/// rests in calibration runs. A mean over this duration has so little noise that it determines the gravity direction
+/// well.
 const MIN_EPOCH_S: f64 = 10.0;
 /// Maximum number of epochs of one rest. It limits the time of a fit, which grows with the third power of this number.
 const MAX_EPOCHS: usize = 120;
@@ -41,8 +42,8 @@ pub(super) fn cut(
         return Vec::new();
     }
     let most = ((duration_s / MIN_EPOCH_S) as usize).min(MAX_EPOCHS).min(blocks.len());
-    // The temperature may rise and fall again, so absolute changes are summed. Differences of means are used, in which
-    // the noise of the thermometer is averaged out.
+    // The temperature may rise and fall again, so the absolute changes between consecutive parts of the rest are
+    // summed. The changes are those of means, in which the noise of the thermometer is averaged out.
     let temperatures: Vec<f64> = parts(blocks, most).into_iter().filter_map(temperature_degc).collect();
     let change_k: f64 = temperatures.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
     let count = (duration_s / EPOCH_S).max(change_k / EPOCH_K).ceil() as usize;
@@ -55,9 +56,9 @@ fn parts(range: &Range<usize>, count: usize) -> Vec<Range<usize>> {
     (0..count).map(|k| bound(k)..bound(k + 1)).collect()
 }
 
-/// Joins consecutive intervals at rest that are separated only by noise, if the result is a long rest. Noise
-/// occasionally interrupts a rest of several minutes, so joining is needed. Intervals are ranges of blocks of `samples`
-/// samples. `floor` is the standard deviation of the noise of each channel.
+/// Joins consecutive intervals at rest that are separated only by noise, if the result is a long rest. In a rest of
+/// several minutes, the variance of the noise occasionally exceeds the threshold, which divides the rest. Intervals are
+/// ranges of blocks of `samples` samples. `floor` is the standard deviation of the noise of each channel.
 pub(super) fn joined(
     recording: &Recording<'_>,
     still: Vec<Range<usize>>,

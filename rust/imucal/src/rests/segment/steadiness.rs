@@ -1,4 +1,5 @@
-//! Unsteadiness of a rest. It distinguishes rests on a rigid support from hand-held rests (model.md (11)).
+//! Unsteadiness of a rest, a ratio of variances that distinguishes rests on a rigid support from hand-held rests
+//! (model.md (11)).
 
 use std::ops::Range;
 
@@ -14,17 +15,17 @@ use crate::rests::rest::UNSTEADY;
 pub(super) struct Stretch {
     /// Index range of the blocks of the interval.
     pub(super) blocks: Range<usize>,
-    /// Sums over all samples of the interval.
+    /// Number, mean and variance of all samples of the interval, as block sums.
     pub(super) whole: Block,
-    /// Sums over the first and over the last third of the interval; `None` for fewer than three blocks.
+    /// Sums over the samples of the first and of the last third of the interval; `None` for fewer than three blocks.
     thirds: Option<[Block; 2]>,
-    /// Median over the windows of the interval of (variance / noise variance).
+    /// Median of the statistic (variance / noise variance) over all windows of the interval.
     scatter: f64,
     /// Sums from which the factor c of model.md (10) is computed: the factor by which the correlation of the noise
     /// increases the variance of a mean.
     colour: Colour,
-    /// Variance of the rounding error of a mean, squared raw units. It is zero for channels whose noise exceeds their
-    /// step.
+    /// Variance of the rounding error of a mean, squared raw units. It is zero for channels whose noise is not below
+    /// the quantisation step.
     rounding: Vector6<f64>,
 }
 
@@ -44,14 +45,14 @@ impl Stretch {
         }
     }
 
-    /// Whether the scatter of the samples is as small as in a rest without tremor.
+    /// Whether the samples of the interval scatter so little that it contains no tremor of a hand.
     pub(super) fn is_steady(&self) -> bool {
         self.scatter < UNSTEADY
     }
 
     /// Drift statistic of a rest: chi2 / 15. chi2 is the squared change of the mean force from the first to the last
-    /// third of the rest, divided by the variance of this change from noise. If a rest contains only noise, the
-    /// statistic exceeds the limit of 2 with a probability of 1e-6.
+    /// third of the rest, divided by the variance of this change from noise. The divisor 15 is chosen so that the limit
+    /// of 2 for the unsteadiness applies. If a rest contains only noise, chi2 exceeds 30 with a probability of 1e-6.
     fn drift(&self, colour: &Vector6<f64>) -> f64 {
         let Some([first, last]) = &self.thirds else { return 0.0 };
         let change = last.mean() - first.mean();
@@ -61,8 +62,8 @@ impl Stretch {
     }
 }
 
-/// Maximum deviation of a window's mean force from the mean force of the rest, divided by gravity. 0.05 corresponds to
-/// a tilt of 3 deg.
+/// Maximum deviation of the mean force of a window from the mean force of the rest, divided by gravity. 0.05
+/// corresponds to a tilt of 3 deg.
 const MAX_TILT: f64 = 0.05;
 
 /// The factors c of a recording, by which the correlation of the noise increases the variance of a mean (model.md
@@ -83,12 +84,13 @@ impl Steadiness {
         Self { steady_colour: steady.factor(), held_colour: held.factor() }
     }
 
-    /// Factors c of the six channels that apply to a rest.
+    /// The factors c of the six channels for this rest: those of steady rests or those of hand-held rests.
     pub(super) fn colour(&self, rest: &Stretch) -> &Vector6<f64> {
         if rest.is_steady() { &self.steady_colour } else { &self.held_colour }
     }
 
-    /// Unsteadiness of a rest, see [`Rest::unsteadiness`](super::Rest::unsteadiness).
+    /// Unsteadiness of a rest, a ratio of variances that is defined at
+    /// [`Rest::unsteadiness`](super::Rest::unsteadiness).
     pub(super) fn unsteadiness(&self, rest: &Stretch) -> f64 {
         rest.scatter.max(rest.drift(self.colour(rest)))
     }
@@ -103,8 +105,8 @@ impl Steadiness {
         median(&mut epochs.iter().map(|epoch| self.unsteadiness(epoch)).collect::<Vec<f64>>())
     }
 
-    /// Equivalent white noise of the steady rests: the variance of one sample of white noise with the same density at
-    /// low frequencies. `None` if there are no steady rests.
+    /// Noise variance of each channel, computed from the steady rests: the variance of a sample of white noise that has
+    /// the same density as the measured noise at low frequencies. `None` if there are no steady rests.
     pub(super) fn noise_variance<'a>(&self, rests: impl Iterator<Item = &'a Stretch>) -> Option<Vector6<f64>> {
         let variances: Vec<Vector6<f64>> =
             rests.filter(|rest| rest.is_steady()).map(|rest| rest.whole.variance()).collect();
@@ -114,7 +116,7 @@ impl Steadiness {
     }
 }
 
-/// Median over the windows inside a rest of the statistic (variance / noise variance).
+/// Median of the window statistic (variance / noise variance) over all windows that are completely inside a rest.
 pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
     // After its ends have been removed, a short interval at the end of the recording may start after the last window.
     let first = blocks.start.min(statistic.len().saturating_sub(1));
@@ -123,8 +125,8 @@ pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
 }
 
 /// Whether the mean force of any window deviates from the mean force of the interval by more than 5 % of gravity (3
-/// deg). `size` is the magnitude of gravity. This check excludes a uniform tumble, whose window statistic is low if
-/// the recording contains no quieter window.
+/// deg). `size` is the magnitude of gravity. This check excludes a uniform tumble as a rest. The window statistic of a
+/// uniform tumble is low if the recording contains no quieter windows.
 ///
 /// In a rest of more than `long` blocks, accelerometer drift may reach the same limit. Each part of `long` blocks is
 /// therefore compared with its own mean. Over the whole rest, three times the deviation is permitted.

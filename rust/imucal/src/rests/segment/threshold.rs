@@ -1,4 +1,5 @@
-//! Noise variance, window statistic, and choice of the threshold (model.md (11)).
+//! Estimation of the noise variance, the window statistic, and the choice of the threshold of the rest detection
+//! (model.md (11)).
 
 use std::ops::Range;
 
@@ -14,9 +15,9 @@ use crate::rounding::LEAST_SCATTER;
 /// Returns the statistic of each window, the noise variance of each channel (squared raw units), and the
 /// quantisation step of each channel. The step is zero if the noise of the channel is not below its step.
 ///
-/// `variances` contains the variance of each channel in each window. The variance is that of means over several
-/// samples. `steps` contains the smallest step between two samples of each channel, divided by the square root of the
-/// number of samples in a mean. The function `step_of` returns the quantisation step of a channel.
+/// `variances` contains the variance of each channel in each window. It is the variance of means over several samples.
+/// `steps` contains the smallest step between two samples of each channel, divided by the square root of the number of
+/// samples in a mean. The function `step_of` returns the quantisation step of a channel.
 pub(super) fn window_statistic(
     variances: &[Vec<f64>; 6],
     steps: &Vector6<f64>,
@@ -33,8 +34,8 @@ pub(super) fn window_statistic(
         let quietest = quantile_of(of_channel.len(), write, 0.05);
         let may_be_coarse = steps[channel].is_finite() && quietest < (LEAST_SCATTER * steps[channel]).powi(2);
         if let Some(step) = may_be_coarse.then(|| step_of(channel)).flatten() {
-            // If the mean is in the middle between two levels, both levels are equally frequent. Even for very small
-            // noise, the samples then have this variance.
+            // If the mean is in the middle between two levels, rounded samples are equally often at both levels. Even
+            // with very small noise, they then have the variance step^2 / 4.
             rounding[channel] = steps[channel] * steps[channel] / 4.0;
             coarse[channel] = step;
         }
@@ -49,7 +50,7 @@ pub(super) fn window_statistic(
         let write = |k: usize, to: &mut [f64]| to.copy_from_slice(&statistic[k..k + to.len()]);
         let limit = 2.0 * quantile_of(statistic.len(), write, 0.05);
         let quiet = runs_up_to(&statistic, limit);
-        // The set of quiet windows has not changed, so the floor has converged.
+        // If the set of quiet windows has not changed, the floor has converged.
         if quiet == before {
             break;
         }
@@ -76,8 +77,8 @@ fn runs_up_to(statistic: &[f64], limit: f64) -> Vec<Range<usize>> {
     runs
 }
 
-/// Computes the statistic of every window as [`imucal_core::rest::statistic_of`] does: variance / noise variance,
-/// averaged over the six channels.
+/// Computation of the statistic of every window: variance / noise variance, averaged over the six channels, as in
+/// [`imucal_core::rest::statistic_of`].
 struct Ratios<'a> {
     variances: &'a [Vec<f64>; 6],
     floor: &'a Vector6<f64>,
@@ -106,16 +107,16 @@ impl WithSimd for Ratios<'_> {
 /// The weight is negative for n = 0. Consider a unit that first lies on a table and is then hand-held, with a thousand
 /// times the variance. Without the weight, this recording would give a single rest.
 pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f64, f64) {
-    // Lowest trial threshold, a ratio of variances. Most windows at rest have a statistic near 1, which is below this
-    // threshold.
+    // Lowest threshold that is tried, a ratio of variances. Most windows at rest have a statistic near 1, which is
+    // below this threshold.
     const LOWEST: f64 = 1.5;
-    // Ratio of consecutive trial thresholds.
+    // Ratio of consecutive thresholds that are tried.
     const STEP: f64 = 1.08;
     // Upper limit of the statistic. Without it, samples whose square overflows would make the range of thresholds
     // infinite.
     const HIGHEST: f64 = 1e300;
     let maximum = statistic.iter().copied().fold(1.0, f64::max).min(HIGHEST);
-    // Highest trial threshold, a ratio of variances. Higher thresholds would classify motion as rest. It is
+    // Highest threshold that is tried, a ratio of variances. Higher thresholds would classify motion as rest. It is
     // max(v / 100, sqrt(v), 2 x LOWEST), where v is (variance of the fastest motion) / (variance of the noise).
     let highest = (maximum / 100.0).max(maximum.sqrt()).max(2.0 * LOWEST);
     let mut pending: Vec<(f64, usize)> = statistic.iter().copied().zip(0..).collect();
@@ -150,12 +151,12 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
         threshold *= STEP;
     }
     let (_, from, to) = best;
-    // The threshold is near the lower end of the range, so that the ends of the rests contain little motion.
+    // The returned threshold is near the lower end of the range, so that the ends of the rests contain little motion.
     (from * (to / from).powf(0.25), from, to)
 }
 
-/// Intervals of blocks in chronological order. Every block of an interval is in at least one window whose statistic
-/// is below the threshold.
+/// Intervals at rest, as ranges of block indices in chronological order. Every block of an interval is in at least one
+/// window whose statistic is below the threshold.
 pub(super) fn still(statistic: &[f64], threshold: f64) -> impl Iterator<Item = Range<usize>> + '_ {
     let below = move |(window, value): (usize, &f64)| (*value < threshold).then_some(window);
     let mut windows = statistic.iter().enumerate().filter_map(below).peekable();
@@ -170,8 +171,8 @@ pub(super) fn still(statistic: &[f64], threshold: f64) -> impl Iterator<Item = R
     })
 }
 
-/// The intervals that [`still`] returns, in a form that can be updated. When the threshold increases, the windows that
-/// fall below it are added.
+/// The intervals at rest that [`still`] returns, in a form that can be updated. When the threshold increases, the
+/// windows whose statistic is now below it are added.
 struct Stretches {
     /// For the first window of an interval, the index of its last window, and for the last window, the index of its
     /// first. For windows between them, the value is not used. A window outside all intervals has [`Self::OUTSIDE`].
@@ -192,8 +193,8 @@ impl Stretches {
         Self { other_end: vec![Self::OUTSIDE; windows] }
     }
 
-    /// Adds consecutive windows, and returns the interval that contains them. Returns `None` if an interval already
-    /// contains them.
+    /// Adds consecutive windows to the intervals, and returns the interval that now contains them. Returns `None` if an
+    /// interval already contains them.
     fn add(&mut self, windows: Range<usize>) -> Option<Joined> {
         let Range { start, end } = windows;
         let is_in = |window: &usize| self.other_end[*window] != Self::OUTSIDE;

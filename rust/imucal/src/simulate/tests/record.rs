@@ -51,7 +51,7 @@ fn lost_and_repeated_samples_are_counted_and_truth_stays_with_its_stamp() {
         assert_eq!(spoiled.temperature_degc[i], whole.temperature_degc[row]);
         repeated += usize::from(spoiled.angular_rate[i] != whole.angular_rate[row]);
     }
-    // Some of the repeated samples are lost.
+    // Some of the repeated samples are also lost, so the recording contains fewer repeats than were drawn.
     assert!(repeated <= spoiled.duplicated && repeated as f64 > 0.8 * spoiled.duplicated as f64);
 }
 

@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use crate::numerics::stats::{MEDIAN_SIZE, median, random_effects_mean};
 use crate::rests::rest::Rest;
 
-/// Maximum deviation of the mean rate of a rest from the median, in robust standard deviations. With a larger
-/// deviation, the interval contains a slow rotation and is not a rest.
+/// Maximum deviation of the mean rate of a rest from the median of all rests, in robust standard deviations. With a
+/// larger deviation, the interval contains a slow rotation and is not a rest.
 const LIMIT: f64 = 6.0;
 
 /// The gyroscope bias and the weights of the rests, for each axis separately.
@@ -17,8 +17,8 @@ pub(crate) struct GyroscopeBias {
     /// Weight of each rest for each axis. The weights of an axis have the sum one, and an excluded rest has the weight
     /// zero.
     pub(crate) weights: Vec<Vector3<f64>>,
-    /// Variance of the bias between rests, squared raw units; tau^2 of model.md (7). It is the scatter of the mean
-    /// rates in excess of their noise.
+    /// Variance of the bias between rests, squared raw units; tau^2 of model.md (7). It is estimated from the scatter
+    /// of the mean rates in excess of their noise.
     pub(crate) between: Vector3<f64>,
 }
 
@@ -31,9 +31,9 @@ impl GyroscopeBias {
 }
 
 /// Estimates the bias. The weights are computed from the noise of each rest and the scatter between rests. At least one
-/// rest is required. For each rest, `wander` is the variance of the mean rates of its epochs (parts with their own
-/// means), squared raw units; zero for a rest without epochs. It is added to the variance from noise, because the bias
-/// may differ between rests by as much as it changes within a rest.
+/// rest is required. For each rest, `wander` is the variance of the mean rates between its epochs, squared raw units;
+/// zero for a rest without epochs. An epoch is a part of a long rest with its own mean. `wander` is added to the
+/// variance from noise, because the bias may differ between rests by as much as it changes within a rest.
 pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> GyroscopeBias {
     let mut result = GyroscopeBias {
         bias: Vector3::zeros(),
@@ -59,8 +59,8 @@ pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> Gyros
     result
 }
 
-/// Indices of the rests with score <= [`LIMIT`] x scale. The score is |mean - median| / standard deviation of the mean
-/// of the rest. The scale is the robust scatter of all scores.
+/// Indices of the rests that are not excluded: score <= [`LIMIT`] x scale. The score of a rest is |mean - median| /
+/// standard deviation of its mean. The scale is the robust scatter of the scores of all rests.
 fn kept(means: &[f64], variances: &[f64]) -> Vec<usize> {
     let centre = median(&mut means.to_vec());
     let scores: Vec<f64> = means.iter().zip(variances).map(|(m, v)| (m - centre).abs() / v.sqrt()).collect();
