@@ -96,7 +96,7 @@ class Plan:
         return document
 
     def summary(self) -> str:
-        """Duration, largest standard deviation of each group, and the missing motion, as plain text."""
+        """Plain text: duration, largest standard deviation of each kind of parameter, and motions to add."""
         return _summary(self)
 
 

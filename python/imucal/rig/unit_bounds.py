@@ -160,6 +160,6 @@ def _require_sensitivity(node: Node, matrix: Any, *, is_frame: bool) -> None:
 
 
 def _given(node: Node, name: str) -> str:
-    """The figure as text, with the value and the unit in the file."""
+    """The value and the unit of the entry `name`, as they are written in the file."""
     figure = node.get(name)
     return f"{figure.get('value').value} {figure.get('unit').value}"

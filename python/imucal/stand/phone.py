@@ -192,7 +192,7 @@ class _Phyphox:
 
 
 def _buffers(config: Any) -> dict[str, tuple[str, ...]]:
-    """The names of the buffers of t, x, y and z of both sensors, from the configuration of the experiment."""
+    """For each sensor: names of phyphox's data buffers of t, x, y and z, from the configuration."""
     found: dict[str, tuple[str, ...]] = {}
     for item in _of(config, "inputs", []):
         outputs: dict[str, str] = {}

@@ -24,8 +24,8 @@ const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
 /// between this factor and the unit's conversion factor is below this value. An example of a conversion factor is 57.3
 /// for deg/s read as rad/s.
 const KNOWN: f64 = 0.25;
-/// The motion determines P only if (smallest singular value of P) / (largest singular value of P) is above this value.
-/// Otherwise, no finding is reported.
+/// The true P is nearly a rotation times a scale. If (smallest singular value of P) / (largest singular value of P) is
+/// below this value, the motion did not determine P, and no finding is reported.
 const WELL_DETERMINED: f64 = 0.1;
 /// A finding names a signed permutation only if the correlation of P with it is at least this value (1: identical;
 /// 0.97: rotated by 18 deg).

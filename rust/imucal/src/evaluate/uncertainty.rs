@@ -1,7 +1,8 @@
 //! Errors that the uncertainty of the calibration causes in the residuals on control recordings.
 //!
 //! ```text
-//! cov(r) = N + D C D^T,     chi2 = z^T z - v^T (I + d^T d)^-1 v,     z = N^(-1/2) r,  d = N^(-1/2) D L,  v = d^T z
+//! cov(r) = N + D C D^T,     chi2 = r^T cov(r)^-1 r = z^T z - v^T (I + d^T d)^-1 v
+//! z = N^(-1/2) r,  d = N^(-1/2) D L,  v = d^T z
 //! ```
 //!
 //! r are the residuals on the control recordings, N is the covariance of their noise, and I is the identity matrix. The

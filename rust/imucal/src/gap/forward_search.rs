@@ -129,9 +129,8 @@ fn at_start<T>(
     })
 }
 
-/// Temperatures shifted so that their mean over all recordings is the reference temperature. Without this shift, the
-/// Jacobian columns of a temperature effect would contain a multiple of the columns of base parameters. This multiple
-/// could fit noise, and the search could therefore select the effect.
+/// Temperatures shifted so that their mean over all recordings is the reference temperature. Without this shift, an
+/// effect of the temperature on a bias or scale would mostly act like a constant change of this bias or scale.
 fn centred_temperatures(recordings: &[Recording<'_>]) -> Vec<Option<Vec<f64>>> {
     let (sum, count) = (recordings.iter().filter_map(|recording| recording.temperature_degc).flatten())
         .filter(|degc| degc.is_finite())

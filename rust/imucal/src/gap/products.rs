@@ -37,9 +37,9 @@ impl Gram {
     }
 
     /// Gram matrices with only the products that scoring needs: model column x any column, column x column within a
-    /// block of candidates, and residual x any column. All other entries are NaN. The model's columns come first, and
-    /// the residual is the last column. `order` contains the position of each column within a row. The second result
-    /// contains the residuals inside moves.
+    /// block of candidates, and residual x any column. All other entries are NaN. In the Gram matrices, the model's
+    /// columns come first, and the residual comes last. Column k of a Gram matrix is stored at position `order[k]` of
+    /// each row of `rows`. The second result contains the residuals of the samples inside moves.
     pub(crate) fn beside(
         (rows, group_of_row): (&Lanes, &[usize]),
         insides: Option<&Insides>,

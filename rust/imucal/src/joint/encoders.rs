@@ -127,7 +127,8 @@ fn count_rad(stand_rad: &[[f64; 3]]) -> f64 {
 
 impl Angles {
     /// Corrects the encoder readings for the effects with the parameters `values`. `time_s`, `readings` and
-    /// `directions` have one entry per sample. `sample` is the recording and index of the first sample.
+    /// `directions` (signs of the last motion of each motor) have one entry per sample. `sample` identifies the first
+    /// of these samples by its recording and its index.
     fn of(
         values: &[f64],
         terms: &Terms<'_>,

@@ -216,8 +216,8 @@ impl Joint<'_> {
     }
 }
 
-/// Derivative of a move's two residuals with respect to the attitude error at the end of the move. The attitude error
-/// is a rotation vector in the body frame at the start of the move.
+/// Derivative of a move's two residuals with respect to the attitude error that has accumulated at the end of the move.
+/// This error is a rotation vector, given in the body frame at the start of the move.
 fn across(at_move: &AtMove) -> Matrix2x3<f64> {
     let AtMove { pass, before, after } = at_move;
     let across = rows_across(&after.up);

@@ -118,7 +118,8 @@ impl Steadiness {
 
 /// Median of the window statistic (variance / noise variance) over all windows that are completely inside a rest.
 pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
-    // After its ends have been removed, a short interval at the end of the recording may start after the last window.
+    // `trim` may have shortened the interval at both ends. A short interval at the end of the recording may then start
+    // later than the last window. In this case, the last window is used.
     let first = blocks.start.min(statistic.len().saturating_sub(1));
     let end = (blocks.end + 1).saturating_sub(WINDOW_BLOCKS).max(first + 1).min(statistic.len());
     median(&mut statistic[first..end].to_vec())
