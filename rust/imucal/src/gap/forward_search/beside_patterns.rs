@@ -333,6 +333,9 @@ fn retain(
     path: &mut Vec<Score>,
     is_sound: impl Fn(&Score, &Extended) -> bool,
 ) -> bool {
+    if path.is_empty() {
+        return false;
+    }
     let before = members.len();
     let Stage { design, evidence, .. } = &beside.stage;
     let densities = design.held().log_densities((&design.model, &evidence.scales));
