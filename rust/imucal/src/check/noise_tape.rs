@@ -3,8 +3,8 @@
 //! The noise of a sensor never repeats, but a motion may, because a stand can run one program many times. Therefore
 //! only samples at rest are used. Second differences suppress tremor, drift and bias. Each rest is tapered with a Hann
 //! window, which confines periodic vibration (mains, motors) to few frequencies. The second differences of each axis
-//! are divided by their scale, so units and gains have no effect. Samples with large second differences are set to
-//! zero: one knock, or one wrong sample, in each of two recordings would otherwise correlate like common noise.
+//! are divided by their scale, so units and gains have no effect. Knocks and wrong samples are left out: one of them in
+//! each of two recordings would otherwise correlate like common noise.
 
 use std::ops::Range;
 
@@ -14,20 +14,21 @@ use crate::recording::Recording;
 /// the squares of all axes, which does not depend on the order and the signs of the axes.
 pub(super) const SIGNALS: usize = 4;
 
-/// A sample is a short pulse (knock or wrong sample) if a second difference, divided by the scale of its axis, is
-/// larger than this value.
-const LARGEST: f32 = 4.0;
+/// Scaled second differences of one axis are clipped to this absolute value.
+const CLIP: f32 = 3.0;
+/// Number of samples before a sample, and after it, over which the mean square of the scaled second differences is
+/// taken. The usual mean square of a recording is the median of such means.
+const NEIGHBOURS: usize = 8;
+/// A sample is part of a short pulse (knock or wrong sample) if the square of its scaled second differences, summed
+/// over the axes, is larger than this multiple of the usual mean square.
+const PULSE: f32 = 7.0;
 /// This number of samples before a short pulse, and after it, is not used either.
 const BESIDE_PULSE: usize = 2;
-/// The mean square of the axes in the fourth signal is clipped to this value. Pulses too small for [`LARGEST`] would
-/// otherwise dominate this signal. The expected value for noise is 1.
+/// A sample is not used if the mean square of its neighbours is larger than this multiple of the usual mean square. For
+/// white noise on six axes, the ratio has the standard deviation 0.2.
+const LOUD: f64 = 1.6;
+/// The squares in the fourth signal are clipped to this multiple of the usual mean square.
 const LARGEST_SQUARE: f32 = 2.5;
-/// The mean square that is compared with [`LOUD`] is taken over a sample, this number of samples before it, and this
-/// number of samples after it.
-const NEIGHBOURS: usize = 8;
-/// A sample is not used if the mean square of the scaled second differences of its neighbours is larger than this
-/// value. The expected value for noise is 1, and its standard deviation for six axes is 0.2.
-const LOUD: f64 = 1.4;
 /// Quantile of the absolute second differences that defines the scale of an axis (its noise). After rounding to coarse
 /// counts, fewer than a fifth of the second differences may be nonzero. The scale is then zero, and the axis counts as
 /// free of noise.
@@ -107,21 +108,24 @@ impl Tape {
             signal.resize(start + recording.len(), 0.0);
         }
         let scales = Axes::of(at_rest);
+        let inner = |rest: &Range<usize>| inner(rest, recording);
+        let square = |i: usize| scales.second_difference(recording, i).iter().map(|value| value * value).sum::<f32>();
+        let squares: Vec<Vec<f32>> = rests.iter().map(|rest| inner(rest).map(square).collect()).collect();
+        let usual = usual_mean(&squares);
         let mut energy = 0.0_f64;
         let mut quiet: Vec<(usize, f32)> = Vec::new();
-        for samples in rests.iter().map(|rest| inner(rest, recording)) {
-            let scaled: Vec<[f32; 6]> = samples.clone().map(|i| scales.second_difference(recording, i)).collect();
-            let squares: Vec<Option<f32>> = scaled.iter().map(square_unless_pulse).collect();
-            let are_quiet = are_quiet(&squares, scales.used());
+        for (samples, squares) in rests.iter().map(inner).zip(squares) {
+            let are_quiet = are_quiet(&squares, usual);
             let tapers = hann(samples.len());
-            for ((((i, scaled), square), is_quiet), taper) in
-                samples.zip(scaled).zip(squares).zip(are_quiet).zip(tapers)
-            {
-                let Some(square) = square.filter(|_| is_quiet) else { continue };
+            for (((i, square), is_quiet), taper) in samples.zip(squares).zip(are_quiet).zip(tapers) {
+                if !is_quiet {
+                    continue;
+                }
+                let scaled = scales.second_difference(recording, i).map(|value| value.clamp(-CLIP, CLIP));
                 for axis in 0..3 {
                     self.signals[axis][start + i] = taper * (scaled[axis] + scaled[3 + axis]);
                 }
-                let square = square.min(LARGEST_SQUARE * scales.used() as f32);
+                let square = square.min(LARGEST_SQUARE * usual);
                 self.signals[3][start + i] = square;
                 energy += f64::from(square);
                 quiet.push((start + i, taper));
@@ -136,28 +140,35 @@ impl Tape {
     }
 }
 
-/// Sum of the squares of scaled second differences; `None` if one of them is part of a short pulse.
-fn square_unless_pulse(scaled: &[f32; 6]) -> Option<f32> {
-    scaled.iter().all(|value| value.abs() <= LARGEST).then(|| scaled.iter().map(|value| value * value).sum())
+/// Median of the means of `squares` over successive samples of a rest.
+fn usual_mean(squares: &[Vec<f32>]) -> f32 {
+    let parts = squares.iter().flat_map(|squares| squares.chunks(2 * NEIGHBOURS + 1));
+    let mut means: Vec<f32> = parts.map(|part| part.iter().sum::<f32>() / part.len() as f32).collect();
+    if means.is_empty() {
+        return 0.0;
+    }
+    let middle = means.len() / 2;
+    *means.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
-/// For each sample of a rest: whether no short pulse is close to it and the mean square of its neighbours is not above
-/// [`LOUD`]. `squares` are the sums of the squared scaled second differences of all `axes` axes; `None` at a short
-/// pulse.
-fn are_quiet(squares: &[Option<f32>], axes: usize) -> Vec<bool> {
-    // For each sample: the sum of `squares` over all samples before it, and the number of these samples that are not in
-    // a short pulse.
+/// For each sample of a rest: whether no short pulse is close to it, and the mean square of its neighbours is not above
+/// [`LOUD`]. `squares` are the sums of the squared scaled second differences of all axes.
+fn are_quiet(squares: &[f32], usual: f32) -> Vec<bool> {
+    // A square that is not a number belongs to a pulse, too.
+    let is_pulse: Vec<bool> = squares.iter().map(|square| square.is_nan() || *square > PULSE * usual).collect();
+    // For each sample: the sum of `squares` over all samples before it, and the number of these samples. Samples of a
+    // short pulse are omitted.
     let mut before = vec![(0.0_f64, 0_usize)];
-    for square in squares {
+    for (square, is_pulse) in squares.iter().zip(&is_pulse) {
         let (sum, count) = before[before.len() - 1];
-        before.push((sum + f64::from(square.unwrap_or(0.0)), count + usize::from(square.is_some())));
+        before.push(if *is_pulse { (sum, count) } else { (sum + f64::from(*square), count + 1) });
     }
     let around = |i: usize, reach: usize| i.saturating_sub(reach)..(i + reach + 1).min(squares.len());
     let is_quiet = |i: usize| {
-        let is_beside_pulse = squares[around(i, BESIDE_PULSE)].iter().any(Option::is_none);
         let Range { start, end } = around(i, NEIGHBOURS);
         let (from, to) = (before[start], before[end]);
-        !is_beside_pulse && to.0 - from.0 <= LOUD * (axes * (to.1 - from.1)) as f64
+        let is_loud = to.0 - from.0 > LOUD * f64::from(usual) * (to.1 - from.1) as f64;
+        !is_loud && !is_pulse[around(i, BESIDE_PULSE)].contains(&true)
     };
     (0..squares.len()).map(is_quiet).collect()
 }
@@ -223,11 +234,6 @@ impl Axes {
             let scale = *values.select_nth_unstable_by(place, f64::total_cmp).1 / SCALE_OF_NORMAL;
             if scale > MIN_SCALE * largest[axis] { 1.0 / scale } else { 0.0 }
         }))
-    }
-
-    /// Number of axes whose noise scale is not zero.
-    fn used(&self) -> usize {
-        self.0.iter().filter(|scale| **scale > 0.0).count()
     }
 
     /// Second difference of each axis at `sample`, divided by the noise scale of the axis.
