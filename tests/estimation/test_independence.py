@@ -39,9 +39,16 @@ def test_another_run_is_independent(condition):
 
 
 @pytest.mark.parametrize(
-    ("condition", "seed"), [("one knock", 78), ("single wrong samples", 2), ("single wrong samples", 251)]
+    ("condition", "seed"),
+    [
+        ("one knock", 78),
+        ("single wrong samples", 2),
+        ("single wrong samples", 251),
+        ("stand and hum of 12.5 Hz", 70),
+        ("stand and hum of 12.5 Hz", 88),
+    ],
 )
-def test_short_pulses_are_not_common_noise(condition, seed):
+def test_short_pulses_and_periodic_vibration_are_not_common_noise(condition, seed):
     make = copies.conditions()[condition]
     assert copies.common_noise(make(seed), make(seed + copies.CONTROL_SEEDS)) is None
 

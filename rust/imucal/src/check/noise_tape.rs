@@ -8,6 +8,7 @@
 
 use std::ops::Range;
 
+use crate::numerics::stats::{median, quantile};
 use crate::recording::Recording;
 
 /// Number of signals. Three of them are sums of one accelerometer axis and one gyroscope axis. The fourth is the sum of
@@ -17,18 +18,22 @@ pub(super) const SIGNALS: usize = 4;
 /// Scaled second differences of one axis are clipped to this absolute value.
 const CLIP: f32 = 3.0;
 /// Number of samples before a sample, and after it, over which the mean square of the scaled second differences is
-/// taken. The usual mean square of a recording is the median of such means.
+/// taken.
 const NEIGHBOURS: usize = 8;
-/// A sample is part of a short pulse (knock or wrong sample) if the square of its scaled second differences, summed
-/// over the axes, is larger than this multiple of the usual mean square.
-const PULSE: f32 = 7.0;
+/// Quantile of the squares of a recording to which the squares in the fourth signal are clipped. A square is the sum of
+/// the squared scaled second differences of all axes at one sample.
+const LARGE_SQUARE: f64 = 0.95;
+/// A sample is part of a short pulse (knock or wrong sample) if its square is larger than this multiple of the quantile
+/// [`LARGE_SQUARE`]. The peaks of a periodic vibration are smaller, because they belong to the largest squares of the
+/// recording themselves. Vibration with omitted peaks would correlate like two pulses.
+const PULSE: f32 = 3.0;
 /// This number of samples before a short pulse, and after it, is not used either.
 const BESIDE_PULSE: usize = 2;
-/// A sample is not used if the mean square of its neighbours is larger than this multiple of the usual mean square. For
-/// white noise on six axes, the ratio has the standard deviation 0.2.
+/// Quantile of the mean squares of a recording (see [`NEIGHBOURS`]) that is compared with [`LOUD`].
+const LARGE_MEAN: f64 = 0.9;
+/// A sample is not used if the mean square of its neighbours is larger than this multiple of the quantile
+/// [`LARGE_MEAN`].
 const LOUD: f64 = 1.6;
-/// The squares in the fourth signal are clipped to this multiple of the usual mean square.
-const LARGEST_SQUARE: f32 = 2.5;
 /// Quantile of the absolute second differences that defines the scale of an axis (its noise). After rounding to coarse
 /// counts, fewer than a fifth of the second differences may be nonzero. The scale is then zero, and the axis counts as
 /// free of noise.
@@ -102,33 +107,39 @@ impl Tape {
     }
 
     fn append(&mut self, at_rest: &AtRest<'_>) -> Range<usize> {
-        let AtRest { recording, rests } = *at_rest;
+        let recording = at_rest.recording;
         let start = self.len();
         for signal in &mut self.signals {
             signal.resize(start + recording.len(), 0.0);
         }
-        let scales = Axes::of(at_rest);
-        let inner = |rest: &Range<usize>| inner(rest, recording);
-        let square = |i: usize| scales.second_difference(recording, i).iter().map(|value| value * value).sum::<f32>();
-        let squares: Vec<Vec<f32>> = rests.iter().map(|rest| inner(rest).map(square).collect()).collect();
-        let usual = usual_mean(&squares);
+        let axes = Axes::of(at_rest);
+        let rests: Vec<Range<usize>> = at_rest.rests.iter().map(|rest| inner(rest, recording)).collect();
+        let mut squares: Vec<Vec<f32>> = Vec::with_capacity(rests.len());
+        for rest in &rests {
+            let square_at = |(i, taper): (usize, f32)| {
+                let scaled = axes.second_difference(recording, i);
+                let clipped = scaled.map(|value| value.clamp(-CLIP, CLIP));
+                for axis in 0..3 {
+                    self.signals[axis][start + i] = taper * (clipped[axis] + clipped[3 + axis]);
+                }
+                scaled.iter().map(|value| value * value).sum::<f32>()
+            };
+            squares.push(rest.clone().zip(hann(rest.len())).map(square_at).collect());
+        }
+        let usual = Usual::of(&squares);
         let mut energy = 0.0_f64;
         let mut quiet: Vec<(usize, f32)> = Vec::new();
-        for (samples, squares) in rests.iter().map(inner).zip(squares) {
-            let are_quiet = are_quiet(&squares, usual);
-            let tapers = hann(samples.len());
-            for (((i, square), is_quiet), taper) in samples.zip(squares).zip(are_quiet).zip(tapers) {
-                if !is_quiet {
-                    continue;
+        for (rest, squares) in rests.iter().zip(&squares) {
+            let samples = rest.clone().zip(hann(rest.len())).zip(squares).zip(usual.are_quiet(squares));
+            for (((i, taper), square), is_quiet) in samples {
+                let square = square.min(usual.square);
+                if is_quiet {
+                    self.signals[3][start + i] = square;
+                    energy += f64::from(square);
+                    quiet.push((start + i, taper));
+                } else {
+                    self.signals[..3].iter_mut().for_each(|signal| signal[start + i] = 0.0);
                 }
-                let scaled = scales.second_difference(recording, i).map(|value| value.clamp(-CLIP, CLIP));
-                for axis in 0..3 {
-                    self.signals[axis][start + i] = taper * (scaled[axis] + scaled[3 + axis]);
-                }
-                let square = square.min(LARGEST_SQUARE * usual);
-                self.signals[3][start + i] = square;
-                energy += f64::from(square);
-                quiet.push((start + i, taper));
             }
         }
         let mean = (energy / quiet.len().max(1) as f64) as f32;
@@ -140,37 +151,45 @@ impl Tape {
     }
 }
 
-/// Median of the means of `squares` over successive samples of a rest.
-fn usual_mean(squares: &[Vec<f32>]) -> f32 {
-    let parts = squares.iter().flat_map(|squares| squares.chunks(2 * NEIGHBOURS + 1));
-    let mut means: Vec<f32> = parts.map(|part| part.iter().sum::<f32>() / part.len() as f32).collect();
-    if means.is_empty() {
-        return 0.0;
-    }
-    let middle = means.len() / 2;
-    *means.select_nth_unstable_by(middle, f32::total_cmp).1
+/// The largest squares and mean squares of a recording that are not caused by short pulses.
+struct Usual {
+    /// The quantile [`LARGE_SQUARE`] of the squares.
+    square: f32,
+    /// The quantile [`LARGE_MEAN`] of the mean squares over successive samples.
+    mean: f64,
 }
 
-/// For each sample of a rest: whether no short pulse is close to it, and the mean square of its neighbours is not above
-/// [`LOUD`]. `squares` are the sums of the squared scaled second differences of all axes.
-fn are_quiet(squares: &[f32], usual: f32) -> Vec<bool> {
-    // A square that is not a number belongs to a pulse, too.
-    let is_pulse: Vec<bool> = squares.iter().map(|square| square.is_nan() || *square > PULSE * usual).collect();
-    // For each sample: the sum of `squares` over all samples before it, and the number of these samples. Samples of a
-    // short pulse are omitted.
-    let mut before = vec![(0.0_f64, 0_usize)];
-    for (square, is_pulse) in squares.iter().zip(&is_pulse) {
-        let (sum, count) = before[before.len() - 1];
-        before.push(if *is_pulse { (sum, count) } else { (sum + f64::from(*square), count + 1) });
+impl Usual {
+    /// `squares` has one list for each rest.
+    fn of(squares: &[Vec<f32>]) -> Self {
+        let mean = |part: &[f32]| f64::from(part.iter().sum::<f32>()) / part.len() as f64;
+        let mut all: Vec<f64> = squares.iter().flatten().copied().map(f64::from).collect();
+        let mut means: Vec<f64> = squares.iter().flat_map(|rest| rest.chunks(2 * NEIGHBOURS + 1)).map(mean).collect();
+        Self { square: quantile(&mut all, LARGE_SQUARE) as f32, mean: quantile(&mut means, LARGE_MEAN) }
     }
-    let around = |i: usize, reach: usize| i.saturating_sub(reach)..(i + reach + 1).min(squares.len());
-    let is_quiet = |i: usize| {
-        let Range { start, end } = around(i, NEIGHBOURS);
-        let (from, to) = (before[start], before[end]);
-        let is_loud = to.0 - from.0 > LOUD * f64::from(usual) * (to.1 - from.1) as f64;
-        !is_loud && !is_pulse[around(i, BESIDE_PULSE)].contains(&true)
-    };
-    (0..squares.len()).map(is_quiet).collect()
+
+    /// For each sample of a rest: whether no short pulse is close to it, and the mean square of its neighbours is not
+    /// above [`LOUD`].
+    fn are_quiet(&self, squares: &[f32]) -> Vec<bool> {
+        // A square that is not a number belongs to a pulse, too.
+        let is_pulse: Vec<bool> =
+            squares.iter().map(|square| square.is_nan() || *square > PULSE * self.square).collect();
+        // For each sample: the sum of `squares` over all samples before it, and the number of these samples. Samples of
+        // a short pulse are omitted.
+        let mut before = vec![(0.0_f64, 0_usize)];
+        for (square, is_pulse) in squares.iter().zip(&is_pulse) {
+            let (sum, count) = before[before.len() - 1];
+            before.push(if *is_pulse { (sum, count) } else { (sum + f64::from(*square), count + 1) });
+        }
+        let around = |i: usize, reach: usize| i.saturating_sub(reach)..(i + reach + 1).min(squares.len());
+        let is_quiet = |i: usize| {
+            let Range { start, end } = around(i, NEIGHBOURS);
+            let (from, to) = (before[start], before[end]);
+            let is_loud = to.0 - from.0 > LOUD * self.mean * (to.1 - from.1) as f64;
+            !is_loud && !is_pulse[around(i, BESIDE_PULSE)].contains(&true)
+        };
+        (0..squares.len()).map(is_quiet).collect()
+    }
 }
 
 /// Hann window of `length` samples. A recurrence computes the cosines, which is much faster than evaluating each
@@ -190,15 +209,12 @@ pub(super) fn is_same_rate(first_hz: f64, second_hz: f64) -> bool {
     (first_hz / second_hz - 1.0).abs() < SAME_RATE
 }
 
-/// Mean sampling rate without gaps, Hz. Time steps of more than three times the median are ignored.
+/// Mean sampling rate without gaps, Hz; NaN for less than two samples. Time steps of more than three times the median
+/// are ignored.
 fn mean_rate_hz(time_s: &[f64]) -> f64 {
     let stride = (time_s.len() / SCALE_SAMPLES).max(1);
     let mut steps: Vec<f64> = time_s.windows(2).step_by(stride).map(|pair| pair[1] - pair[0]).collect();
-    if steps.is_empty() {
-        return 0.0;
-    }
-    let middle = steps.len() / 2;
-    let longest = 3.0 * *steps.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let longest = 3.0 * median(&mut steps);
     let (mut sum, mut count) = (0.0, 0_usize);
     for step in time_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step < longest) {
         sum += step;
@@ -226,12 +242,7 @@ impl Axes {
             }
         }
         Self(std::array::from_fn(|axis| {
-            let values = &mut differences[axis];
-            if values.is_empty() {
-                return 0.0;
-            }
-            let place = (SCALE_QUANTILE * (values.len() - 1) as f64) as usize;
-            let scale = *values.select_nth_unstable_by(place, f64::total_cmp).1 / SCALE_OF_NORMAL;
+            let scale = quantile(&mut differences[axis], SCALE_QUANTILE) / SCALE_OF_NORMAL;
             if scale > MIN_SCALE * largest[axis] { 1.0 / scale } else { 0.0 }
         }))
     }
