@@ -4,7 +4,8 @@
 //! A control recording must not be an altered copy of a calibration recording. The copy contains the noise to which the
 //! model was fitted, so its control figures are too good. The noise at rest identifies a recording. All correlations
 //! are divided by the standard deviation that the correlation of independent noise has. The largest correlation over
-//! all lags is below 10 for independent recordings and above 20 for altered copies (docs/results/copies.md).
+//! all lags is below 10 for independent recordings without periodic vibration, and above 20 for altered copies whose
+//! noise is not mostly removed by rounding (docs/results/copies.md).
 
 use std::ops::Range;
 
