@@ -21,6 +21,9 @@ const COPY_SIGMAS: f32 = 14.0;
 /// Two recordings count as copies only if (largest correlation) / (largest correlation at distant lags) is at least
 /// this value. Periodic vibration in both recordings correlates at many lags, and this limit excludes it.
 const UNIQUE: f32 = 2.0;
+/// Two recordings count as copies only if [`Transform::share_without_pulses`] is at least this value. It is below 0.1
+/// for short pulses that coincide, and above 0.3 for altered copies.
+const SPREAD: f32 = 0.2;
 /// Number of templates of a recording, one in each third. A template is an excerpt that is searched for in the other
 /// recordings. If another recording contains at least half of this recording, it contains at least one of the
 /// templates.
@@ -131,8 +134,13 @@ fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool,
     let peaks = transform.search(&tapes, &templates);
     let mut found: Vec<Copy> = Vec::new();
     for (template, peaks) in templates.iter().zip(&peaks) {
-        for peak in peaks.iter().filter(|peak| peak.sigmas >= copy_sigmas && peak.sigmas >= UNIQUE * peak.elsewhere) {
-            let copy = copy_at(template, peak, &tapes[template.tape]);
+        let tape = &tapes[template.tape];
+        for (kind, peak) in peaks.iter().enumerate() {
+            let is_high = peak.sigmas >= copy_sigmas && peak.sigmas >= UNIQUE * peak.elsewhere;
+            if !is_high || transform.share_without_pulses(tape, template, kind, peak) < SPREAD {
+                continue;
+            }
+            let copy = copy_at(template, peak, tape);
             let Some(copy) = copy.filter(|copy| is_compared(copy.recording, copy.of)) else { continue };
             match found.iter_mut().find(|known| (known.recording, known.of) == (copy.recording, copy.of)) {
                 Some(known) if known.sigmas < copy.sigmas => *known = copy,

@@ -34,6 +34,11 @@ const TAPER: f64 = 0.05;
 /// greater distance indicate a periodic signal instead of a copy.
 const NEAR: usize = 64;
 
+/// Number of samples of a part in [`Transform::share_without_pulses`].
+const PART: usize = 64;
+/// Number of parts that a short pulse (knock or wrong sample) covers at most.
+const PULSE_PARTS: usize = 2;
+
 /// The two groups of signals, as ranges of their indices. Each group is correlated separately. The first group has the
 /// three signals that depend on the order of the axes, and the second has the signal that does not.
 const KINDS: [std::ops::Range<usize>; 2] = [0..3, 3..SIGNALS];
@@ -152,6 +157,40 @@ impl Transform {
             }
         }
         tops.iter().map(|kinds| kinds.each_ref().map(|tops| highest(tops))).collect()
+    }
+
+    /// The share of the correlation `peak` that does not come from the [`PULSE_PARTS`] most correlated parts of the
+    /// block. `tape` is the tape in which the template is searched for, and `kind` the index of the group of signals in
+    /// [`KINDS`].
+    ///
+    /// A short pulse (knock or wrong sample) in each of two independent recordings is correlated at the lag at which
+    /// the pulses coincide, and the share is nearly zero. The noise of a copy is correlated everywhere.
+    pub(super) fn share_without_pulses(&mut self, tape: &Tape, template: &Template, kind: usize, peak: &Peak) -> f32 {
+        let from_start = (peak.at + TEMPLATE as isize).max(0) as usize;
+        let (first, shift) = (from_start / LAGS * LAGS, from_start % LAGS);
+        let mut parts = [0.0_f32; BLOCK / PART];
+        for k in KINDS[kind].clone() {
+            let block = self.block(&tape.signals[k], first as isize - TEMPLATE as isize);
+            let own = template.spectra[k].iter().map(Complex::conj).collect();
+            let (block, own) = (self.whitened_signal(block), self.whitened_signal(own));
+            for (i, (block, own)) in block.iter().zip(own.iter().cycle().skip(BLOCK - shift)).enumerate() {
+                parts[i / PART] += block * own;
+            }
+        }
+        let sum: f32 = parts.iter().sum();
+        let mut shares = parts.map(|part| part / sum);
+        shares.sort_unstable_by(f32::total_cmp);
+        shares[..shares.len() - PULSE_PARTS].iter().sum()
+    }
+
+    /// The signal with the whitened spectrum `spectrum`, without scale; empty if the signal is zero.
+    fn whitened_signal(&mut self, mut spectrum: Spectrum) -> Vec<f32> {
+        let mut signal = vec![0.0; BLOCK];
+        let length = self.inverse.get_scratch_len();
+        match self.inverse.process_with_scratch(&mut spectrum, &mut signal, &mut self.scratch[..length]) {
+            Ok(()) => signal,
+            Err(_) => Vec::new(),
+        }
     }
 
     /// Whitened spectrum of the block that begins at sample `first` of a signal. The block may begin before the signal

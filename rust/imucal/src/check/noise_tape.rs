@@ -3,8 +3,7 @@
 //! The noise of a sensor never repeats, but a motion may, because a stand can run one program many times. Therefore
 //! only samples at rest are used. Second differences suppress tremor, drift and bias. Each rest is tapered with a Hann
 //! window, which confines periodic vibration (mains, motors) to few frequencies. The second differences of each axis
-//! are divided by their scale, so units and gains have no effect. Knocks and wrong samples are left out: one of them in
-//! each of two recordings would otherwise correlate like common noise.
+//! are divided by their scale, so units and gains have no effect.
 
 use std::ops::Range;
 
@@ -15,25 +14,9 @@ use crate::recording::Recording;
 /// the squares of all axes, which does not depend on the order and the signs of the axes.
 pub(super) const SIGNALS: usize = 4;
 
-/// Scaled second differences of one axis are clipped to this absolute value.
+/// Scaled second differences are clipped to this absolute value. Without this limit, a wrong sample or a knock would
+/// hide the noise that two recordings have in common.
 const CLIP: f32 = 3.0;
-/// Number of samples before a sample, and after it, over which the mean square of the scaled second differences is
-/// taken.
-const NEIGHBOURS: usize = 8;
-/// Quantile of the squares of a recording to which the squares in the fourth signal are clipped. A square is the sum of
-/// the squared scaled second differences of all axes at one sample.
-const LARGE_SQUARE: f64 = 0.95;
-/// A sample is part of a short pulse (knock or wrong sample) if its square is larger than this multiple of the quantile
-/// [`LARGE_SQUARE`]. The peaks of a periodic vibration are smaller, because they belong to the largest squares of the
-/// recording themselves. Vibration with omitted peaks would correlate like two pulses.
-const PULSE: f32 = 3.0;
-/// This number of samples before a short pulse, and after it, is not used either.
-const BESIDE_PULSE: usize = 2;
-/// Quantile of the mean squares of a recording (see [`NEIGHBOURS`]) that is compared with [`LOUD`].
-const LARGE_MEAN: f64 = 0.9;
-/// A sample is not used if the mean square of its neighbours is larger than this multiple of the quantile
-/// [`LARGE_MEAN`].
-const LOUD: f64 = 1.6;
 /// Quantile of the absolute second differences that defines the scale of an axis (its noise). After rounding to coarse
 /// counts, fewer than a fifth of the second differences may be nonzero. The scale is then zero, and the axis counts as
 /// free of noise.
@@ -107,88 +90,34 @@ impl Tape {
     }
 
     fn append(&mut self, at_rest: &AtRest<'_>) -> Range<usize> {
-        let recording = at_rest.recording;
+        let AtRest { recording, rests } = *at_rest;
         let start = self.len();
         for signal in &mut self.signals {
             signal.resize(start + recording.len(), 0.0);
         }
-        let axes = Axes::of(at_rest);
-        let rests: Vec<Range<usize>> = at_rest.rests.iter().map(|rest| inner(rest, recording)).collect();
-        let mut squares: Vec<Vec<f32>> = Vec::with_capacity(rests.len());
-        for rest in &rests {
-            let square_at = |(i, taper): (usize, f32)| {
-                let scaled = axes.second_difference(recording, i);
-                let clipped = scaled.map(|value| value.clamp(-CLIP, CLIP));
+        let scales = Axes::of(at_rest);
+        let inner = |rest: &Range<usize>| inner(rest, recording);
+        let (mut energy, mut count) = (0.0_f64, 0_usize);
+        for samples in rests.iter().map(inner) {
+            for (i, taper) in samples.clone().zip(hann(samples.len())) {
+                let scaled = scales.second_difference(recording, i);
                 for axis in 0..3 {
-                    self.signals[axis][start + i] = taper * (clipped[axis] + clipped[3 + axis]);
+                    self.signals[axis][start + i] = taper * (scaled[axis] + scaled[3 + axis]);
                 }
-                scaled.iter().map(|value| value * value).sum::<f32>()
-            };
-            squares.push(rest.clone().zip(hann(rest.len())).map(square_at).collect());
-        }
-        let usual = Usual::of(&squares);
-        let mut energy = 0.0_f64;
-        let mut quiet: Vec<(usize, f32)> = Vec::new();
-        for (rest, squares) in rests.iter().zip(&squares) {
-            let samples = rest.clone().zip(hann(rest.len())).zip(squares).zip(usual.are_quiet(squares));
-            for (((i, taper), square), is_quiet) in samples {
-                let square = square.min(usual.square);
-                if is_quiet {
-                    self.signals[3][start + i] = square;
-                    energy += f64::from(square);
-                    quiet.push((start + i, taper));
-                } else {
-                    self.signals[..3].iter_mut().for_each(|signal| signal[start + i] = 0.0);
-                }
+                let squares: f32 = scaled.iter().map(|value| value * value).sum();
+                self.signals[3][start + i] = squares;
+                energy += f64::from(squares);
+                count += 1;
             }
         }
-        let mean = (energy / quiet.len().max(1) as f64) as f32;
-        for (place, taper) in quiet {
-            let square = &mut self.signals[3][place];
-            *square = taper * (*square - mean);
+        let mean = (energy / count.max(1) as f64) as f32;
+        for samples in rests.iter().map(inner) {
+            let squares = &mut self.signals[3][start + samples.start..][..samples.len()];
+            for (squares, taper) in squares.iter_mut().zip(hann(samples.len())) {
+                *squares = taper * (*squares - mean);
+            }
         }
         start..self.len()
-    }
-}
-
-/// The largest squares and mean squares of a recording that are not caused by short pulses.
-struct Usual {
-    /// The quantile [`LARGE_SQUARE`] of the squares.
-    square: f32,
-    /// The quantile [`LARGE_MEAN`] of the mean squares over successive samples.
-    mean: f64,
-}
-
-impl Usual {
-    /// `squares` has one list for each rest.
-    fn of(squares: &[Vec<f32>]) -> Self {
-        let mean = |part: &[f32]| f64::from(part.iter().sum::<f32>()) / part.len() as f64;
-        let mut all: Vec<f64> = squares.iter().flatten().copied().map(f64::from).collect();
-        let mut means: Vec<f64> = squares.iter().flat_map(|rest| rest.chunks(2 * NEIGHBOURS + 1)).map(mean).collect();
-        Self { square: quantile(&mut all, LARGE_SQUARE) as f32, mean: quantile(&mut means, LARGE_MEAN) }
-    }
-
-    /// For each sample of a rest: whether no short pulse is close to it, and the mean square of its neighbours is not
-    /// above [`LOUD`].
-    fn are_quiet(&self, squares: &[f32]) -> Vec<bool> {
-        // A square that is not a number belongs to a pulse, too.
-        let is_pulse: Vec<bool> =
-            squares.iter().map(|square| square.is_nan() || *square > PULSE * self.square).collect();
-        // For each sample: the sum of `squares` over all samples before it, and the number of these samples. Samples of
-        // a short pulse are omitted.
-        let mut before = vec![(0.0_f64, 0_usize)];
-        for (square, is_pulse) in squares.iter().zip(&is_pulse) {
-            let (sum, count) = before[before.len() - 1];
-            before.push(if *is_pulse { (sum, count) } else { (sum + f64::from(*square), count + 1) });
-        }
-        let around = |i: usize, reach: usize| i.saturating_sub(reach)..(i + reach + 1).min(squares.len());
-        let is_quiet = |i: usize| {
-            let Range { start, end } = around(i, NEIGHBOURS);
-            let (from, to) = (before[start], before[end]);
-            let is_loud = to.0 - from.0 > LOUD * self.mean * (to.1 - from.1) as f64;
-            !is_loud && !is_pulse[around(i, BESIDE_PULSE)].contains(&true)
-        };
-        (0..squares.len()).map(is_quiet).collect()
     }
 }
 
@@ -247,10 +176,10 @@ impl Axes {
         }))
     }
 
-    /// Second difference of each axis at `sample`, divided by the noise scale of the axis.
+    /// Second difference of each axis at `sample`, divided by the noise scale of the axis and clipped.
     fn second_difference(&self, recording: &Recording<'_>, sample: usize) -> [f32; 6] {
         let difference = second_difference(recording, sample);
-        std::array::from_fn(|axis| (difference[axis] * self.0[axis]) as f32)
+        std::array::from_fn(|axis| ((difference[axis] * self.0[axis]) as f32).clamp(-CLIP, CLIP))
     }
 }
 
