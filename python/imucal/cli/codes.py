@@ -208,6 +208,16 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             ),
             cure="Give the order and the signs of the columns with `--axes`; the message names them.",
         ),
+        "sensors_not_together": Code(
+            cause=(
+                "The rates do not follow the rotation of gravity inside moves: the two sensors were recorded "
+                "at different times, or belong to different units."
+            ),
+            cure=(
+                "Give the files of one unit and one recording. If one sensor is late, correct its time "
+                "stamps; otherwise only the rotations from rest to rest are right."
+            ),
+        ),
         "axes_turned": Code(
             cause="The axes of the two sensors differ by a rotation in steps of 90 deg.",
             cure="Give `--axes` as in the message.",
@@ -235,6 +245,10 @@ CODES: Final[dict[str, dict[str, Code]]] = {
                 "different units."
             ),
             cure="Calibrate each unit separately.",
+        ),
+        "recording_unused": Code(
+            cause="The fit excludes all rests of a recording, because they contradict the other recordings.",
+            cure="Check that the recording is of the same unit, or leave it out.",
         ),
         "biases_moved": Code(
             cause="The biases differ between the recordings, as after switching the unit off and on.",
@@ -365,6 +379,17 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
     },
     "Verdict incomplete": {
+        "calibration_uncertain": Code(
+            cause=(
+                "The residuals on the control recordings are far larger than noise, as the uncertainty of the "
+                "calibration predicts."
+            ),
+            cure="Calibrate with rests in more poses, and with moves about more axes.",
+        ),
+        "axes_not_tested": Code(
+            cause="The control recordings do not test every axis: a scale error of 5 % would not be visible.",
+            cure="Record rests in different poses, with rotations about every axis between them.",
+        ),
         "residuals_above_noise": Code(
             cause=(
                 "Some residuals exceed twice their noise, because the model does not contain an error of the "
@@ -517,6 +542,8 @@ WARNINGS: Final = (
     "gains_differ",
     "noise_implausible",
     "bias_implausible",
+    "sensors_not_together",
+    "recording_unused",
     "temperature_jump",
     "temperature_raw",
     "axes_turned",

@@ -39,7 +39,7 @@ use survey::Survey;
 
 pub use gains::{check_accelerometer_gains, check_gains};
 pub use independence::{AtRest, at_rest, check_control, check_independent};
-pub use kinematics::check_kinematics;
+pub(crate) use kinematics::check_kinematics;
 pub use plausible::{RestNoise, check_noise};
 pub use rails::saturated_samples;
 pub use shared::check_shared;
@@ -130,8 +130,8 @@ pub fn check_one_or_both(recording: &Recording) -> Vec<Finding> {
     findings
 }
 
-const ACCEL: [&str; 3] = ["accel_x", "accel_y", "accel_z"];
-const GYRO: [&str; 3] = ["gyro_x", "gyro_y", "gyro_z"];
+pub(crate) const ACCEL: [&str; 3] = ["accel_x", "accel_y", "accel_z"];
+pub(crate) const GYRO: [&str; 3] = ["gyro_x", "gyro_y", "gyro_z"];
 /// Names of the six sensor columns, accelerometer first.
 pub(crate) const CHANNELS: [&str; 6] = ["accel_x", "accel_y", "accel_z", "gyro_x", "gyro_y", "gyro_z"];
 

@@ -302,7 +302,8 @@ fn judge(
         rotations: &rotations,
     };
     let groups = used.groups(|| uncertainty.map_or_else(Vec::new, |own| own.changed(calibration, corrected.is_some())));
-    let mut reasons = Vec::from_iter(figures.reason(RecordingSet::Control, uncorrected));
+    let mut reasons = Vec::from_iter(figures.reason_beside(&groups, uncorrected));
+    reasons.extend(Reason::axes_not_tested(used.untested_axes()));
     reasons.extend(impossible_rates(judged, gyroscope));
     reasons.extend(unknown_direction(RecordingSet::Control, &move_reports));
     reasons.extend(Reason::above_noise(RecordingSet::Control, &groups, &findings));

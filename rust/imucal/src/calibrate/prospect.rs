@@ -252,7 +252,7 @@ impl UnitData<'_> {
             .gyro_nominal
             .or(si.then_some(1.0))
             .map(Matrix3::from_diagonal_element)
-            .or_else(|| rate_from_gravity(self.recordings, moves, accelerometer, bias)?.try_inverse())
+            .or_else(|| rate_from_gravity(self.recordings, moves, accelerometer, bias)?.rate_from_raw.try_inverse())
             .or_else(|| {
                 let scale = scale_from_gravity(self.recordings, moves, accelerometer, bias)?;
                 Some(Matrix3::from_diagonal_element(1.0 / scale))

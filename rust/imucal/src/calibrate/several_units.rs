@@ -65,8 +65,12 @@ pub(super) fn several_units(
     // recording, has already been reported and does not indicate several units.
     let is_of_fit = |error: &Error| matches!(error, Error::Fit(_) | Error::NotEnoughMotion(_));
     let fits_together = together.map_or_else(|error| !is_of_fit(error), |outcome| outcome.verdict() == Verdict::Good);
-    if recordings.len() < 2 || fits_together {
+    if recordings.len() < 2 {
         return Ok(Vec::new());
+    }
+    let unused = together.map_or_else(|_| Vec::new(), |outcome| unused_recordings(recordings, outcome));
+    if fits_together {
+        return Ok(unused);
     }
     let mut alone = Vec::new();
     for recording in recordings {
@@ -80,13 +84,32 @@ pub(super) fn several_units(
         }
     }
     if alone.len() < 2 || together.is_ok_and(|outcome| !is_worse_together(outcome, &alone)) {
-        return Ok(Vec::new());
+        return Ok(unused);
     }
     let groups = groups(&alone);
     if groups.len() > 1 {
         return Ok(vec![different_units(&alone, &groups)]);
     }
-    Ok(together.ok().and_then(|_| biases_moved(&alone)).into_iter().collect())
+    let moved = together.ok().and_then(|_| biases_moved(&alone));
+    Ok(moved.into_iter().chain(unused).collect())
+}
+
+/// A warning for each recording of which the fit excludes all rests.
+fn unused_recordings(recordings: &[Recording<'_>], outcome: &Outcome) -> Vec<Finding> {
+    let unused = |(index, recording): (usize, &Recording<'_>)| {
+        let rests = || outcome.rests.iter().filter(|rest| rest.recording == index);
+        let count = rests().count();
+        (count > 0 && rests().all(|rest| rest.excluded.is_some())).then(|| Finding {
+            count,
+            value: count as f64,
+            unit: "rests",
+            message: format!("all {count} rests are excluded because they contradict the other recordings"),
+            way_out: "check that this recording is of the same unit, or leave it out: the result does not contain it"
+                .into(),
+            ..Finding::warning("recording_unused", recording.name)
+        })
+    };
+    recordings.iter().enumerate().filter_map(unused).collect()
 }
 
 /// Whether the fit to all recordings is much worse than the separate fits, or excludes many rests that the separate

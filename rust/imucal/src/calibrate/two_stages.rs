@@ -173,14 +173,18 @@ impl UnitData<'_> {
         let bias = &self.bias;
         let kinematic = rate_from_gravity(self.recordings, moves, &accelerometer.triad, bias.bias);
         let mut findings = Vec::new();
-        if let Some(rate_from_raw) = &kinematic {
-            findings = check::check_kinematics(&self.recordings[0], rate_from_raw);
+        if let Some(kinematic) = &kinematic {
+            findings = check::check_kinematics(&self.recordings[0], kinematic);
             refuse_errors(&findings)?;
         }
         let si = self.raw_is_si(|recording| recording.gyro_unit);
         let nominal = options.gyro_nominal.or(si.then_some(1.0)).map(Matrix3::from_diagonal_element);
-        let starts: Vec<Matrix3<f64>> =
-            kinematic.and_then(|p| p.try_inverse()).into_iter().chain(nominal).filter(well_conditioned).collect();
+        let starts: Vec<Matrix3<f64>> = kinematic
+            .and_then(|found| found.rate_from_raw.try_inverse())
+            .into_iter()
+            .chain(nominal)
+            .filter(well_conditioned)
+            .collect();
         if starts.is_empty() {
             let words = format!(
                 "{} moves do not determine the gyroscope's scale in raw counts: add moves of 90 deg or more about \

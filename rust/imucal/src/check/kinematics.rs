@@ -15,6 +15,7 @@ use nalgebra::Matrix3;
 use super::axes::{SignedPermutation, recommendation};
 use super::{ACCEL, GYRO, names};
 use crate::finding::Finding;
+use crate::preintegration::kinematics::RateFromGravity;
 use crate::recording::{RawUnit, Recording};
 
 /// Limits of the scale |det P|^(1/3) of the matrix P in true rate = P (raw - bias), for a gyroscope in the correct unit
@@ -27,22 +28,27 @@ const KNOWN: f64 = 0.25;
 /// The true P is nearly a rotation times a scale. If (smallest singular value of P) / (largest singular value of P) is
 /// below this value, the motion did not determine P, and no finding is reported.
 const WELL_DETERMINED: f64 = 0.1;
+/// If the rates explain less than this share of the changes of the gravity direction, P says nothing about units and
+/// axes. A gyroscope that is 0.2 s late explains 0.2 in hand-held moves, and a gyroscope of another unit 0.05.
+const LEAST_EXPLAINED: f64 = 0.3;
 /// A finding names a signed permutation only if the correlation of P with it is at least this value (1: identical;
 /// 0.97: rotated by 18 deg).
 const CLEAR: f64 = 0.85;
 
-/// Checks `rate_from_raw`, which is P in true_rate = P (raw - bias), fitted linearly to the kinematics of gravity in
-/// all moves.
+/// Checks P in true_rate = P (raw - bias), fitted linearly to the kinematics of gravity in all moves.
 ///
-/// Codes: `gyro_units` (SI columns only), `left_handed_axes`, `axes_turned`. If P is not finite, or is nearly singular
-/// because of too little motion, there is no finding. For counts, only the handedness and the order of the axes are
-/// checked.
+/// Codes: `sensors_not_together`, `gyro_units` (SI columns only), `left_handed_axes`, `axes_turned`. If P is not finite,
+/// or is nearly singular because of too little motion, there is no finding. For counts, only the handedness and the
+/// order of the axes are checked.
 ///
 /// # Example
 /// If the raw x axis is reversed, P is near diag(-1, 1, 1) and det P < 0: the finding `left_handed_axes` names
 /// `gyro_x`.
-pub fn check_kinematics(recording: &Recording, rate_from_raw: &Matrix3<f64>) -> Vec<Finding> {
-    let p = rate_from_raw;
+pub(crate) fn check_kinematics(recording: &Recording, found: &RateFromGravity) -> Vec<Finding> {
+    let p = &found.rate_from_raw;
+    if found.explained < LEAST_EXPLAINED {
+        return vec![not_together(recording, found.explained)];
+    }
     if !p.iter().all(|v| v.is_finite()) || !is_well_determined(p) {
         return Vec::new();
     }
@@ -58,6 +64,24 @@ pub fn check_kinematics(recording: &Recording, rate_from_raw: &Matrix3<f64>) -> 
         findings.push(wrong_axes(recording, &axes, correlation));
     }
     findings
+}
+
+/// Warning that the sensors did not move together. It is not an error, because a late gyroscope still measures the whole
+/// rotation between two rests that are longer than its delay.
+fn not_together(recording: &Recording, explained: f64) -> Finding {
+    Finding {
+        columns: names(GYRO),
+        count: recording.len(),
+        value: explained,
+        unit: "ratio",
+        message: format!(
+            "the rates explain only {:.0} % of the changes of the direction of gravity inside moves, as if the two \
+             sensors had not moved together",
+            100.0 * explained.max(0.0)
+        ),
+        way_out: "check that both sensors are of the same unit, and that their time stamps have the same zero".into(),
+        ..Finding::warning("sensors_not_together", recording.name)
+    }
 }
 
 fn is_well_determined(p: &Matrix3<f64>) -> bool {
@@ -156,8 +180,12 @@ mod tests {
         p * Matrix3::new(0.98, 0.05, -0.06, -0.04, 1.03, 0.02, 0.03, -0.05, 1.0)
     }
 
+    fn explaining(rate_from_raw: Matrix3<f64>) -> RateFromGravity {
+        RateFromGravity { rate_from_raw, explained: 0.8 }
+    }
+
     fn judge(p: Matrix3<f64>) -> Vec<Finding> {
-        check_kinematics(&Columns::tumbling().recording(), &p)
+        check_kinematics(&Columns::tumbling().recording(), &explaining(p))
     }
 
     fn diagonal(x: f64, y: f64, z: f64) -> Matrix3<f64> {
@@ -171,6 +199,15 @@ mod tests {
         assert!(judge(Matrix3::zeros()).is_empty());
         assert!(judge(diagonal(1.0, 1.0, -0.01)).is_empty());
         assert!(judge(diagonal(1.0, f64::NAN, 1.0)).is_empty());
+    }
+
+    /// A late gyroscope has an attenuated P, which looks like a wrong unit.
+    #[test]
+    fn rates_that_do_not_follow_gravity_say_nothing_about_their_unit() {
+        let found = RateFromGravity { explained: 0.1, ..explaining(near(Matrix3::identity() / 6.6)) };
+        let findings = check_kinematics(&Columns::tumbling().recording(), &found);
+        assert_eq!((findings.len(), findings[0].code), (1, "sensors_not_together"));
+        assert_eq!(findings[0].severity, Severity::Warning);
     }
 
     #[test]
@@ -192,8 +229,8 @@ mod tests {
     fn counts_have_no_unit_but_a_handedness() {
         let columns = Columns::tumbling();
         let lsb = Recording { gyro_unit: RawUnit::Lsb, ..columns.recording() };
-        assert!(check_kinematics(&lsb, &near(Matrix3::identity() / 4770.0)).is_empty());
-        let findings = check_kinematics(&lsb, &near(diagonal(1.0, -1.0, 1.0) / 4770.0));
+        assert!(check_kinematics(&lsb, &explaining(near(Matrix3::identity() / 4770.0))).is_empty());
+        let findings = check_kinematics(&lsb, &explaining(near(diagonal(1.0, -1.0, 1.0) / 4770.0)));
         assert_eq!(findings[0].code, "left_handed_axes");
     }
 

@@ -50,6 +50,29 @@ impl Judged<'_> {
         groups.into_iter().filter(|group| group.degrees_of_freedom > 0.0 && group.chi2.is_finite()).collect()
     }
 
+    /// The axes of the accelerometer and of the gyroscope whose scale the residuals do not test: an error of
+    /// [`TESTED_SCALE`] of one axis would change them by less than [`VISIBLE`].
+    pub(super) fn untested_axes(&self) -> [Vec<usize>; 2] {
+        let residuals = self.move_residuals(self.triads, self.rotations);
+        let is_visible = |changes: &[f64]| changes.iter().map(|change| change * change).sum::<f64>() > VISIBLE.powi(2);
+        let of_moves = |[accelerometer, gyroscope]: [&Triad<f64>; 2], rotations: &[Matrix3<f64>]| -> Vec<f64> {
+            let again = self.move_residuals([accelerometer, gyroscope], rotations);
+            again.iter().zip(&residuals).map(|(again, before)| again - before).collect()
+        };
+        let axes = |sensor: usize, is_tested: &dyn Fn(&Triad<f64>) -> bool| {
+            let is_untested =
+                |axis: &usize| !with_scale(self.triads[sensor], *axis).is_some_and(|triad| is_tested(&triad));
+            (0..3).filter(is_untested).collect()
+        };
+        let [accelerometer, gyroscope] = self.triads;
+        [
+            axes(0, &|changed| {
+                is_visible(&self.norm_changes(changed)) || is_visible(&of_moves([changed, gyroscope], self.rotations))
+            }),
+            axes(1, &|changed| is_visible(&of_moves([accelerometer, changed], &self.rotations_by(changed)))),
+        ]
+    }
+
     fn group(&self, group: ResidualGroup, z: &[f64], changes: &[Vec<f64>]) -> GroupMisfit {
         // Number of residuals of one rest or of one move.
         let size = if group == ResidualGroup::RestNorms { 1 } else { 2 };
@@ -103,6 +126,13 @@ impl Judged<'_> {
     }
 }
 
+/// The sensor `triad` with an error of [`TESTED_SCALE`] in the scale of `axis`.
+fn with_scale(triad: &Triad<f64>, axis: usize) -> Option<Triad<f64>> {
+    let mut scale = Vector3::repeat(1.0);
+    scale[axis] += TESTED_SCALE;
+    Triad::try_new(triad.sensitivity() * Matrix3::from_diagonal(&scale), *triad.bias()).ok()
+}
+
 /// Indices of the rests or moves that are not outliers. Each rest or move has `size` residuals. As in a calibration, a
 /// few disturbed rests or moves are excluded, for example rests that were detected in a slow part of a move.
 fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
@@ -120,6 +150,12 @@ fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     (0..chi2.len()).filter(|k| !outliers.contains(k)).collect()
 }
 
+/// Relative error of the scale of one axis that control recordings must be able to show. It is larger than the scale
+/// errors of most uncalibrated sensors, so a single move about the axis is sufficient.
+const TESTED_SCALE: f64 = 0.05;
+/// A change of the residuals is visible if the norm of the changes, each divided by the standard deviation of the
+/// residual, is larger than this value.
+const VISIBLE: f64 = 5.0;
 /// If the p-value of the residuals is above this limit, noise explains them. Otherwise, the uncertainty of the
 /// calibration is also taken into account.
 const UNLIKELY: f64 = 0.1;

@@ -40,6 +40,24 @@ impl Figures {
         self.reason_of_residuals(set, uncorrected)
     }
 
+    /// As [`Self::reason`] for control recordings. If noise and the uncertainty of the calibration together explain
+    /// large residuals (`groups`), the verdict is incomplete instead of poor.
+    pub(super) fn reason_beside(
+        &self,
+        groups: &[GroupMisfit],
+        uncorrected: impl FnOnce() -> Vec<UncorrectedSamples>,
+    ) -> Option<Reason> {
+        let is_explained = !groups.is_empty()
+            && !groups.iter().any(GroupMisfit::exceeds_noise)
+            && self.gravity_direction_rms_deg <= MAX_DIRECTION_SIGMA_DEG;
+        match self.reason(RecordingSet::Control, uncorrected)? {
+            Reason::LargeResiduals { set, times_noise } if is_explained => {
+                Some(Reason::CalibrationUncertain { set, times_noise })
+            }
+            reason => Some(reason),
+        }
+    }
+
     /// The reason why these figures of an accelerometer without a gyroscope make a verdict poor; `None` if they do not.
     /// No moves are needed.
     pub fn reason_of_accelerometer(&self, set: RecordingSet) -> Option<Reason> {

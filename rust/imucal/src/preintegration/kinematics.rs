@@ -26,13 +26,22 @@ const LEAST_TURN_SHARE: f64 = 0.01;
 /// Length of a block over which the gravity direction u is averaged, s.
 const BLOCK_S: f64 = 0.1;
 
-/// The matrix P in `true rate = P (raw - bias)`, estimated from the moves; `None` if the motion does not determine it.
+/// Relation between the measured rates and the rotation of gravity in the body frame.
+pub(crate) struct RateFromGravity {
+    /// The matrix P in `true rate = P (raw - bias)`.
+    pub(crate) rate_from_raw: Matrix3<f64>,
+    /// Share of the (weighted) squared changes of the gravity direction that the rates explain with this P. It is close
+    /// to 1 on a stand, about 0.8 for vigorous hand-held moves, and small if the sensors did not move together.
+    pub(crate) explained: f64,
+}
+
+/// The relation between rates and gravity, estimated from the moves; `None` if the motion does not determine it.
 pub(crate) fn rate_from_gravity(
     recordings: &[Recording<'_>],
     moves: &[Move],
     accelerometer: &Triad<f64>,
     gyroscope_bias: Vector3<f64>,
-) -> Option<Matrix3<f64>> {
+) -> Option<RateFromGravity> {
     let mut equations = Vec::new();
     for m in moves {
         pairs(&recordings[m.recording], m, accelerometer, gyroscope_bias, &mut equations);
@@ -45,17 +54,20 @@ pub(crate) fn rate_from_gravity(
     }
     let size = (equations.iter().map(|e| e.turn.norm_squared()).sum::<f64>() / equations.len().max(1) as f64).sqrt();
     let mut weights = vec![1.0; equations.len()];
-    let mut p = None;
+    let mut found = None;
     // The fit is repeated twice with new weights, which reduce the influence of jolts in hand-held moves.
     for _ in 0..3 {
-        let entries = solve(&equations, &weights, size)?;
+        let rate_from_raw = solve(&equations, &weights, size)?;
+        let (mut left, mut all) = (0.0, 0.0);
         for (weight, equation) in weights.iter_mut().zip(&equations) {
-            let misfit = (equation.change - equation.up.cross(&(entries * equation.turn))).norm();
-            *weight = 1.0 / (0.05 + misfit);
+            let misfit = equation.change - equation.up.cross(&(rate_from_raw * equation.turn));
+            left += *weight * misfit.norm_squared();
+            all += *weight * equation.change.norm_squared();
+            *weight = 1.0 / (0.05 + misfit.norm());
         }
-        p = Some(entries);
+        found = Some(RateFromGravity { rate_from_raw, explained: 1.0 - left / all });
     }
-    p.filter(|p| p.iter().all(|entry| entry.is_finite()))
+    found.filter(|found| found.rate_from_raw.iter().all(|entry| entry.is_finite()))
 }
 
 /// Common scale of all axes of the gyroscope in `true rate = scale (raw - bias)`. It is used if the motion does not
@@ -158,8 +170,17 @@ mod tests {
         }
         let recording = Recording::try_new("tumble", &time, &force, &rate).unwrap();
         let whole = Move { recording: 0, from: 0, to: 1, first: 0, last: 1999, duration_s: 10.0, interval_s: 0.005 };
-        let p = rate_from_gravity(&[recording], &[whole], &Triad::identity(), *gyroscope.bias()).unwrap();
-        assert!((p * sensitivity - Matrix3::identity()).norm() < 0.05, "{}", p * sensitivity);
+        let found = rate_from_gravity(&[recording], &[whole], &Triad::identity(), *gyroscope.bias()).unwrap();
+        let product = found.rate_from_raw * sensitivity;
+        assert!((product - Matrix3::identity()).norm() < 0.05, "{product}");
+        assert!(found.explained > 0.99, "{}", found.explained);
+
+        // The rates of the second half, with the gravity of the first half.
+        let (force, rate) = (&force[..1000], &rate[1000..]);
+        let recording = Recording::try_new("halves", &time[..1000], force, rate).unwrap();
+        let whole = Move { last: 999, duration_s: 5.0, ..whole };
+        let found = rate_from_gravity(&[recording], &[whole], &Triad::identity(), *gyroscope.bias()).unwrap();
+        assert!(found.explained < 0.3, "{}", found.explained);
     }
 
     #[test]

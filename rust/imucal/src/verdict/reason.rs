@@ -6,6 +6,7 @@ use imucal_core::STANDARD_GRAVITY_MPS2;
 
 use super::group_misfit::{GroupMisfit, ResidualGroup};
 use super::{POOR_CHI2_PER_DOF, RecordingSet};
+use crate::check::{ACCEL, GYRO};
 use crate::finding::{Finding, general};
 use crate::held::PriorCost;
 use crate::numerics::fit_report::FitReport;
@@ -127,6 +128,19 @@ pub enum Reason {
         /// Errors of the gravity direction and of a rotation due to the uncertainty of the priors.
         cost: PriorCost,
     },
+    /// The residuals are far larger than sensor noise explains, but the uncertainty of the calibration explains them. The
+    /// verdict is incomplete.
+    CalibrationUncertain {
+        /// Set of recordings that the verdict refers to.
+        set: RecordingSet,
+        /// Square root of chi2 per degree of freedom.
+        times_noise: f64,
+    },
+    /// The control recordings do not test the scale of some axes. The verdict is incomplete.
+    AxesNotTested {
+        /// Names of the axes, such as `gyro_x`.
+        axes: Vec<&'static str>,
+    },
     /// Some kinds of residuals exceed their noise, so the model is incomplete. The verdict is incomplete.
     ResidualsAboveNoise {
         /// Set of recordings that the verdict refers to.
@@ -183,6 +197,8 @@ impl Reason {
             Self::MovingRests { .. } => "moving_rests",
             Self::PriorContradicted { .. } => "prior_contradicted",
             Self::ParametersHeld { .. } => "parameters_held",
+            Self::CalibrationUncertain { .. } => "calibration_uncertain",
+            Self::AxesNotTested { .. } => "axes_not_tested",
             Self::ResidualsAboveNoise { .. } => "residuals_above_noise",
             Self::IrregularClock { .. } => "irregular_clock",
         }
@@ -195,8 +211,19 @@ impl Reason {
             Self::ResidualsAboveNoise { .. }
                 | Self::ParametersHeld { .. }
                 | Self::NotTested { .. }
+                | Self::CalibrationUncertain { .. }
+                | Self::AxesNotTested { .. }
                 | Self::IrregularClock { .. }
         )
+    }
+
+    /// The reason for an incomplete verdict if control recordings do not test the scale of some axes of the
+    /// accelerometer and of the gyroscope; `None` if there are no such axes.
+    pub(crate) fn axes_not_tested(untested: [Vec<usize>; 2]) -> Option<Self> {
+        let [accelerometer, gyroscope] = untested;
+        let of = |names: [&'static str; 3], axes: Vec<usize>| axes.into_iter().map(move |axis| names[axis]);
+        let axes: Vec<&'static str> = of(ACCEL, accelerometer).chain(of(GYRO, gyroscope)).collect();
+        (!axes.is_empty()).then_some(Self::AxesNotTested { axes })
     }
 
     /// The reason for an incomplete verdict if the residuals of any group exceed their noise, otherwise `None`. The
@@ -336,6 +363,20 @@ impl fmt::Display for Reason {
                 }
                 Ok(())
             }
+            Self::CalibrationUncertain { set, times_noise } => write!(
+                f,
+                "{}: residuals are {} times what noise explains, as expected from the uncertainty of the calibration: \
+                 calibrate with rests in more poses and moves about more axes",
+                set.name(),
+                general(*times_noise, 3)
+            ),
+            Self::AxesNotTested { axes } => write!(
+                f,
+                "{}: it does not test the scale of {}: record rests in different poses, with rotations about every axis \
+                 between them",
+                RecordingSet::Control.name(),
+                axes.join(", ")
+            ),
             Self::IrregularClock { set, groups, clock } => {
                 write!(f, "{}: residuals exceed their noise: {}: ", set.name(), list(groups))?;
                 write!(
