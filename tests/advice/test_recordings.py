@@ -56,6 +56,12 @@ def jitter(sigma_s):
     return lambda t: np.sort(t + sigma_s * np.random.default_rng(0).normal(size=len(t)))
 
 
+def late_gyroscope(r):
+    return changed(
+        r, time_s=r.time_s[50:], specific_force=r.specific_force[50:], angular_rate=r.angular_rate[:-50]
+    )
+
+
 def late(t):
     """Every 90th sample is stamped 12 ms late, and the next one 4 ms."""
     place = np.arange(len(t)) % 90
@@ -147,6 +153,13 @@ def subtracted(recording, _):
 
 
 ADVISED = [
+    Advised(
+        "sensors_not_together",
+        "the gyroscope is half a second late",
+        late_gyroscope,
+        "time stamps have the same zero",
+        again,
+    ),
     # Units
     Advised(
         "accel_units",

@@ -48,6 +48,22 @@ def test_two_recordings_of_one_of_two_units(runs):
     assert names in str(raised.value)
 
 
+def test_a_short_recording_of_another_unit_is_said_to_be_unused(runs):
+    """Too short for a fit of its own, so it is no evidence of a second unit."""
+    other = of("random:paper:7", 3).recording
+    short = imucal.Recording(
+        other.time_s[:1000], other.specific_force[:1000], other.angular_rate[:1000], name="short"
+    )
+    result = imucal.calibrate([runs[0].recording, short])
+    (finding,) = [finding for finding in result.findings if finding.code == of_code("recording_unused")]
+    assert finding.recording == "short" and finding.way_out.startswith(
+        "check that this recording is of the same unit"
+    )
+    # Followed: without it.
+    result = imucal.calibrate(runs[0].recording)
+    assert result.verdict == "good" and not result.findings
+
+
 def test_moved_biases_are_those_of_one_unit(runs):
     recording = of("random:paper:1", 12).recording
     moved = dataclasses.replace(recording, angular_rate=recording.angular_rate + np.array([0.02, 0.0, 0.0]))

@@ -3,7 +3,7 @@
 import numpy as np
 
 import imucal
-from changes import changed, force, poses_within, program, rate, stand_run
+from changes import changed, force, poses_within, program, rate, rows, stand_run
 from recordings import calibrating
 from trap import good, incomplete, poor, refused
 
@@ -231,9 +231,88 @@ OTHERS = (
     ),
 )
 
+# Of the second recording, only a tenth; every other pose of the first one is kept.
+SHORT = slice(0, 1600)
+PART = (
+    calibrating(
+        UNITS,
+        "a run, and a short run of another unit",
+        lambda r: [same_name(r), rows(SHORT)(stand_run(3, "random:paper:7").recording)],
+        good("recording_unused"),
+        incomplete("recording_unused"),
+        poor(),
+        refused("unit"),
+    ),
+)
+
+
+def about_one_axis(axis):
+    """A control recording with half the scale of two gyroscope axes, turned about the third one only."""
+    turns = (90, 90, 90, 90, -90, -90, -90, 45, 45, -90, -90, -90)
+    steps = (([turn if k == axis else 0 for k in range(3)], 2.0, 3.0) for turn in turns)
+    half = np.array([1.0 if k == axis else 0.5 for k in range(3)])
+    return lambda r: rate(lambda w: w * half)(program(*steps)(r))
+
+
+CONTROLS = tuple(
+    calibrating(
+        "the control recording does not test every axis",
+        f"turned about {'xyz'[axis]} only",
+        changed,
+        incomplete("axes_not_tested"),
+        poor(),
+        control=about_one_axis(axis),
+    )
+    for axis in range(3)
+)
+
+
+def late_gyroscope(samples):
+    def change(r):
+        return changed(
+            r,
+            time_s=r.time_s[samples:],
+            specific_force=r.specific_force[samples:],
+            angular_rate=r.angular_rate[:-samples],
+        )
+
+    return change
+
+
+TOGETHER = (
+    *(
+        calibrating(
+            "the two sensors were not recorded together",
+            f"the gyroscope is {samples / 100:g} s late",
+            late_gyroscope(samples),
+            good("sensors_not_together"),
+            incomplete("sensors_not_together"),
+            poor(),
+            refused("move"),
+        )
+        for samples in (50, 80, 300)
+    ),
+    calibrating(
+        "the two sensors were not recorded together",
+        "the gyroscope of another run",
+        lambda r: changed(r, angular_rate=stand_run(2).recording.angular_rate),
+        poor(),
+        refused("move"),
+    ),
+)
+
 
 def same_name(r):
     return changed(r, name="first")
 
 
-TRAPS = (*UNDETERMINED, *PRIORS, *ON_FACES, *DISTURBANCES, *OTHERS)
+TRAPS = (
+    *UNDETERMINED,
+    *PRIORS,
+    *ON_FACES,
+    *DISTURBANCES,
+    *OTHERS,
+    *PART,
+    *CONTROLS,
+    *TOGETHER,
+)

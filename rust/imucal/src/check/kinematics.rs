@@ -37,9 +37,9 @@ const CLEAR: f64 = 0.85;
 
 /// Checks P in true_rate = P (raw - bias), fitted linearly to the kinematics of gravity in all moves.
 ///
-/// Codes: `sensors_not_together`, `gyro_units` (SI columns only), `left_handed_axes`, `axes_turned`. If P is not finite,
-/// or is nearly singular because of too little motion, there is no finding. For counts, only the handedness and the
-/// order of the axes are checked.
+/// Codes: `sensors_not_together`, `gyro_units` (SI columns only), `left_handed_axes`, `axes_turned`. If P is not
+/// finite, or is nearly singular because of too little motion, there is no finding. For counts, only the handedness and
+/// the order of the axes are checked.
 ///
 /// # Example
 /// If the raw x axis is reversed, P is near diag(-1, 1, 1) and det P < 0: the finding `left_handed_axes` names
@@ -66,8 +66,8 @@ pub(crate) fn check_kinematics(recording: &Recording, found: &RateFromGravity) -
     findings
 }
 
-/// Warning that the sensors did not move together. It is not an error, because a late gyroscope still measures the whole
-/// rotation between two rests that are longer than its delay.
+/// Warning that the sensors did not move together. It is not an error, because a late gyroscope still measures the
+/// whole rotation between two rests that are longer than its delay.
 fn not_together(recording: &Recording, explained: f64) -> Finding {
     Finding {
         columns: names(GYRO),

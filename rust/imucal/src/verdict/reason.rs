@@ -128,8 +128,8 @@ pub enum Reason {
         /// Errors of the gravity direction and of a rotation due to the uncertainty of the priors.
         cost: PriorCost,
     },
-    /// The residuals are far larger than sensor noise explains, but the uncertainty of the calibration explains them. The
-    /// verdict is incomplete.
+    /// The residuals are far larger than sensor noise explains, but the uncertainty of the calibration explains them.
+    /// The verdict is incomplete.
     CalibrationUncertain {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
