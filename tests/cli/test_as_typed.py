@@ -44,3 +44,18 @@ def test_output_and_document_of_a_command(tmp_path, capsys):
     with pytest.raises(imucal.InputError, match="pass axes='gyro=-x,-y,-z'"):
         imucal.calibrate(imucal.read(tmp_path / "run.csv"))
     assert any("pass --axes gyro=-x,-y,-z" in reason for reason in json.loads(seen.read_text())["reasons"])
+
+
+def test_recommended_axes_replace_the_option_that_was_given(tmp_path, capsys):
+    """Columns with z down; the gyroscope is mounted turned by 180 deg about z."""
+    run = imucal.simulate(imucal.Program.random(seed=2, moves=18, hold_s=1.5), rate_hz=100, seed=2).recording
+    imucal.write(run.with_axes("accel=x,-y,-z gyro=-x,y,-z"), tmp_path / "run.csv")
+    command = ["calibrate", str(tmp_path / "run.csv"), "--axes"]
+    assert main([*command, "frd"]) == 1
+    advised = "accel=x,-y,-z gyro=-x,y,-z"
+    assert f"--axes '{advised}'" in capsys.readouterr().err
+    assert main([*command, advised]) == 0
+    # Columns that were right are advised to be read without a change.
+    imucal.write(run, tmp_path / "run.csv")
+    assert main([*command, "gyro=-x,-y,-z"]) == 1
+    assert "--axes x,y,z" in capsys.readouterr().err

@@ -2,15 +2,22 @@
 
 The library writes an option as the argument of a Python function, `min_rest_s=0.45` or `axes='frd'`. A
 command prints the same text with `--min-rest-s 0.45` and `--axes frd`.
+
+The library recommends axes relative to the axes of the recording. If the recording was read with `--axes`, a
+command prints the remapping that replaces this option.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextvars import ContextVar
 from typing import Any, Final
 
-__all__ = ["as_typed", "document_as_typed"]
+__all__ = ["AXES_GIVEN", "as_typed", "document_as_typed"]
+
+# The option --axes of the command that runs.
+AXES_GIVEN: Final[ContextVar[str | None]] = ContextVar("axes_given", default=None)
 
 # Arguments of Python functions, such as imucal.read, whose command line options have other names.
 RENAMED: Final = {"gravity_mps2": "gravity", "effects": "effect", "noise_mps2": "noise"}
@@ -60,6 +67,10 @@ def _option(found: re.Match[str]) -> str:
     if value == "True":
         return option
     bare = value[1:-1] if value[0] in "'\"[" else value
+    if name == "axes" and (given := AXES_GIVEN.get()) is not None:
+        from imucal.recording.axes import Axes
+
+        bare = str(Axes.parse(bare).after(Axes.parse(given)))
     # Values with other characters are quoted, because the shell would split them at spaces or interpret
     # special characters.
     return f"{option} {bare}" if re.fullmatch(r"[\w.,=+/^-]+", bare) else f"{option} '{bare}'"

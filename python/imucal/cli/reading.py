@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import imucal.cli.completion as completion
+from imucal.cli.as_typed import AXES_GIVEN
 from imucal.cli.options import options_of
 from imucal.cli.parameters import argument, option
 from imucal.errors import InputError
@@ -123,6 +124,7 @@ class Reading:
         return read_means(paths[0], **self._options())
 
     def _options(self) -> dict[str, Any]:
+        AXES_GIVEN.set(self.axes)
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 

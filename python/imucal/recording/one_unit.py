@@ -41,7 +41,7 @@ def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
             )
         if other.axes != first.axes:
             raise InputError(
-                f"{other.name} was read with axes={other.axes!r} but {first.name} with axes={first.axes!r}: "
+                f"{other.name} was read with the axes {other.axes} but {first.name} with the axes {first.axes}: "
                 "read all recordings of one unit with the same axes"
             )
     return with_own_names(unit_data)
