@@ -20,6 +20,7 @@ NO_CODES = re.compile(
 # check of a stand before a calibration.
 ELSEWHERE = {
     "control_not_independent": "tests/estimation/test_independence.py",
+    "control_outliers": "tests/estimation/test_control_coverage.py",
     "gyro_common_gain": "tests/estimation/test_references.py",
     "loose_mount": "tests/stand/test_calibrate.py",
     "already_corrected": "tests/io/test_logs.py",

@@ -1,5 +1,6 @@
 """Control recordings that do not test every axis, and large residuals within the stated uncertainty."""
 
+import numpy as np
 import pytest
 
 import imucal
@@ -50,3 +51,15 @@ def test_the_uncertainty_of_a_calibration_explains_large_residuals():
     evaluation = imucal.evaluate(result.calibration, changed(control.recording))
     assert evaluation.verdict == "incomplete", evaluation.reasons
     assert any("[calibration_uncertain]" in reason for reason in evaluation.reasons)
+
+
+def test_a_rest_that_contradicts_the_others_is_named(calibration):
+    """A transient of the biases after power-on; the figures contain the first rest, the verdict does not."""
+    control = imucal.simulate(Program.random(seed=7, moves=24), seed=7, rate_hz=100).recording
+    transient = np.exp(-control.time_s / 2.0)[:, np.newaxis]
+    warming = changed(control, specific_force=control.specific_force + 0.1 * transient)
+    evaluation = imucal.evaluate(calibration, warming)
+    assert evaluation.verdict == "good" and evaluation.figures.chi2_per_dof > 5
+    (finding,) = [finding for finding in evaluation.findings if finding.code == "control_outliers"]
+    assert "the first one begins at 0.00 s" in finding.message
+    assert not imucal.evaluate(calibration, changed(control)).findings

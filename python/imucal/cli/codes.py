@@ -246,6 +246,16 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             ),
             cure="Calibrate each unit separately.",
         ),
+        "control_outliers": Code(
+            cause=(
+                "A few rests or moves of the control recordings contradict the others and do not count in "
+                "the verdict."
+            ),
+            cure=(
+                "Look at these rests and moves: the unit may have been touched, or its biases may have "
+                "changed, as just after power-on."
+            ),
+        ),
         "recording_unused": Code(
             cause="The fit excludes all rests of a recording, because they contradict the other recordings.",
             cure="Check that the recording is of the same unit, or leave it out.",
@@ -381,8 +391,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
     "Verdict incomplete": {
         "calibration_uncertain": Code(
             cause=(
-                "The residuals on the control recordings are far larger than noise, as the uncertainty of the "
-                "calibration predicts."
+                "The residuals on the control recordings are far larger than noise, as the uncertainty of "
+                "the calibration predicts."
             ),
             cure="Calibrate with rests in more poses, and with moves about more axes.",
         ),
@@ -544,6 +554,7 @@ WARNINGS: Final = (
     "bias_implausible",
     "sensors_not_together",
     "recording_unused",
+    "control_outliers",
     "temperature_jump",
     "temperature_raw",
     "axes_turned",

@@ -41,8 +41,8 @@ def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
             )
         if other.axes != first.axes:
             raise InputError(
-                f"{other.name} was read with the axes {other.axes} but {first.name} with the axes {first.axes}: "
-                "read all recordings of one unit with the same axes"
+                f"{other.name} was read with the axes {other.axes} but {first.name} with the axes "
+                f"{first.axes}: read all recordings of one unit with the same axes"
             )
     return with_own_names(unit_data)
 

@@ -302,6 +302,7 @@ fn judge(
         rotations: &rotations,
     };
     let groups = used.groups(|| uncertainty.map_or_else(Vec::new, |own| own.changed(calibration, corrected.is_some())));
+    findings.extend(used.outliers());
     let mut reasons = Vec::from_iter(figures.reason_beside(&groups, uncorrected));
     reasons.extend(Reason::axes_not_tested(used.untested_axes()));
     reasons.extend(impossible_rates(judged, gyroscope));

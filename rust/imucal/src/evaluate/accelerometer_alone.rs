@@ -72,6 +72,7 @@ fn judge(
     };
     let groups = used.groups(|| uncertainty.map_or_else(Vec::new, |own| own.changed(calibration, false)));
     let mut reasons = Vec::from_iter(figures.reason_of_accelerometer(RecordingSet::Control));
+    findings.extend(used.outliers());
     let [untested_axes, _] = used.untested_axes();
     reasons.extend(Reason::axes_not_tested([untested_axes, Vec::new()]));
     reasons.extend(Reason::above_noise(RecordingSet::Control, &groups, &[]));

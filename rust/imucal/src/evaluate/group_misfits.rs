@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::RestReport;
 use super::uncertainty::chi2_with;
+use crate::finding::Finding;
 use crate::numerics::stats::{median, p_value, rms};
 use crate::preintegration::integrate_rotation;
 use crate::recording::Recording;
@@ -28,8 +29,7 @@ impl Judged<'_> {
     /// [`UNLIKELY`], noise alone does not explain the residuals. Then `changed` is called. It returns the triads after
     /// a change by one standard deviation along each eigenvector of the parameters' correlation matrix.
     pub(super) fn groups(&self, changed: impl FnOnce() -> Vec<[Triad<f64>; 2]>) -> Vec<GroupMisfit> {
-        let norms: Vec<f64> = self.rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2).collect();
-        let moves: Vec<f64> = self.move_residuals(self.triads, self.rotations);
+        let [norms, moves] = self.residuals();
         let mut groups =
             [self.group(ResidualGroup::RestNorms, &norms, &[]), self.group(ResidualGroup::MoveDirections, &moves, &[])];
         if groups.iter().any(|group| group.p_value() < UNLIKELY) {
@@ -48,6 +48,45 @@ impl Judged<'_> {
             ];
         }
         groups.into_iter().filter(|group| group.degrees_of_freedom > 0.0 && group.chi2.is_finite()).collect()
+    }
+
+    /// Residuals of the norms at the rests, and two direction residuals of each move, divided by their standard
+    /// deviations from noise.
+    fn residuals(&self) -> [Vec<f64>; 2] {
+        let norm = |rest: &&RestReport| rest.norm_error_mps2 / rest.norm_sigma_mps2;
+        [self.rests.iter().map(norm).collect(), self.move_residuals(self.triads, self.rotations)]
+    }
+
+    /// A warning if rests or moves are outliers. The groups do not contain them, but the figures do.
+    pub(super) fn outliers(&self) -> Option<Finding> {
+        let [norms, moves] = self.residuals();
+        let outside = |z: &[f64], size: usize| -> Vec<usize> {
+            let kept = without_outliers(z, size);
+            (0..z.len() / size).filter(|k| !kept.contains(k)).collect()
+        };
+        let (rests, moves) = (outside(&norms, 1), outside(&moves, 2));
+        let starts = rests.iter().map(|&k| (self.rests[k].recording, self.rests[k].first));
+        let (recording, first) =
+            starts.chain(moves.iter().map(|&k| (self.moves[k].recording, self.moves[k].first))).min()?;
+        let recording = &self.recordings[recording];
+        Some(Finding {
+            count: rests.len() + moves.len(),
+            value: (rests.len() + moves.len()) as f64,
+            unit: "rests and moves",
+            message: format!(
+                "{} of {} rests and {} of {} moves contradict the others and do not count in the verdict; the first one \
+                 begins at {:.2} s",
+                rests.len(),
+                self.rests.len(),
+                moves.len(),
+                self.moves.len(),
+                recording.time_s[first]
+            ),
+            way_out:
+                "look at them: the unit may have been touched, or its biases may have changed, as just after power-on"
+                    .into(),
+            ..Finding::warning("control_outliers", recording.name)
+        })
     }
 
     /// The axes of the accelerometer and of the gyroscope whose scale the residuals do not test: an error of
