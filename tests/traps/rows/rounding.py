@@ -87,7 +87,7 @@ OF_ONE_AXIS = tuple(
     for axis in range(3)
 )
 
-# The rate of these axes often changes by 1, 2 and 1 steps in consecutive samples of a move, as at a lost sample.
+# The rate of these axes often changes by 1, 2 and 1 steps in three consecutive samples, as at a lost sample.
 RATE_CHANGES_OF_SINGLE_STEPS = tuple(
     calibrating(
         "noise below a step of the converter",
