@@ -42,6 +42,13 @@ def evenly(recording, advice):
     return changed(recording, time_s=np.arange(len(recording)) / float(option_in(advice, "rate_hz")))
 
 
+def evenly_at_the_configured_rate(recording, advice):
+    """No rate is advised, but the one to which the sensor is set."""
+    assert "columns='-," in advice and "rate_hz=RATE with the configured rate" in advice, advice
+    assert "at least 3 pauses" in advice, advice
+    return changed(recording, time_s=np.arange(len(recording)) / 100)
+
+
 def counts(recording, accel=2000.0, gyro=7000.0, offset=0.0):
     return changed(
         recording,
@@ -75,6 +82,20 @@ def bursts(t):
 def sawtooth(t):
     """Steps of 11.25 ms, and one in nine of 0.5 ms: the median rate is 12 % too small."""
     return np.arange(len(t)) // 9 * 0.09 + np.r_[np.arange(8) * 0.01125, 0.07925][np.arange(len(t)) % 9]
+
+
+def paused(stamps, pause_s):
+    """Arrival times of a logger that pauses three times."""
+
+    def stamp(t):
+        packet = np.arange(len(t)) // 16
+        return stamps(t) + pause_s * sum(packet >= packet[-1] * k // 4 for k in (1, 2, 3))
+
+    return stamp
+
+
+def tenths(t):
+    return np.floor(t * 10 + 1e-6) / 10
 
 
 def twice(values, every):
@@ -251,6 +272,17 @@ ADVISED = [
     Advised("clock_irregular", "samples in bursts", time(sawtooth), "rate_hz=", evenly),
     Advised("clock_irregular", "late samples", time(late), "nothing to do for a few", nothing),
     Advised("clock_irregular", "late samples, evenly", time(late), "rate_hz=", evenly),
+    *(
+        Advised(
+            "clock_irregular",
+            f"{name}, with pauses of {pause_s} s",
+            time(paused(stamps, pause_s)),
+            "rate_hz=RATE",
+            evenly_at_the_configured_rate,
+        )
+        for name, stamps in (("packets", bursts), ("rounded to 0.1 s", tenths))
+        for pause_s in (0.4, 2.5)
+    ),
     Advised("time_not_increasing", "counter", time(lambda t: t % 16.384), "unwrap the counter", unwrapped),
     Advised("time_not_increasing", "shuffled", shuffled, "sort its rows", sorted_by_time),
     Advised(

@@ -59,6 +59,32 @@ BURSTS = (
     ),
 )
 
+
+def paused(stamp, pause_s):
+    """Arrival times of a logger that pauses three times."""
+
+    def paused_stamp(t):
+        packet = np.arange(len(t)) // 16
+        return stamp(t) + pause_s * sum(packet >= packet[-1] * k // 4 for k in (1, 2, 3))
+
+    return paused_stamp
+
+
+def tenths(t):
+    return np.floor(t * 10 + 1e-6) / 10
+
+
+PAUSES = tuple(
+    calibrating(
+        "samples come in bursts, and the logger pauses",
+        f"{name}, three pauses of {pause_s:g} s",
+        time(paused(stamp, pause_s)),
+        refused(r"bursts of 1[06] samples.*rate.hz.RATE.*at least 3 pauses"),
+    )
+    for name, stamp in (("packets of 16", packets(16)), ("clock of 10 Hz", tenths))
+    for pause_s in (0.4, 2.5)
+)
+
 LATE = tuple(
     calibrating(
         "samples are stamped late",
@@ -102,4 +128,4 @@ COPIES = (
     ),
 )
 
-TRAPS = (*BURSTS, *LATE, *COARSE, *COPIES)
+TRAPS = (*BURSTS, *PAUSES, *LATE, *COARSE, *COPIES)

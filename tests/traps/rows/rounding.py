@@ -87,6 +87,19 @@ OF_ONE_AXIS = tuple(
     for axis in range(3)
 )
 
+# The rate of these axes often changes by 1, 2 and 1 steps in three consecutive samples, as at a lost sample.
+RATE_CHANGES_OF_SINGLE_STEPS = tuple(
+    calibrating(
+        "noise below a step of the converter",
+        f"gyro axes {axes}: step of {times_noise:g} sigma",
+        rounded("gyro", times_noise, axes),
+        good(NOISE_BELOW_STEP),
+        incomplete(NOISE_BELOW_STEP),
+        poor(NOISE_BELOW_STEP),
+    )
+    for axes, times_noise in (((1,), 18.0), ((0, 1), 16.0), ((1, 2), 24.0))
+)
+
 NUMBER_FORMATS = tuple(
     calibrating(
         "noise below a step of the converter",
@@ -176,6 +189,7 @@ TRAPS = (
     *EIGHT_BIT,
     *OF_ONE_SENSOR,
     *OF_ONE_AXIS,
+    *RATE_CHANGES_OF_SINGLE_STEPS,
     *NUMBER_FORMATS,
     *COUNTS,
     *FINE,

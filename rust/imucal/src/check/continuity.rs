@@ -7,9 +7,10 @@
 //!
 //! In a smooth motion, the change `d_i` of the rate `w` over a time step equals the mean `m` of the adjacent changes,
 //! so `k` is 1. If a sample between two rows was lost, the time between these rows is twice as long, and `k` is 2.
-//! Noise and rough motion scatter `k` about 1, without a second peak at 2. If time stamps were recorded with the
-//! samples, a lost sample causes a gap. If time stamps were computed from the sample number, there is no gap. The
-//! estimated sensitivity of the gyroscope then has a relative error equal to the share of lost samples.
+//! Noise, rough motion, coarse rounding, and motion that is too fast for the sampling rate scatter `k` to both sides of
+//! 1, so there are as many values near 0 as near 2. If time stamps were recorded with the samples, a lost sample causes
+//! a gap. If time stamps were computed from the sample number, there is no gap. The estimated sensitivity of the
+//! gyroscope then has a relative error equal to the share of lost samples.
 
 use nalgebra::Vector3;
 
@@ -35,14 +36,18 @@ const ACROSS: f64 = 0.35;
 /// standard deviations of the noise of `k`, at the limit [`CLEAR`].
 const LOST: [f64; 2] = [1.75, 2.25];
 /// Range of `k` between the peaks at 1 and 2. Rough motion gives about as many values of `k` in this range as near 2,
-/// so it serves as the reference for the peak at 2.
+/// so it is a reference for the peak at 2.
 const BETWEEN: [f64; 2] = [1.35, 1.65];
+/// Range of `k` that is as far from 1 as the range [`LOST`], on the other side. Coarsely rounded rates give ratios of
+/// small integers, and motion that is too fast for the sampling rate gives any ratio, on both sides of 1. A lost sample
+/// gives no ratio in this range.
+const OPPOSITE: [f64; 2] = [2.0 - LOST[1], 2.0 - LOST[0]];
 /// Number of samples that are examined together. The data of so many samples fit into the processor's cache.
 const BLOCK: usize = 4096;
 /// A finding is reported only for at least this number of lost samples.
 const FEWEST: usize = 5;
 /// Lost samples are reported only if the number of values of `k` in the range [`LOST`] is at least this multiple of
-/// their number in the range [`BETWEEN`].
+/// their number in the ranges [`BETWEEN`] and [`OPPOSITE`] together.
 const PEAK: usize = 3;
 /// Repeated rows are additional rows if the mean of `k` over them is below this limit. `k` is (rate change across the
 /// repeated row) / (mean of the adjacent changes). It is 1 if a row was written in addition to the samples, and 2 if
@@ -68,18 +73,18 @@ fn is_even(time_s: &[f64]) -> bool {
 
 fn lost(recording: &Recording<'_>, noise: f64) -> Option<Finding> {
     let rate = recording.angular_rate;
-    let (mut lost, mut between) = (Tally::default(), 0);
+    let (mut lost, mut elsewhere) = (Tally::default(), 0);
     for start in (0..rate.len() - 3).step_by(BLOCK) {
         let block = rate.part(start..(start + BLOCK + 3).min(rate.len()));
         for (i, rows) in (start + 2..).zip(fours(&block)) {
             match change_over_neighbours(rows, noise) {
                 Some(k) if (LOST[0]..LOST[1]).contains(&k) => lost.add(i),
-                Some(k) if (BETWEEN[0]..BETWEEN[1]).contains(&k) => between += 1,
+                Some(k) if [BETWEEN, OPPOSITE].iter().any(|[low, high]| (*low..*high).contains(&k)) => elsewhere += 1,
                 _ => {}
             }
         }
     }
-    if lost.samples < FEWEST || lost.samples < PEAK * between {
+    if lost.samples < FEWEST || lost.samples < PEAK * elsewhere {
         return None;
     }
     Some(Finding {
@@ -211,6 +216,18 @@ mod tests {
     fn a_recording_without_fault_is_continuous() {
         assert!(found(&Columns::tumbling()).is_none());
         assert!(found(&Columns::tumbling().quantised(0.04, 0.006)).is_none());
+    }
+
+    #[test]
+    fn two_coarse_axes_are_no_loss() {
+        // With these steps, many changes of the rate in a move are 1, 2 and 1 steps, and others are 1, 0 and 1 steps.
+        for step in [0.053, 0.057, 0.06, 0.063, 0.066] {
+            let mut columns = Columns::tumbling();
+            for [x, y, _] in &mut columns.rate {
+                (*x, *y) = ((*x / step).round() * step, (*y / step).round() * step);
+            }
+            assert!(found(&columns).is_none(), "{step} rad/s");
+        }
     }
 
     #[test]
