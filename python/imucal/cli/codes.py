@@ -122,7 +122,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "samples_duplicated": Code(
             cause=(
-                "Rows repeat the previous row, because a slower sensor was polled or rows were written twice."
+                "Rows repeat the previous row, because a slower sensor was polled or rows were written "
+                "twice; or rows of a table of means (`--means`) are copies."
             ),
             cure="Record at the rate at which the sensor has new samples, or drop the repeated rows.",
         ),

@@ -75,7 +75,8 @@ def calibrate(
     """Calibrate one unit from one or more of its recordings.
 
     Recordings of an accelerometer alone determine its nine parameters. So does a table of mean readings
-    (`Means`), which also gives the bias of the gyroscope. In both cases, effects and `folds` are errors.
+    (`Means`), which also gives the bias of the gyroscope. In both cases, effects and `folds` are errors. Rows
+    of the table that are exact copies of earlier rows are left out with a warning.
 
     control            recordings that are not fitted and only used to evaluate the result
     gravity_mps2       local gravity, m/s^2. The estimated accelerometer sensitivities are inversely
@@ -134,7 +135,7 @@ def calibrate(
     NotEnoughMotionError if poses are missing, and FitError if a fit does not converge to an acceptable
     result.
     """
-    means = recordings if isinstance(recordings, Means) else None
+    means: Means | None = None
     if not isinstance(recordings, Means):
         if noise_mps2 is not None:
             raise InputError(
@@ -143,9 +144,10 @@ def calibrate(
             )
         unit_data = of_one_unit(recordings)
     else:
-        from imucal.estimation.means import rows_of_means
+        from imucal.estimation.means import rows_of_means, without_repeated_rows
 
-        unit_data = [rows_of_means(recordings)]
+        means = without_repeated_rows(recordings)
+        unit_data = [rows_of_means(means)]
     if folds is not None and not (is_whole(folds) and 2 <= folds <= MOST_FOLDS):
         raise InputError(
             f"folds is {folds!r}: a whole number from 2 to {MOST_FOLDS} is needed to leave moves out"
