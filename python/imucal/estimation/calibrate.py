@@ -92,7 +92,8 @@ def calibrate(
     min_rest_s         minimum duration of a rest, s
     exclude_saturated  exclude rests and moves with saturated samples instead of refusing the recording
     accel_nominal, gyro_nominal   nominal sensitivity in lsb per m/s^2 and lsb per rad/s for recordings in
-                                  counts; without it, start values are estimated from the data
+                                  counts; without it, start values are estimated from the data. An error for
+                                  a sensor in SI units
     effects            effects to estimate together with the 21 parameters: user-defined effects, formulas
                        such as "gyro: k * (supply_v - 3.3)", and names of the catalogue. NAME:full selects the
                        form with all parameters of an effect, and NAME:6 a form with six. NAME:seen gives each
@@ -167,6 +168,7 @@ def calibrate(
     gravity, references = references_of(gravity_mps2, gravity_sigma_mps2, clock_ppm, latitude_deg, height_m)
     known = None
     if calibration is not None:
+    _require_counts(unit_data[0], accel_nominal, gyro_nominal)
         from imucal.estimation.known import known_accelerometer
 
         known = known_accelerometer(calibration, unit_data)
@@ -229,6 +231,19 @@ def result_of(
     unit_data: Sequence[Recording],
     options: Options,
     own: tuple[UserEffect, ...] = (),
+def _require_counts(recording: Recording, accel_nominal: float | None, gyro_nominal: float | None) -> None:
+    """Raise InputError for a nominal sensitivity of a sensor that is not in raw counts."""
+    for name, nominal, samples, unit in (
+        ("accel_nominal", accel_nominal, recording.specific_force, recording.accel_unit),
+        ("gyro_nominal", gyro_nominal, recording.angular_rate, recording.gyro_unit),
+    ):
+        if nominal is not None and samples is not None and unit != "lsb":
+            raise InputError(
+                f"{name}={nominal} is only for a sensor in raw counts, but {recording.name} is in {unit}, "
+                "where the nominal sensitivity is 1: leave it out, or give the columns in counts"
+            )
+
+
     judges: Sequence[Recording] = (),
     found: _core.Evaluation | None = None,
     serial_number: str | None = None,
