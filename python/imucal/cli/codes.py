@@ -216,13 +216,16 @@ CODES: Final[dict[str, dict[str, Code]]] = {
     },
     "Several recordings": {
         "recordings_overlap": Code(
-            cause="A recording is given twice, or two recordings have samples in common.",
+            cause=(
+                "A recording is given twice, two recordings have samples in common, or `--calibration` was "
+                "made from the same file."
+            ),
             cure="Give every recording once; repeated data make the stated accuracy wrong.",
         ),
         "control_not_independent": Code(
             cause=(
                 "The control recording contains the noise of a calibration recording, so it is a part or a "
-                "copy of that recording."
+                "copy of that recording; or `--calibration` was made from its file."
             ),
             cure="Record a separate control run, or use `--folds`.",
         ),

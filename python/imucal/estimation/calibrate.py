@@ -121,7 +121,9 @@ def calibrate(
                        `duration_s` of the means, or else from the residuals
     calibration        calibration of the accelerometer, such as that of an accelerometer alone. Its nine
                        parameters with their covariance are a prior, so that the recordings need only the
-                       moves for the gyroscope. A gyroscope in this calibration is not used
+                       moves for the gyroscope. A gyroscope in this calibration is not used. The recordings
+                       update the accelerometer, so a calibration that was made from the file of one of them
+                       is refused. The verdict of the result is not better than that of this calibration
     folds              number of additional fits for cross-validation. Each of these fits excludes one part of
                        the rests and moves, and predicts the excluded part
     max_iterations     maximum number of iterations of the joint fit. The fit is repeated with new weights,
@@ -166,12 +168,13 @@ def calibrate(
         )
     require_serial_number(serial_number)
     gravity, references = references_of(gravity_mps2, gravity_sigma_mps2, clock_ppm, latitude_deg, height_m)
+    _require_counts(unit_data[0], accel_nominal, gyro_nominal)
     known = None
     if calibration is not None:
-    _require_counts(unit_data[0], accel_nominal, gyro_nominal)
-        from imucal.estimation.known import known_accelerometer
+        from imucal.estimation.known import known_accelerometer, require_other_files
 
         known = known_accelerometer(calibration, unit_data)
+        require_other_files(calibration, unit_data, as_recordings(control))
     options = Options(
         gravity_mps2=gravity,
         gravity_sigma_mps2=references.gravity_sigma_mps2,
@@ -212,7 +215,9 @@ def calibrate(
     def finished(found: _core.Evaluation | None = None) -> CalibrationResult:
         result = result_of(outcome, unit_data, options, own, judges, found, serial_number, references)
         if calibration is not None:
-            result = replace(result, accelerometer_of=calibration.provenance)
+            from imucal.estimation.known import with_prior
+
+            result = with_prior(result, calibration)
         return result if of_means is None else replace(result, from_means=of_means)
 
     result = finished()
@@ -226,11 +231,6 @@ def calibrate(
     return finished(found)
 
 
-def result_of(
-    outcome: _core.Outcome,
-    unit_data: Sequence[Recording],
-    options: Options,
-    own: tuple[UserEffect, ...] = (),
 def _require_counts(recording: Recording, accel_nominal: float | None, gyro_nominal: float | None) -> None:
     """Raise InputError for a nominal sensitivity of a sensor that is not in raw counts."""
     for name, nominal, samples, unit in (
@@ -244,6 +244,11 @@ def _require_counts(recording: Recording, accel_nominal: float | None, gyro_nomi
             )
 
 
+def result_of(
+    outcome: _core.Outcome,
+    unit_data: Sequence[Recording],
+    options: Options,
+    own: tuple[UserEffect, ...] = (),
     judges: Sequence[Recording] = (),
     found: _core.Evaluation | None = None,
     serial_number: str | None = None,
