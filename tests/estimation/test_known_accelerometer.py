@@ -80,3 +80,42 @@ def test_what_does_not_fit_is_refused(runs, accelerometer):
         imucal.calibrate(second, calibration=bare)
     with pytest.raises(imucal.InputError, match="sensor_missing"):
         imucal.calibrate(second.of_sensor("accelerometer"), calibration=accelerometer)
+
+
+@pytest.fixture(scope="module")
+def read(runs, tmp_path_factory):
+    """Both recordings, read from files. The first file is also read under another name."""
+    folder = tmp_path_factory.mktemp("known")
+    for name, recording in zip(
+        ("first.csv", "second.csv", "renamed.csv"), (*runs[0], runs[0][0]), strict=True
+    ):
+        imucal.write(recording, folder / name)
+    return [imucal.read(folder / name) for name in ("first.csv", "second.csv", "renamed.csv")]
+
+
+def test_the_same_data_never_count_twice(read):
+    first, second, renamed = read
+    for sensors in (first, first.of_sensor("accelerometer")):
+        prior = imucal.calibrate(sensors).calibration
+        for recordings in (first, renamed, [second, renamed]):
+            with pytest.raises(imucal.InputError, match="made from the same file") as raised:
+                imucal.calibrate(recordings, calibration=prior)
+            assert [finding.code for finding in raised.value.findings] == ["recordings_overlap"]
+    with pytest.raises(imucal.InputError, match="control_not_independent"):
+        imucal.calibrate(second, calibration=prior, control=renamed)
+    # The result is made from the file of its prior, too.
+    later = imucal.calibrate(second, calibration=prior).calibration
+    assert later.provenance.files == (*second.sources, *first.sources)
+    for recording in (first, second):
+        with pytest.raises(imucal.InputError, match="recordings_overlap"):
+            imucal.calibrate(recording, calibration=later)
+    assert [f.code for f in imucal.evaluate(later, renamed).findings] == ["seen_by_the_fit"]
+
+
+@pytest.mark.parametrize("verdict", ["incomplete", "poor"])
+def test_a_result_is_no_better_than_its_prior(runs, accelerometer, verdict):
+    prior = dataclasses.replace(accelerometer, verdict=verdict, reasons=("the unit was dropped",))
+    result = imucal.calibrate(runs[0][1], calibration=prior)
+    reason = f"the given calibration of the accelerometer is {verdict}: the unit was dropped"
+    assert (result.verdict, result.reasons[0]) == (verdict, reason)
+    assert result.calibration.judged == (result.verdict, result.reasons)

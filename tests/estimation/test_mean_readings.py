@@ -162,3 +162,21 @@ def test_a_table_is_no_recording(means):
         imucal.inspect(means)
     with pytest.raises(imucal.InputError, match="leave it out"):
         imucal.calibrate(imucal.Recording([0.0], [[0, 0, 9.8]], [[0, 0, 0]]), noise_mps2=0.1)
+
+
+def test_copies_of_rows_are_no_further_rests(means):
+    force, rate = means.specific_force, means.angular_rate
+    once = imucal.calibrate(means, noise_mps2=SIGMA)
+    rows = [*range(20), *range(20), 3, 4]
+    pasted = imucal.Means(specific_force=force[rows], angular_rate=rate[rows], name="pasted")
+    result = imucal.calibrate(pasted, noise_mps2=SIGMA)
+    assert [(p.value, p.std) for p in result.parameters] == [(p.value, p.std) for p in once.parameters]
+    assert [p.std for p in result.from_means.gyro_bias] == [p.std for p in once.from_means.gyro_bias]
+    (warning,) = [f for f in result.findings if f.code == "samples_duplicated"]
+    assert warning.count == 22 and "21, 22, 23, 24, 25, 26, 27, 28 and 14 more" in warning.message
+    assert "row 21 is a copy of row 1)" in warning.message
+    # A row that differs in one column is another rest.
+    rate = rate[rows].copy()
+    rate[20:] += 1e-5
+    again = imucal.Means(specific_force=force[rows], angular_rate=rate)
+    assert len(imucal.calibrate(again, noise_mps2=SIGMA).rests) == 40

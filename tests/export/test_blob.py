@@ -248,3 +248,9 @@ def test_damaged_bytes_are_refused(program):
     newer = bytearray(blob[:-4])
     newer[4] = 2
     assert run(program, bytes(newer) + struct.pack("<I", zlib.crc32(newer)), np.zeros((1, 11)))[0] == 3
+
+
+@pytest.mark.parametrize("axes", ["x,y,-z", "-x,-y,-z", "y,x,z"])
+def test_left_handed_axes_are_refused(axes):
+    with pytest.raises(imucal.InputError, match=f"body_axes is '{axes}', which is left-handed"):
+        imucal.export(UNIT, "blob", body_axes=axes)

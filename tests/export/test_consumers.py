@@ -3,6 +3,7 @@
 The formulas are in tests/fixtures/consumers.py, with the versions that they were read from.
 """
 
+import dataclasses
 import os
 import re
 import shutil
@@ -218,6 +219,20 @@ def test_inav_refuses_what_its_settings_cannot_hold():
         imucal.export(unit, "inav")
     with pytest.raises(imucal.InputError, match="accel_lsb_per_g is 0: a positive number"):
         imucal.export(UNIT, "inav", accel_lsb_per_g=0)
+
+
+def test_inav_refuses_counts_of_another_resolution():
+    gyro = imucal.Triad(consumers.INAV_UNIT.gyroscope.sensitivity * 8, [0, 0, 0])
+    accel = imucal.Triad(consumers.INAV_UNIT.accelerometer.sensitivity * 8, [0, 0, 0])
+    for sensor, triad, said in (
+        ("accelerometer", accel, r"has 16\d+ counts per g, but acc_1G is taken as 2048: .*--accel-lsb-per-g"),
+        ("gyroscope", gyro, r"has 131.2 counts per deg/s, .* is taken as 16.4: .*--gyro-lsb-per-dps"),
+    ):
+        unit = dataclasses.replace(consumers.INAV_UNIT, **{sensor: triad})
+        with pytest.raises(imucal.InputError, match=said):
+            imucal.export(unit, "inav")
+    both = dataclasses.replace(consumers.INAV_UNIT, accelerometer=accel, gyroscope=gyro)
+    assert imucal.export(both, "inav", accel_lsb_per_g=8 * 2048, gyro_lsb_per_dps=8 * 16.4).same_as
 
 
 # --- OpenVINS and Kalibr ------------------------------------------------------------------------------

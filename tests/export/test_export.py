@@ -464,7 +464,8 @@ def test_an_effect_is_carried_or_said_to_be_lost(name):
 @pytest.mark.parametrize("name", CORRECTING)
 def test_raw_counts_are_taken_or_refused_by_name(name):
     if FORMATS[name].takes_counts:
-        assert "raw samples in lsb and lsb" in imucal.export(COUNTS, name).text
+        options = {"accel_lsb_per_g": 4096, "gyro_lsb_per_dps": 83.3} if name == "inav" else {}
+        assert "raw samples in lsb and lsb" in imucal.export(COUNTS, name, **options).text
     else:
         with pytest.raises(
             imucal.InputError, match=f"the accelerometer and the gyroscope.*raw counts.*{name}"
@@ -550,6 +551,29 @@ def test_the_residual_on_the_control_recording_is_that_of_evaluate(files, capsys
             assert found["exported"] == found["full"]
 
 
+def test_the_findings_and_the_verdict_on_the_control_recording_are_those_of_evaluate(tmp_path, capsys):
+    run, other = (
+        imucal.simulate(imucal.Program.random(seed=4, moves=12), unit=unit, rate_hz=100, seed=4).recording
+        for unit in ("paper", "random:paper:7")
+    )
+    imucal.write(run, tmp_path / "run.csv")
+    imucal.write(other, tmp_path / "other.csv")
+    imucal.calibrate(imucal.read(tmp_path / "run.csv")).calibration.save(tmp_path / "cal.json")
+    command = ["export", str(tmp_path / "cal.json"), "--to", "px4", "-o", str(tmp_path / "px4.params")]
+    json_file = tmp_path / "export.json"
+    for control, verdict, code in (("run", "good", "seen_by_the_fit"), ("other", "poor", "large_residuals")):
+        given = ["--control", str(tmp_path / f"{control}.csv"), "--json", str(json_file)]
+        assert main([*command, *given]) == 0
+        err = capsys.readouterr().err
+        assert f"verdict on the control set: {verdict}" in err and f"[{code}]" in err
+        found = json.loads(json_file.read_text())["control_set"]
+        judged = imucal.evaluate(
+            imucal.Calibration.load(tmp_path / "cal.json"), imucal.read(tmp_path / f"{control}.csv")
+        )
+        assert found["verdict"] == judged.verdict == verdict
+        assert [finding["code"] for finding in found["findings"]] == [f.code for f in judged.findings]
+
+
 def test_the_frame_of_kalibr_costs_nothing(files):
     calibration, control = imucal.Calibration.load(files / "cal.json"), imucal.read(files / "control.csv")
     residual = imucal.export(calibration, "kalibr").residual(control).to_dict()
@@ -571,6 +595,10 @@ def test_figures_that_are_poor_are_said(files, tmp_path, capsys):
     for path, is_said in ((files / "cal.json", False), (tmp_path / "poor.json", True)):
         assert main(["export", str(path), "--to", "c-header", "-o", str(tmp_path / "cal.h")]) == 0
         assert (said in capsys.readouterr().err) is is_said
+    # A file states the same reason with its code. It is said once.
+    stated = f"{imucal.Calibration.load(tmp_path / 'poor.json').judged[1][0]} [large_residuals]"
+    twice = dataclasses.replace(unit, control_set=poor, verdict="poor", reasons=(stated,))
+    assert twice.judged == ("poor", (stated,))
 
 
 def test_the_file_is_printed_without_a_name(files, capsys):

@@ -379,3 +379,17 @@ def test_no_number_of_rounds_reaches_an_impossible_target(tmp_path, capsys):
     assert "targets not reached" in capsys.readouterr().out
     assert (tmp_path / "faces.html").read_text(encoding="utf-8").count("<li>") == 280
     assert imucal.Program.read(tmp_path / "faces.json").duration_s > 600
+
+
+def test_a_plan_that_takes_too_long_says_so(capsys):
+    command = ["plan", "faces", "--rounds", "2", "--minutes", "1", "--no-detection-limits"]
+    assert main(command) == 2
+    shown = capsys.readouterr().out
+    assert "the program takes 2.08 min, and 1 min are allowed" in shown and "target" not in shown
+    plan = quick("faces", options={"rounds": 2}, minutes=1)
+    assert "takes 2.08 min" in plan.summary() and "target" not in plan.summary()
+    target = {"accel_bias": 1.5 * plan.worst["accel_bias"].value}
+    assert (
+        "targets not reached in time: the program takes"
+        in quick("faces", targets=target, minutes=0.5).summary()
+    )

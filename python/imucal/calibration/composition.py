@@ -125,12 +125,11 @@ def _require_composable(first: Calibration, second: Calibration) -> None:
             f"the first calibration is of unit {first.serial_number}, the second of unit "
             f"{second.serial_number}: give two calibrations of the same unit"
         )
-    shared = {s.sha256 for s in first.provenance.files} & {s.sha256 for s in second.provenance.files}
+    shared = second.provenance.seen_in(first.provenance.files)
     if shared:
-        paths = [s.path for s in first.provenance.files if s.sha256 in shared]
         raise InputError(
-            f"both calibrations are made of {', '.join(paths)}, so the second is not of data that the first "
-            "has corrected: use one of them alone"
+            f"both calibrations are made of {', '.join(source.path for source in shared)}, so the second is "
+            "not of data that the first has corrected: use one of them alone"
         )
 
 

@@ -340,12 +340,11 @@ def _notes(before: Calibration, after: Calibration) -> list[str]:
             f"gravity was {before.gravity_mps2} and {after.gravity_mps2} m/s^2: if both calibrations were "
             "made at the same place, the accelerometer scales differ for this reason"
         )
-    shared = {s.sha256 for s in before.provenance.files} & {s.sha256 for s in after.provenance.files}
+    shared = after.provenance.seen_in(before.provenance.files)
     if shared:
-        paths = [s.path for s in before.provenance.files if s.sha256 in shared]
         notes.append(
-            f"both were made of {', '.join(paths)}: their errors are the same in part, and the standard "
-            "deviations given here are too large"
+            f"both were made of {', '.join(source.path for source in shared)}: their errors are the same in "
+            "part, and the standard deviations given here are too large"
         )
     for name, one, other in (("first", before, after), ("second", after, before)):
         only = {values.name for values in one.effects} - {values.name for values in other.effects}

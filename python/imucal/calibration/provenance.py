@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from imucal.document.name import require_name
@@ -45,7 +46,8 @@ class Imported:
 class Provenance:
     """Origin of a calibration.
 
-    files           files of the calibration recordings
+    files           files of the calibration recordings, and those of a calibration of the accelerometer that
+                    was the prior
     control_files   files of the control recordings
     imucal_version  version of the package that made the calibration
     date            ISO 8601, UTC
@@ -62,6 +64,11 @@ class Provenance:
     operator: str = ""
     imported: Imported | None = None
     composed_of: tuple[Source, ...] = ()
+
+    def seen_in(self, sources: Iterable[Source]) -> list[Source]:
+        """The given files whose bytes equal those of a file of the calibration recordings."""
+        hashes = {source.sha256 for source in self.files}
+        return [source for source in sources if source.sha256 in hashes]
 
 
 def require_serial_number(serial_number: str | None) -> None:

@@ -83,4 +83,6 @@ def saved_verdict(
     poor = tuple(saved_reasons(calibration_set, control_set, has_gyroscope=has_gyroscope))
     if not poor:
         return verdict or "good", tuple(reasons)
-    return "poor", (*poor, *(reason for reason in reasons if reason not in poor))
+    # A file states the same reason with its code after it.
+    new = (text for text in poor if not any(reason.startswith(text) for reason in reasons))
+    return "poor", (*new, *reasons)

@@ -122,7 +122,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "samples_duplicated": Code(
             cause=(
-                "Rows repeat the previous row, because a slower sensor was polled or rows were written twice."
+                "Rows repeat the previous row, because a slower sensor was polled or rows were written "
+                "twice; or rows of a table of means (`--means`) are copies."
             ),
             cure="Record at the rate at which the sensor has new samples, or drop the repeated rows.",
         ),
@@ -225,13 +226,16 @@ CODES: Final[dict[str, dict[str, Code]]] = {
     },
     "Several recordings": {
         "recordings_overlap": Code(
-            cause="A recording is given twice, or two recordings have samples in common.",
+            cause=(
+                "A recording is given twice, two recordings have samples in common, or `--calibration` was "
+                "made from the same file."
+            ),
             cure="Give every recording once; repeated data make the stated accuracy wrong.",
         ),
         "control_not_independent": Code(
             cause=(
                 "The control recording contains the noise of a calibration recording, so it is a part or a "
-                "copy of that recording."
+                "copy of that recording; or `--calibration` was made from its file."
             ),
             cure="Record a separate control run, or use `--folds`.",
         ),

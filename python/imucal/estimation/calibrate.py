@@ -75,7 +75,8 @@ def calibrate(
     """Calibrate one unit from one or more of its recordings.
 
     Recordings of an accelerometer alone determine its nine parameters. So does a table of mean readings
-    (`Means`), which also gives the bias of the gyroscope. In both cases, effects and `folds` are errors.
+    (`Means`), which also gives the bias of the gyroscope. In both cases, effects and `folds` are errors. Rows
+    of the table that are exact copies of earlier rows are left out with a warning.
 
     control            recordings that are not fitted and only used to evaluate the result
     gravity_mps2       local gravity, m/s^2. The estimated accelerometer sensitivities are inversely
@@ -91,7 +92,8 @@ def calibrate(
     min_rest_s         minimum duration of a rest, s
     exclude_saturated  exclude rests and moves with saturated samples instead of refusing the recording
     accel_nominal, gyro_nominal   nominal sensitivity in lsb per m/s^2 and lsb per rad/s for recordings in
-                                  counts; without it, start values are estimated from the data
+                                  counts; without it, start values are estimated from the data. An error for
+                                  a sensor in SI units
     effects            effects to estimate together with the 21 parameters: user-defined effects, formulas
                        such as "gyro: k * (supply_v - 3.3)", and names of the catalogue. NAME:full selects the
                        form with all parameters of an effect, and NAME:6 a form with six. NAME:seen gives each
@@ -119,7 +121,9 @@ def calibrate(
                        `duration_s` of the means, or else from the residuals
     calibration        calibration of the accelerometer, such as that of an accelerometer alone. Its nine
                        parameters with their covariance are a prior, so that the recordings need only the
-                       moves for the gyroscope. A gyroscope in this calibration is not used
+                       moves for the gyroscope. A gyroscope in this calibration is not used. The recordings
+                       update the accelerometer, so a calibration that was made from the file of one of them
+                       is refused. The verdict of the result is not better than that of this calibration
     folds              number of additional fits for cross-validation. Each of these fits excludes one part of
                        the rests and moves, and predicts the excluded part
     max_iterations     maximum number of iterations of the joint fit. The fit is repeated with new weights,
@@ -134,7 +138,7 @@ def calibrate(
     NotEnoughMotionError if poses are missing, and FitError if a fit does not converge to an acceptable
     result.
     """
-    means = recordings if isinstance(recordings, Means) else None
+    means: Means | None = None
     if not isinstance(recordings, Means):
         if noise_mps2 is not None:
             raise InputError(
@@ -143,9 +147,10 @@ def calibrate(
             )
         unit_data = of_one_unit(recordings)
     else:
-        from imucal.estimation.means import rows_of_means
+        from imucal.estimation.means import rows_of_means, without_repeated_rows
 
-        unit_data = [rows_of_means(recordings)]
+        means = without_repeated_rows(recordings)
+        unit_data = [rows_of_means(means)]
     if folds is not None and not (is_whole(folds) and 2 <= folds <= MOST_FOLDS):
         raise InputError(
             f"folds is {folds!r}: a whole number from 2 to {MOST_FOLDS} is needed to leave moves out"
@@ -163,11 +168,13 @@ def calibrate(
         )
     require_serial_number(serial_number)
     gravity, references = references_of(gravity_mps2, gravity_sigma_mps2, clock_ppm, latitude_deg, height_m)
+    _require_counts(unit_data[0], accel_nominal, gyro_nominal)
     known = None
     if calibration is not None:
-        from imucal.estimation.known import known_accelerometer
+        from imucal.estimation.known import known_accelerometer, require_other_files
 
         known = known_accelerometer(calibration, unit_data)
+        require_other_files(calibration, unit_data, as_recordings(control))
     options = Options(
         gravity_mps2=gravity,
         gravity_sigma_mps2=references.gravity_sigma_mps2,
@@ -208,7 +215,9 @@ def calibrate(
     def finished(found: _core.Evaluation | None = None) -> CalibrationResult:
         result = result_of(outcome, unit_data, options, own, judges, found, serial_number, references)
         if calibration is not None:
-            result = replace(result, accelerometer_of=calibration.provenance)
+            from imucal.estimation.known import with_prior
+
+            result = with_prior(result, calibration)
         return result if of_means is None else replace(result, from_means=of_means)
 
     result = finished()
@@ -220,6 +229,19 @@ def calibrate(
     if of_means is None:
         _core.require_independent(unit_data, outcome.rest_ranges, judges, found.rest_ranges)
     return finished(found)
+
+
+def _require_counts(recording: Recording, accel_nominal: float | None, gyro_nominal: float | None) -> None:
+    """Raise InputError for a nominal sensitivity of a sensor that is not in raw counts."""
+    for name, nominal, samples, unit in (
+        ("accel_nominal", accel_nominal, recording.specific_force, recording.accel_unit),
+        ("gyro_nominal", gyro_nominal, recording.angular_rate, recording.gyro_unit),
+    ):
+        if nominal is not None and samples is not None and unit != "lsb":
+            raise InputError(
+                f"{name}={nominal} is only for a sensor in raw counts, but {recording.name} is in {unit}, "
+                "where the nominal sensitivity is 1: leave it out, or give the columns in counts"
+            )
 
 
 def result_of(

@@ -255,9 +255,8 @@ def _not_stated(calibration: Calibration) -> Iterator[str]:
 
 def _seen_by_the_fit(calibration: Calibration, recordings: Sequence[Recording]) -> Iterator[Finding]:
     """Findings for files that are also among the calibration recordings, recognised by their hash."""
-    made_of = {source.sha256 for source in calibration.provenance.files}
     for recording in recordings:
-        seen = sum(source.sha256 in made_of for source in recording.sources)
+        seen = len(calibration.provenance.seen_in(recording.sources))
         if seen:
             yield Finding(
                 "seen_by_the_fit",

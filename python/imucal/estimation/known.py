@@ -1,16 +1,27 @@
-"""A calibrated accelerometer as a prior for the calibration of the gyroscope of the same unit."""
+"""A calibrated accelerometer as a prior for the calibration of the gyroscope of the same unit.
+
+A prior must be independent of the recordings. The fit updates the accelerometer with the rests of the
+recordings, so a prior from one of these recordings would count its rests twice, and the standard deviations
+would be too small. A fit of the gyroscope with a fixed accelerometer would count no data twice, but there is
+no such fit.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
 
 from imucal.calibration.calibration import Calibration, require_calibration
 from imucal.calibration.frame import in_frame
 from imucal.calibration.triad import base_count
+from imucal.calibration.verdict import worst
 from imucal.errors import InputError
+from imucal.estimation.result import CalibrationResult
+from imucal.finding import Finding
 from imucal.recording.recording import Recording
 
-__all__ = ["KnownAccelerometer", "known_accelerometer"]
+__all__ = ["KnownAccelerometer", "known_accelerometer", "require_other_files", "with_prior"]
 
 # Type: the nine parameters of an accelerometer, and their covariance by rows.
 KnownAccelerometer = tuple[list[float], list[list[float]]]
@@ -51,3 +62,70 @@ def known_accelerometer(calibration: Calibration, recordings: Sequence[Recording
     rows = [known[name] for name in names]
     covariance = symmetric.covariance[rows][:, rows]
     return [parameter.value for parameter in symmetric.parameters[:count]], covariance.tolist()
+
+
+def require_other_files(
+    calibration: Calibration, unit_data: Sequence[Recording], judges: Sequence[Recording]
+) -> None:
+    """Raise InputError if the given calibration was made from the file of one of the recordings.
+
+    The calibration file contains the hashes of its recordings but not their samples, so only the same file is
+    recognised, also under another name.
+    """
+    for recording in unit_data:
+        _refuse_files(
+            calibration,
+            recording,
+            "recordings_overlap",
+            "the given calibration of the accelerometer was made from the same file, so these data would "
+            "count twice and the standard deviations would be too small",
+            "calibrate without it, or from another recording of the unit",
+        )
+    for judge in judges:
+        _refuse_files(
+            calibration,
+            judge,
+            "control_not_independent",
+            "this control recording is from a file from which the given calibration of the accelerometer was "
+            "made",
+            "give another recording of the unit",
+        )
+
+
+def _refuse_files(
+    calibration: Calibration,
+    recording: Recording,
+    code: Literal["recordings_overlap", "control_not_independent"],
+    message: str,
+    way_out: str,
+) -> None:
+    seen = len(calibration.provenance.seen_in(recording.sources))
+    if seen:
+        finding = Finding(
+            code, "error", recording.name, (), None, seen, float(seen), "files", message, way_out
+        )
+        raise InputError(str(finding), [finding])
+
+
+def with_prior(result: CalibrationResult, calibration: Calibration) -> CalibrationResult:
+    """The result with the origin and the verdict of the calibration that was its prior.
+
+    The result is no better than its prior: if the residuals of the prior exceed their noise, its covariance
+    is too small, and so are the standard deviations of the result.
+    """
+    found, prior = result.calibration, calibration.provenance
+    known, why = calibration.judged
+    verdict = worst(known, result.verdict)
+    reasons = result.reasons
+    if known != "good":
+        reasons = (": ".join((f"the given calibration of the accelerometer is {known}", *why[:1])), *reasons)
+    files = tuple(dict.fromkeys((*found.provenance.files, *prior.files)))
+    return replace(
+        result,
+        calibration=replace(
+            found, verdict=verdict, reasons=reasons, provenance=replace(found.provenance, files=files)
+        ),
+        verdict=verdict,
+        reasons=reasons,
+        accelerometer_of=prior,
+    )

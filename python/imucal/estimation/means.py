@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -11,11 +12,15 @@ import imucal._core as _core
 from imucal.calibration.triad import Parameter
 from imucal.errors import InputError
 from imucal.estimation.options import Options
+from imucal.finding import Finding
 from imucal.recording.means import Means
 from imucal.recording.recording import Recording
 from imucal.rig.unit import Unit, unit_of
 
-__all__ = ["FromMeans", "calibrated_means", "rows_of_means"]
+__all__ = ["FromMeans", "calibrated_means", "rows_of_means", "without_repeated_rows"]
+
+# Largest number of repeated rows whose numbers are written in the warning.
+ROWS_NAMED: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +52,47 @@ class FromMeans:
             for p in self.gyro_bias
         ]
         return tuple(notes)
+
+
+def without_repeated_rows(means: Means) -> Means:
+    """The means without exact copies of earlier rows, with a warning that names them.
+
+    The means of two rests differ in their noise, so equal rows are one rest that was written twice. Only
+    means in coarse counts can be equal by chance. Their errors are then the same rounding errors, so the
+    second row adds no information either.
+    """
+    columns = (means.specific_force, means.angular_rate, means.specific_force_std, means.duration_s)
+    rows = np.column_stack([values for values in columns if values is not None])
+    first: dict[bytes, int] = {}
+    same_as = [first.setdefault(row.tobytes(), number) for number, row in enumerate(rows)]
+    copies = [number for number, original in enumerate(same_as) if original != number]
+    if not copies:
+        return means
+    kept = np.array([number for number, original in enumerate(same_as) if original == number])
+    named = ", ".join(str(number + 1) for number in copies[:ROWS_NAMED])
+    more = f" and {len(copies) - ROWS_NAMED} more" if len(copies) > ROWS_NAMED else ""
+    warning = Finding(
+        "samples_duplicated",
+        "warning",
+        means.name,
+        (),
+        None,
+        len(copies),
+        float(len(copies)),
+        "rows",
+        f"{len(copies)} of {len(rows)} rows are exact copies of an earlier row: {named}{more} (row 1 is the "
+        f"first, and row {copies[0] + 1} is a copy of row {same_as[copies[0]] + 1}); they were left out, "
+        "because a copy contains no new rest, and the rests are numbered without them",
+        "give every rest once",
+    )
+    return replace(
+        means,
+        specific_force=means.specific_force[kept],
+        angular_rate=None if means.angular_rate is None else means.angular_rate[kept],
+        specific_force_std=None if means.specific_force_std is None else means.specific_force_std[kept],
+        duration_s=None if means.duration_s is None else means.duration_s[kept],
+        findings=(*means.findings, warning),
+    )
 
 
 def rows_of_means(means: Means) -> Recording:

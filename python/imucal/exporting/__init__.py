@@ -86,19 +86,35 @@ class Residual:
     exported: Evaluation
 
     def to_dict(self) -> dict[str, Any]:
-        """The rms errors of the gravity direction per move, deg, and of |f|, m/s^2, for both evaluations."""
-        return {
+        """The figures of both evaluations, with the findings and the verdict on the whole calibration.
+
+        The figures are the rms errors of the gravity direction per move, deg, and of |f|, m/s^2.
+        """
+        figures = {
             name: {figure: getattr(judged.figures, figure) for figure in COST}
             for name, judged in (("full", self.full), ("exported", self.exported))
         }
+        return {
+            **figures,
+            "verdict": self.full.verdict,
+            "reasons": list(self.full.reasons),
+            "findings": [finding.to_dict() for finding in self.full.findings],
+        }
 
     def summary(self) -> str:
-        """The figures of `to_dict` as two lines of text."""
-        return "\n".join(
+        """The contents of `to_dict` as text: a line for each evaluation and finding, and the verdict.
+
+        The verdict is that on the whole calibration. The parts that the format omits increase the residuals
+        of the exported part.
+        """
+        figures = [
             f"control set, {name}: "
             + figures_text({figure: getattr(judged.figures, figure) for figure in COST})
             for name, judged in (("whole calibration", self.full), ("as exported", self.exported))
-        )
+        ]
+        findings = [finding.line for finding in self.full.findings]
+        verdict = "; ".join((f"verdict on the control set: {self.full.verdict}", *self.full.reasons))
+        return "\n".join([*figures, *findings, verdict])
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,8 +191,9 @@ def export(
 
     Raises InputError for an unknown format, for an accelerometer alone if the format needs both sensors, for
     a calibration of raw counts if the other program only corrects SI units, for left-handed sensor axes or a
-    large rotation between the sensors if the format cannot represent them, for missing noise figures, and for
-    an option that has no valid value or that the format does not use.
+    large rotation between the sensors if the format cannot represent them, for left-handed `body_axes`, for
+    raw counts whose resolution differs from that of inav, for missing noise figures, and for an option that
+    has no valid value or that the format does not use.
     """
     form = find_format(format)
     if name is not None:

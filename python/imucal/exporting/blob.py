@@ -133,6 +133,8 @@ def blob_of(calibration: Calibration, axes: str = UNCHANGED) -> bytes:
     """The bytes of the binary form.
 
     axes   axes of the corrected samples, in terms of the body frame, such as "x,-y,-z"
+
+    Raises InputError for left-handed axes.
     """
     assert calibration.gyroscope is not None  # `Format.needs_gyroscope`
     kept = _kept(calibration)
@@ -176,6 +178,11 @@ def _axis_codes(axes: str) -> list[int]:
             f"axes={axes!r}: both sensors of a calibration have one body frame, give one order of axes"
         )
     matrix = np.asarray(changed.accel)
+    if np.linalg.det(matrix) < 0:
+        raise InputError(
+            f"body_axes is {axes!r}, which is left-handed, and an angular rate in left-handed axes gives no "
+            "attitude: change the sign of one axis, or exchange two, such as x,-y,-z"
+        )
     return [int((abs(row).argmax() + 1) * np.sign(row[abs(row).argmax()])) for row in matrix]
 
 
@@ -206,7 +213,7 @@ def write_loader(calibration: Calibration, noise: NoiseResult | None) -> Written
 
 def _with(axes: str = UNCHANGED, resolution: tuple[float, float] | None = None) -> Format:
     """The format with these axes of the corrected samples and this resolution of raw counts."""
-    Axes.parse(axes)
+    _axis_codes(axes)
     return replace(
         BLOB,
         write=partial(write, axes=axes, resolution=resolution),

@@ -37,6 +37,9 @@ ACCEL_LSB_PER_G: Final = 2048.0
 GYRO_LSB_PER_DPS: Final = 16.4
 # Value of accgain for a gain of 1.
 UNIT_GAIN: Final = 4096
+# Largest accepted relative difference between the resolution of a unit in raw counts and that of INAV's
+# driver. Ranges of a sensor differ by factors of about two, and scale errors of MEMS sensors are below 10 %.
+MOST_OFF: Final = 0.2
 GAIN_RANGE: Final = (1, 8192)
 ZERO_RANGE: Final = (-32768, 32767)
 RANGES: Final = {"accgain": GAIN_RANGE, "acczero": ZERO_RANGE, "gyro_zero": ZERO_RANGE}
@@ -51,6 +54,7 @@ def write(
     """The commands, one per line, with the values rounded to integers."""
     moved, _ = rotated(calibration, "symmetric")
     accel, gyro = moved.accelerometer, moved.gyroscope
+    _require_resolution(moved, accel_lsb_per_g, gyro_lsb_per_dps)
     in_counts = calibration.accel_unit == "lsb", calibration.gyro_unit == "lsb"
     # Factors that convert raw units of the calibration to counts of INAV's driver.
     accel_counts = 1.0 if in_counts[0] else accel_lsb_per_g / STANDARD_GRAVITY_MPS2
@@ -105,6 +109,38 @@ def write(
             "counts.",
         ),
     )
+
+
+def _require_resolution(calibration: Calibration, accel_lsb_per_g: float, gyro_lsb_per_dps: float) -> None:
+    """Raise InputError for raw counts with another resolution than those of the sensor's driver in INAV."""
+    gyro = calibration.gyroscope
+    for triad, unit, per_si, driver, what, option in (
+        (
+            calibration.accelerometer,
+            calibration.accel_unit,
+            STANDARD_GRAVITY_MPS2,
+            accel_lsb_per_g,
+            "accelerometer of this calibration has {:.5g} counts per g, but acc_1G",
+            "--accel-lsb-per-g",
+        ),
+        (
+            gyro,
+            calibration.gyro_unit,
+            np.pi / 180,
+            gyro_lsb_per_dps,
+            "gyroscope of this calibration has {:.5g} counts per deg/s, but the resolution of INAV's driver",
+            "--gyro-lsb-per-dps",
+        ),
+    ):
+        if triad is None or unit != "lsb":
+            continue
+        # Mean scale of the axes, which does not depend on their directions.
+        counts = per_si * float(abs(np.linalg.det(triad.sensitivity)) ** (1 / 3))
+        if abs(counts / driver - 1) > MOST_OFF:
+            raise InputError(
+                f"the {what.format(counts)} is taken as {driver:g}: give the value of the driver of your "
+                f"sensor ({option}), and calibrate raw counts of the same range as in INAV"
+            )
 
 
 def _whole(name: str, values: FloatArray) -> FloatArray:

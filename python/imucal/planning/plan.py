@@ -27,7 +27,7 @@ from imucal.errors import ImucalError, InputError
 from imucal.estimation.holds import Hold, HoldTuple, holds_of, profile_of
 from imucal.estimation.options import Options
 from imucal.planning.groups import PlannedParameter, Size, worst_of
-from imucal.planning.result import ComparedProgram, NotObservable, Plan
+from imucal.planning.result import ROUNDING, ComparedProgram, NotObservable, Plan, is_within
 from imucal.planning.targets import sigma_of, targets_of
 from imucal.recording.recording import Recording
 from imucal.rig.motion import Motion, Program, Tumble, motion_of
@@ -50,9 +50,6 @@ TREMOR_DEG: Final = 0.05
 # Largest number of rounds in which a box is rolled over its faces. This number of rounds takes about twenty
 # minutes.
 MOST_ROUNDS: Final = 20
-# A target counts as reached if the standard deviation is at most the target times this factor. The factor
-# allows for rounding errors.
-ROUNDING: Final = 1.001
 
 
 def plan(
@@ -131,14 +128,18 @@ def plan(
             motion, reached = planner.rounds_of_faces(targets_si, dict(options or {}))
         name = kind if isinstance(kind, str) and kind in ("random", "grid", "faces", "tumble") else "program"
         planned = planner.predicted(name, motion, targets_si, detection_limits)
-        within = minutes is None or planned.minutes <= minutes * ROUNDING
-        return dataclasses.replace(planned, reached=reached and within)
+        return _within(planned, minutes, reached=reached)
     if options:
         raise InputError(f"{next(iter(options))} is no option of the optimal program: leave it out")
     motion, reached = planner.optimal(targets_si, minutes)
     planned = planner.predicted("optimal", motion, targets_si, detection_limits)
-    within = minutes is None or planned.minutes <= minutes * ROUNDING
-    return dataclasses.replace(planned, reached=reached and within)
+    return _within(planned, minutes, reached=reached)
+
+
+def _within(planned: Plan, minutes: float | None, *, reached: bool) -> Plan:
+    """The plan with the allowed duration. `reached` is whether the plan meets the targets."""
+    planned = dataclasses.replace(planned, allowed_minutes=minutes)
+    return dataclasses.replace(planned, reached=reached and is_within(planned))
 
 
 @dataclass(frozen=True)
@@ -245,6 +246,7 @@ class _Planner:
             worst=worst_of(parameters, self.effects),
             targets=targets,
             reached=True,
+            allowed_minutes=None,
             detection_limits=visible,
             not_observable=blind,
             undetermined=undetermined,

@@ -14,8 +14,11 @@ from imucal.planning.groups import GROUPS, PlannedParameter, Size
 from imucal.rig.motion import Motion, Program
 from imucal.units import units_of
 
-__all__ = ["Plan", "headline", "worst_rows"]
+__all__ = ["ROUNDING", "Plan", "headline", "is_within", "not_reached", "worst_rows"]
 
+# A target, or the allowed duration, counts as met if the value is at most the target times this factor. The
+# factor allows for rounding errors.
+ROUNDING: Final = 1.001
 # Units in which a plan shows standard deviations instead of SI units, by SI unit.
 SHOWN_IN: Final = {"1": "ppm", "m/s^2": "ug"}
 
@@ -50,6 +53,7 @@ class Plan:
                       determined
     targets           requested standard deviations by group, SI units
     reached           whether all targets and the allowed duration are met
+    allowed_minutes   the allowed duration on the stand; None without a limit
     detection_limits  for each effect, the smallest size that `imucal gap` would detect with 90 % probability
     not_observable    effects that are not observable in such a run
     undetermined      the parameters that the motion does not determine, and the motion to add; None if the
@@ -69,6 +73,7 @@ class Plan:
     worst: Mapping[str, Size | None]
     targets: Mapping[str, float]
     reached: bool
+    allowed_minutes: float | None
     detection_limits: Mapping[str, Size]
     not_observable: tuple[NotObservable, ...]
     undetermined: str | None
@@ -108,6 +113,22 @@ def headline(plan: Plan) -> str:
     )
 
 
+def is_within(plan: Plan) -> bool:
+    """Whether the plan takes no longer than allowed."""
+    return plan.allowed_minutes is None or plan.minutes <= plan.allowed_minutes * ROUNDING
+
+
+def not_reached(plan: Plan) -> str:
+    """What a plan that is not `reached` fails, and what to change."""
+    relax = "allow more time (--minutes), or relax the targets (--target)"
+    if is_within(plan):
+        return f"targets not reached: {relax}"
+    duration = f"the program takes {plan.minutes:.2f} min, and {plan.allowed_minutes:g} min are allowed"
+    if not plan.targets:
+        return f"{duration}: allow more time (--minutes), or plan a shorter program"
+    return f"targets not reached in time: {duration}: {relax}"
+
+
 def shown(size: Size | None) -> str:
     """A standard deviation with its unit."""
     if size is None:
@@ -132,7 +153,7 @@ def _summary(plan: Plan) -> str:
         wished = "" if wish is None or size is None else f" (wished: {shown(Size(wish, size.unit))})"
         lines.append(f"  worst {group}: {shown(size)}{wished}")
     if not plan.reached:
-        lines.append("  targets not reached")
+        lines.append(f"  {not_reached(plan)}")
     if plan.undetermined is not None:
         lines.append(f"  not determined: {plan.undetermined}")
     elif plan.through_moves:

@@ -215,4 +215,25 @@ PROGRAMS = (
     translating("a field with another name", [{**step(), "hold": 3.0}], refused("hold_s")),
 )
 
-TRAPS = (*CALIBRATIONS, *PROGRAMS)
+
+def exporting(name: str, axes: str, *right: Right) -> Trap:
+    """A trap that exports a calibration for firmware, with samples along these axes."""
+
+    def make(folder: Path) -> Question:
+        (folder / "cal.json").write_text(calibration())
+        words = ["export", str(folder / "cal.json"), "--to", "blob", "-o", str(folder / "cal.bin")]
+        loaded = imucal.Calibration.load(folder / "cal.json")
+        return Question(
+            [*words, "--body-axes", axes], lambda: imucal.export(loaded, "blob", body_axes=axes).text
+        )
+
+    return Trap("axes of the corrected samples", name, make, right)
+
+
+AXES = (
+    exporting("right-handed", "x,-y,-z", good()),
+    exporting("one sign changed", "x,y,-z", refused("left-handed")),
+    exporting("two axes exchanged", "y,x,z", refused("left-handed")),
+)
+
+TRAPS = (*CALIBRATIONS, *PROGRAMS, *AXES)

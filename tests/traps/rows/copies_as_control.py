@@ -1,10 +1,13 @@
 """Traps of recordings that are not independent: altered copies as control, and recordings given twice."""
 
+from pathlib import Path
+
 import imucal
+from changes import stand_run, truth_of
 from copies import ALTERATIONS, CONTROL_SEEDS, altered, with_knock
 from imucal import Program
 from recordings import calibrating, same
-from trap import good, refused
+from trap import Question, Right, Trap, good, refused
 
 
 def another():
@@ -46,6 +49,40 @@ KNOCKED = tuple(
     for seed in (10, 46)
 )
 
+
+def prior(name: str, calibrated: str, recording: str, *right: Right, control: str | None = None) -> Trap:
+    """A trap whose prior (`--calibration`) is made from the file `calibrated` and used with `recording`.
+
+    a and b are independent recordings of one unit; copy is a under another name.
+    """
+
+    def make(folder: Path) -> Question:
+        for file, seed in (("a", 1), ("b", 2), ("copy", 1)):
+            imucal.write(stand_run(seed).recording, folder / f"{file}.csv")
+        paths = {file: folder / f"{file}.csv" for file in ("a", "b", "copy")}
+        imucal.calibrate(imucal.read(paths[calibrated])).calibration.save(folder / "prior.json")
+        words = ["calibrate", str(paths[recording]), "--calibration", str(folder / "prior.json")]
+        words += [] if control is None else ["--control", str(paths[control])]
+
+        def call():
+            return imucal.calibrate(
+                imucal.read(paths[recording]),
+                calibration=imucal.Calibration.load(folder / "prior.json"),
+                control=None if control is None else imucal.read(paths[control]),
+            )
+
+        return Question(words, call, truth_of(stand_run(1)))
+
+    return Trap("the calibration given as a prior", name, make, right)
+
+
+PRIORS = (
+    prior("is of the same recording", "a", "a", refused("recordings_overlap")),
+    prior("is of the same recording under another name", "a", "copy", refused("recordings_overlap")),
+    prior("is of the control recording", "a", "b", refused("control_not_independent"), control="copy"),
+    prior("is of another recording", "a", "b", good("prior with its covariance|accelerometer_of")),
+)
+
 INDEPENDENT = (
     calibrating(
         "an independent recording of the same motion",
@@ -62,4 +99,4 @@ INDEPENDENT = (
     ),
 )
 
-TRAPS = (*COPIES, *TOGETHER, *INDEPENDENT, *KNOCKED)
+TRAPS = (*COPIES, *TOGETHER, *PRIORS, *INDEPENDENT, *KNOCKED)

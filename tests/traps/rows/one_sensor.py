@@ -10,6 +10,9 @@ from trap import Question, Trap, good, incomplete, refused
 
 ABSENT = "a sensor is not there"
 MEANS = "a table of means"
+# The parameters of the unit in `table`.
+TRUTH = dict(zip([f"accel_bias_{axis}" for axis in "xyz"], (0.1, -0.2, 0.05), strict=True))
+TRUTH |= dict(zip([f"accel_sensitivity_{axis}{axis}" for axis in "xyz"], (1.01, 0.99, 1.0), strict=True))
 
 
 def _written(recording: imucal.Recording, folder: Path, name: str) -> Path:
@@ -53,8 +56,12 @@ def gyroscope_only(folder: Path) -> Question:
     return Question(("calibrate", path), lambda: imucal.calibrate(imucal.read(path)))
 
 
-def table(scale: float, rows: int, *words: str):
-    """A table of means of a unit with small errors, in g times `scale`; the options of the command."""
+def table(scale: float, rows: int, *words: str, digits: int = 17, times: int = 1):
+    """A table of means of a unit with small errors, in g times `scale`; the options of the command.
+
+    digits  decimal places of the means
+    times   how often the whole table is written
+    """
 
     def make(folder: Path) -> Question:
         random = np.random.default_rng(1)
@@ -64,12 +71,13 @@ def table(scale: float, rows: int, *words: str):
         means = scale * (9.80665 * up * [1.01, 0.99, 1.0] + [0.1, -0.2, 0.05])
         means += scale * random.normal(scale=0.005, size=means.shape)
         path = folder / "table.csv"
-        lines = [",".join(map(repr, row)) for row in means.tolist()]
+        lines = [",".join(map(repr, row)) for row in np.round(means, digits).tolist()] * times
         path.write_text("\n".join(["accel_x_mps2,accel_y_mps2,accel_z_mps2", *lines]) + "\n")
         noise = float(words[1]) if words[:1] == ("--noise",) else None
         return Question(
             ("calibrate", path, "--means", *words),
             lambda: imucal.calibrate(imucal.read_means(path), noise_mps2=noise),
+            None if scale != 1.0 or rows < 9 else TRUTH,
         )
 
     return make
@@ -82,6 +90,18 @@ TRAPS = (
     Trap(ABSENT, "a control without gyroscope", control_without_gyroscope, (refused("sensor_missing"),)),
     Trap(ABSENT, "a gyroscope only", gyroscope_only, (refused("sensor_missing"),)),
     Trap(MEANS, "with its noise", table(1.0, 20, "--noise", "0.005"), (good("given standard deviation"),)),
+    Trap(
+        MEANS,
+        "whose rows are written four times",
+        table(1.0, 20, "--noise", "0.005", times=4),
+        (good("60 of 80 rows are exact copies.*samples_duplicated"), refused("recordings_overlap")),
+    ),
+    Trap(
+        MEANS,
+        "in coarse steps, written twice",
+        table(1.0, 20, "--noise", "0.01", digits=2, times=2),
+        (good("20 of 40 rows are exact copies"),),
+    ),
     Trap(MEANS, "without its noise", table(1.0, 20), (incomplete("from the residuals"),)),
     Trap(MEANS, "in g under names of m/s^2", table(1 / 9.80665, 20), (refused("accel_units"),)),
     Trap(MEANS, "with six rows", table(1.0, 6, "--noise", "0.005"), (refused("do not determine"),)),

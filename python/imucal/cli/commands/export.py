@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import imucal.cli.completion as completion
+from imucal.cli.as_typed import as_typed
 from imucal.cli.options import MIN_REST_S, Control, JsonPath, MinRest
 from imucal.cli.output import Output, require_apart
 from imucal.cli.parameters import argument, option
@@ -90,7 +91,8 @@ def export(
     """Write a calibration for another program: firmware, autopilots, estimators, simulators.
 
     Prints the parts of the calibration that the format omits and, with --control, the resulting errors on a
-    recording. Warns if the verdict on the calibration is not good.
+    recording, with the findings and the verdict of `imucal evaluate`. Warns if the verdict on the
+    calibration is not good.
 
     Example: imucal export unit-0042.json --to c-header -o calibration.h
     """
@@ -169,7 +171,7 @@ def export(
     for loss in exported.lost:
         print(printable(f"not exported to {form.name}: {loss}"), file=sys.stderr)
     if residual is not None:
-        print(residual.summary(), file=sys.stderr)
+        print(printable(as_typed(residual.summary())), file=sys.stderr)
     elif judges:
         print(
             f"{form.name} corrects nothing, so there is nothing to evaluate on the control recording",

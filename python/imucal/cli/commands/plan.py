@@ -149,7 +149,7 @@ def plan(
     import imucal
     from imucal.estimation.inspection import only_moves_determine
     from imucal.planning.card import write_card
-    from imucal.planning.result import headline, worst_rows
+    from imucal.planning.result import headline, not_reached, worst_rows
     from imucal.rig.stand_limits import stand_limits_of
 
     options = {
@@ -211,7 +211,7 @@ def plan(
         if path is not None:
             out.line(f"written: {path}")
     if not planned.reached:
-        out.line("targets not reached: allow more time (--minutes), or relax the targets (--target)")
+        out.line(not_reached(planned))
         raise Exit(POOR_VERDICT)
 
 
