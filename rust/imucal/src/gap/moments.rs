@@ -2,7 +2,6 @@
 //! hypotheses.
 
 use std::cmp::Ordering::Equal;
-use std::f64::consts::PI;
 use std::sync::Arc;
 
 use faer::Mat;
@@ -170,12 +169,6 @@ impl<'a> Setting<'a> {
     }
 }
 
-/// The attitude closest to `attitude` at which the body-frame direction `up` is the z axis of the world frame.
-fn levelled(attitude: &UnitQuaternion<f64>, up: &Vector3<f64>) -> UnitQuaternion<f64> {
-    let turn = UnitQuaternion::rotation_between(&(attitude * up), &Vector3::z());
-    turn.unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI)) * attitude
-}
-
 /// Quantities on which kernels depend, at the rests that the fit uses and inside the moves between these rests.
 fn moments(prepared: &Prepared<'_>, linear: &Linear, segments: &[MoveSegments]) -> Moments {
     let mut attitude = UnitQuaternion::identity();
@@ -184,9 +177,7 @@ fn moments(prepared: &Prepared<'_>, linear: &Linear, segments: &[MoveSegments]) 
     for ((m, at_move), segment) in prepared.moves.iter().zip(linear.moves.iter()).zip(segments) {
         let quaternion = |m: &_| UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*m));
         let whole = quaternion(&at_move.pass.rotation);
-        let before = at_move.before.up;
-        let (start, mut signs) =
-            *arrived[m.from].get_or_insert_with(|| (levelled(&attitude, &before), Vector3::zeros()));
+        let (start, mut signs) = arrived[m.from].unwrap_or((attitude, Vector3::zeros()));
         let recording = &prepared.recordings[m.recording];
         let rate_and_time = |k: usize| (segment.stretches[k].rate, segment.stretches[k].time_s);
         let mut moment = |k: usize| {
@@ -199,7 +190,7 @@ fn moments(prepared: &Prepared<'_>, linear: &Linear, segments: &[MoveSegments]) 
             Moment {
                 recording: m.recording,
                 time_s: stretch.time_s,
-                up: here.inverse() * before,
+                up: here.inverse() * at_move.before.up,
                 ahead: (start * here).inverse() * Vector3::x(),
                 temperature_degc: recording.temperature_degc.map(|t| t[stretch.sample]).filter(|t| t.is_finite()),
                 signs,
@@ -214,8 +205,7 @@ fn moments(prepared: &Prepared<'_>, linear: &Linear, segments: &[MoveSegments]) 
     let at_rest = |k: usize, up: &Vector3<f64>| {
         let rest = &prepared.rests[k];
         let recording = &prepared.recordings[rest.recording];
-        let (attitude, signs) =
-            arrived[k].unwrap_or_else(|| (levelled(&UnitQuaternion::identity(), up), Vector3::zeros()));
+        let (attitude, signs) = arrived[k].unwrap_or((UnitQuaternion::identity(), Vector3::zeros()));
         let range = rest.rest.first..rest.rest.end;
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         Moment {

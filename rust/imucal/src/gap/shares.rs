@@ -131,12 +131,7 @@ fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment
             let own = side(a);
             each(to, others, |b| a.ahead.dot(&b.ahead) + own.dot(&side(b)));
         }
-        Kernel::Attitude => {
-            // The mean of two perpendicular horizontal directions does not depend on their choice.
-            let own = side(a);
-            let turn = |b: &Moment| (a.ahead - b.ahead).norm_squared().midpoint((own - side(b)).norm_squared());
-            near(to, others, LENGTH, |b| tilt(b) + turn(b));
-        }
+        Kernel::Attitude => near(to, others, LENGTH, |b| tilt(b) + (a.ahead - b.ahead).norm_squared()),
         Kernel::GravityDirection | Kernel::Rate | Kernel::Force => near(to, others, LENGTH, tilt),
         Kernel::Temperature => {
             let difference = |b: &Moment| a.temperature_degc.zip(b.temperature_degc).map_or(0.0, |(a, b)| a - b);
