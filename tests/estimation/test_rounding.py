@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import imucal
-from changes import coarse_run
+from changes import changed, coarse_run
 
 DEG = math.pi / 180
 STEP_DPS = 0.07
@@ -132,3 +132,23 @@ def test_the_end_of_a_move_behind_a_filter_is_not_taken_for_noise() -> None:
     # With a fifth of a step of noise, an estimate depends on how far the bias is from the next step.
     assert statistics.median(values) == pytest.approx(noise, rel=0.15)
     assert max(values) < 1.15 * noise
+
+
+@pytest.mark.parametrize("lively", [1, 2])
+def test_few_lively_rests_do_not_hide_the_rounding_of_the_others(lively: int) -> None:
+    """Their large noise dithers their own samples, and the quiet rests still have an error in common."""
+    recording = imucal.simulate("random", seed=1).recording
+    fine = imucal.calibrate(recording)
+    rates = recording.angular_rate.copy()
+    noise = np.median([rates[rest.first : rest.end].std(axis=0) for rest in fine.rests])
+    random = np.random.default_rng(5)
+    for rest in fine.rests[20 : 20 + lively]:
+        rates[rest.first : rest.end] += random.normal(0.0, 6 * noise, (rest.end - rest.first, 3))
+    results = [
+        imucal.calibrate(changed(recording, angular_rate=values))
+        for values in (rates, np.rint(rates / (3 * noise)) * 3 * noise)
+    ]
+    assert "noise_below_lsb" in [finding.code for finding in results[1].findings]
+    std = [parameter.std for parameter in results[1].parameters if parameter.name.startswith("gyro_bias")]
+    exact, rounded = (result.calibration.gyroscope.bias for result in results)
+    assert np.max(np.abs(rounded - exact) / std) < 4.0

@@ -42,6 +42,7 @@ pub use independence::{AtRest, at_rest, check_control, check_independent};
 pub(crate) use kinematics::check_kinematics;
 pub use plausible::{RestNoise, check_noise};
 pub use rails::saturated_samples;
+pub(crate) use repeats::repeated_share;
 pub use shared::check_shared;
 pub(crate) use stamps::from_sensor as stamps_from_sensor;
 pub use temperature::{TEMPERATURE_DEGC, check_temperature};

@@ -6,7 +6,7 @@ import functools
 import numpy as np
 
 import imucal
-from changes import Change, changed, coarse_run, stand_run, truth_of
+from changes import MOVES, Change, changed, coarse_run, stand_run, truth_of
 from recordings import calibrating
 from trap import good, incomplete, poor
 
@@ -185,7 +185,34 @@ EIGHT_BIT = tuple(
     for seed in (4, 33, 51)
 )
 
+def lively_rests(sensor: str, times_noise: float, count: int) -> Change:
+    """A change that gives some rests six times the noise before rounding, as a table that somebody leans on."""
+
+    def change(recording):
+        values = getattr(recording, COLUMN[sensor]).copy()
+        random = np.random.default_rng(7)
+        for _, start in MOVES[10 : 10 + count]:
+            values[start : start + 300] += random.normal(0.0, 6 * NOISE[sensor], (300, 3))
+        return changed(recording, **{COLUMN[sensor]: to_steps(values, times_noise * NOISE[sensor])})
+
+    return change
+
+
+LIVELY = tuple(
+    calibrating(
+        "noise below a step of the converter",
+        f"{sensor}: step of {times_noise:g} sigma, {count} of 31 rests with six times the noise",
+        lively_rests(sensor, times_noise, count),
+        good(NOISE_BELOW_STEP),
+        incomplete(NOISE_BELOW_STEP),
+    )
+    for sensor in ("gyro", "accel")
+    for times_noise in (3.0, 4.0)
+    for count in (1, 2, 8)
+)
+
 TRAPS = (
+    *LIVELY,
     *EIGHT_BIT,
     *OF_ONE_SENSOR,
     *OF_ONE_AXIS,

@@ -121,15 +121,15 @@ fn additional(recording: &Recording<'_>, repeats: &Repeats, noise: f64) -> Optio
     if number < FEWEST || mean > ADDITIONAL {
         return None;
     }
-    let share = 100.0 * count as f64 / recording.len() as f64;
     Some(Finding {
         count,
-        value: share,
+        value: 100.0 * repeats.share(),
         unit: "%",
         message: format!(
-            "{count} rows ({share:.2} %) repeat all six values of the row before, and across them the rate changes by \
-             {mean:.2} time steps: they are additional rows, but the time stamps were made from the sample number and \
-             count them"
+            "{} repeat all six values of the row before, and across them the rate changes by {mean:.2} time steps: they \
+             are additional rows, but the time stamps were made from the sample number and count them{}",
+            repeats.counted(),
+            repeats.not_examined(recording)
         ),
         way_out: "drop the repeated rows, then give the rate of the sensor with --rate-hz if the rows were written twice, or \
              keep the time stamps of the other rows if a slower sensor was polled"

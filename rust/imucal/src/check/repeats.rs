@@ -1,7 +1,7 @@
 //! Check for repeated rows. The sensor repeated its last sample, or the row was written twice.
 
 use super::Tally;
-use super::part::Part;
+use super::part::{PART, Part};
 use crate::finding::Finding;
 use crate::recording::Recording;
 
@@ -20,7 +20,7 @@ const FEWEST: usize = 5;
 /// recording has only one sensor, rows have three values instead of six.
 pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding> {
     let count = repeats.reported()?;
-    let share = 100.0 * count as f64 / recording.len() as f64;
+    let share = 100.0 * repeats.share();
     let has_both = !recording.specific_force.is_absent() && !recording.angular_rate.is_absent();
     let values = if has_both { "six" } else { "three" };
     Some(Finding {
@@ -29,12 +29,24 @@ pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding>
         value: share,
         unit: "%",
         message: format!(
-            "{count} rows ({share:.2} %) repeat all {values} values of the row before, the first {}",
-            repeats.doubled.first_place(recording)
+            "{} repeat all {values} values of the row before, the first {}{}",
+            repeats.counted(),
+            repeats.doubled.first_place(recording),
+            repeats.not_examined(recording)
         ),
         way_out: "record at the rate at which the sensor gives new samples, or drop the repeated rows".into(),
         ..Finding::warning("samples_duplicated", recording.name)
     })
+}
+
+/// Share of the rows of a recording that repeat all values of the previous row; zero if such rows can occur by
+/// coincidence.
+pub(crate) fn repeated_share(recording: &Recording<'_>) -> f64 {
+    let mut repeats = Repeats::default();
+    for start in (0..recording.len()).step_by(PART) {
+        repeats.feed(&Part::new(recording, start..(start + PART).min(recording.len())));
+    }
+    repeats.reported().map_or(0.0, |_| repeats.share())
 }
 
 /// Counts of the rows that repeat all values of the previous row, and of the rows that repeat all but one. Such rows
@@ -43,6 +55,8 @@ pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding>
 pub(super) struct Repeats {
     /// Counter of the rows that repeat all values of the previous row.
     doubled: Tally,
+    /// Number of rows that repeat at most one value of the previous row.
+    changing: usize,
     /// Number of rows that repeat all but one value of the previous row.
     near: usize,
     /// Whether the row before the current sequence of repeated rows repeats at most one value. Only repeats after
@@ -63,6 +77,34 @@ impl Repeats {
         (count >= FEWEST && count > 2 * self.near).then_some(count)
     }
 
+    /// Share of the repeated rows among the examined rows. The examined rows are the repeated rows and all rows that
+    /// repeat at most one value. Other rows are not examined, because values of coarsely quantised data repeat at rest
+    /// without any fault.
+    pub(super) fn share(&self) -> f64 {
+        self.doubled.samples as f64 / self.examined().max(1) as f64
+    }
+
+    fn examined(&self) -> usize {
+        self.doubled.samples + self.changing
+    }
+
+    /// The number and the share of the repeated rows, as the beginning of a sentence.
+    pub(super) fn counted(&self) -> String {
+        format!("{} of {} rows ({:.2} %)", self.doubled.samples, self.examined(), 100.0 * self.share())
+    }
+
+    /// The end of that sentence: the number of rows that were not examined.
+    pub(super) fn not_examined(&self, recording: &Recording) -> String {
+        // The first row has no previous row.
+        match recording.len() - 1 - self.examined() {
+            0 => String::new(),
+            others => format!(
+                "; the other {others} rows are not counted, because values repeat near them also without a fault, as \
+                 coarse values do at rest"
+            ),
+        }
+    }
+
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         let time_s = part.recording.time_s;
         for (i, equal) in part.equal() {
@@ -72,6 +114,7 @@ impl Repeats {
                 self.near_rows += 1;
             } else {
                 let changes = equal & equal.wrapping_sub(1) == 0;
+                self.changing += usize::from(changes);
                 if self.equal_rows + self.near_rows > 0 {
                     self.end_of_stretch(i, self.changes_before && changes);
                 }
@@ -131,6 +174,23 @@ mod tests {
         let finding = found(&columns).unwrap();
         assert_eq!((finding.code, finding.count), ("samples_duplicated", 38));
         assert_eq!(finding.place.unwrap().first_sample, 100);
+    }
+
+    /// At rest, coarse values repeat also without a fault, so the rows at rest are not counted. The stated share must
+    /// nevertheless be that of the repeated rows.
+    #[test]
+    fn the_share_of_held_samples_is_right_with_coarse_values_at_rest() {
+        for held in [2, 3, 4] {
+            let mut columns = Columns::tumbling().quantised(0.06, 0.009);
+            for i in 0..4000 {
+                columns.force[i] = columns.force[i - i % held];
+                columns.rate[i] = columns.rate[i - i % held];
+            }
+            let finding = found(&columns).unwrap();
+            let share = 100.0 * (1.0 - 1.0 / held as f64);
+            assert!((finding.value - share).abs() < 2.0, "{held}: {finding}");
+            assert!(finding.message.contains("rows are not counted"), "{finding}");
+        }
     }
 
     #[test]

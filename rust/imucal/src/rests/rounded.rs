@@ -1,7 +1,6 @@
 //! Rounding errors at the rests of a recording: estimation of noise that is below the quantisation step, and a finding
 //! that reports such noise.
 
-use std::collections::BTreeMap;
 use std::ops::Range;
 
 use nalgebra::Vector6;
@@ -11,16 +10,8 @@ use crate::finding::{Finding, general};
 use crate::numerics::stats::median;
 use crate::recording::{RawUnit, Recording, Samples};
 use crate::rests::rest::Rest;
-use crate::rounding::{Levels, Rounding};
-
-/// Rests are assumed to have the same true mean if their mean readings differ by less than this number of quantisation
-/// steps. The readings of a gyroscope are nearly equal at all rests. A separate unknown true mean for each rest would
-/// make large noise seem too likely, so the estimate of the noise would be too large.
-const SAME_READING: f64 = 0.15;
-/// A level (multiple of the quantisation step) that is more than 1.5 steps from the mean is omitted if at most this
-/// share of the samples is at this level. Its samples are due to a jolt or a transmission error, and a single such
-/// sample would dominate the estimated noise.
-const FOREIGN: f64 = 1e-3;
+use crate::rounding::levels::Levels;
+use crate::rounding::{AxisRounding, Rounding};
 
 /// Share of a rest that is omitted at each end when the samples at each level are counted. A filter delays the rate, so
 /// the start of a rest still contains the last part of the rate in the move before it. With a filter bandwidth of 5 Hz,
@@ -45,37 +36,44 @@ pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6
     })
 }
 
-/// Estimates the statistics of the rounding errors of the six channels, in the order gyroscope x, y, z, accelerometer
-/// x, y, z. For each channel whose noise is below its quantisation step, `steps` contains this step. For all other
-/// channels it contains zero. `colour` contains the factor c of model.md (10), which describes the correlation of the
-/// noise.
-pub(super) fn roundings(
-    recording: &Recording<'_>,
-    rests: &[Rest],
-    steps: &Vector6<f64>,
-    colour: &Vector6<f64>,
-) -> [Rounding; 6] {
-    let of_channel = |channel: usize| {
-        let (rows, axis) = of_channel(recording, channel);
-        let step = Some(steps[channel]).filter(|step| *step > 0.0)?;
-        Some((step, levels(rows, axis, rests, step, colour[channel])))
-    };
-    let [[a, b, c], [d, e, f]] =
-        [0, 3].map(|first| Rounding::of_levels([0, 1, 2].map(|axis| of_channel(first + axis))));
-    [a, b, c, d, e, f]
-}
+/// Statistics of the rounding errors of the six channels, in the order gyroscope x, y, z, accelerometer x, y, z.
+pub(super) struct Roundings([AxisRounding; 6]);
 
-/// Statistics of the rounding errors of the six channels at one rest. If all samples of an accelerometer channel have
-/// the same level, its mean reading does not determine its rounding error. The reading of a gyroscope channel always
-/// determines the rounding error, because the true rate is zero at every rest.
-pub(super) fn at_rest(recording: &Recording<'_>, rest: &Rest, roundings: &[Rounding; 6]) -> [Rounding; 6] {
-    std::array::from_fn(|channel| {
-        let (rows, axis) = of_channel(recording, channel);
-        let mut values = rows.slice(inner(rest)).axis(axis);
-        let first = values.next();
-        let is_determined = channel < 3 || values.any(|value| Some(value) != first);
-        Rounding { is_determined, ..roundings[channel] }
-    })
+impl Roundings {
+    /// Estimates the statistics of the rounding errors. For each channel whose noise is below its quantisation step,
+    /// `steps` contains this step. For all other channels it contains zero. `colour` contains the factor c of model.md
+    /// (10), which describes the correlation of the noise.
+    pub(super) fn of(recording: &Recording<'_>, rests: &[&Rest], steps: &Vector6<f64>, colour: &Vector6<f64>) -> Self {
+        let of_channel = |channel: usize| {
+            let (rows, axis) = of_channel(recording, channel);
+            let step = Some(steps[channel]).filter(|step| *step > 0.0)?;
+            Some((step, levels(rows, axis, rests, step, colour[channel])))
+        };
+        let [[a, b, c], [d, e, f]] =
+            [0, 3].map(|first| Rounding::of_levels([0, 1, 2].map(|axis| of_channel(first + axis))));
+        Self([a, b, c, d, e, f])
+    }
+
+    /// Statistics for the noise that most rests have in common.
+    pub(super) fn common(&self) -> [Rounding; 6] {
+        self.0.each_ref().map(|axis| axis.common)
+    }
+
+    /// Sets the statistics of `rest`, which is number `index` of the rests from which they were estimated. If all
+    /// samples of an accelerometer channel have the same level, its mean reading does not determine its rounding error.
+    /// The reading of a gyroscope channel always determines the rounding error, because the true rate is zero at every
+    /// rest.
+    pub(super) fn set(&self, recording: &Recording<'_>, rest: &mut Rest, index: usize) {
+        let of_channel = |channel: usize| {
+            let (rows, axis) = of_channel(recording, channel);
+            let mut values = rows.slice(inner(rest)).axis(axis);
+            let first = values.next();
+            let is_determined = channel < 3 || values.any(|value| Some(value) != first);
+            Rounding { is_determined, ..self.0[channel].at_rests.get(index).copied().unwrap_or_default() }
+        };
+        let [a, b, c, d, e, f] = [0, 1, 2, 3, 4, 5].map(of_channel);
+        (rest.angular_rate.rounding, rest.specific_force.rounding) = ([a, b, c], [d, e, f]);
+    }
 }
 
 /// Sample range of a rest, without the share [`EDGE`] of its samples at each end.
@@ -91,44 +89,11 @@ pub(super) fn of_channel<'a>(recording: &Recording<'a>, channel: usize) -> (Samp
     (rows, channel % 3)
 }
 
-/// For each group of rests with nearly equal means: the number of independent samples at each level (multiple of the
-/// quantisation step).
-fn levels(rows: Samples<'_>, axis: usize, rests: &[Rest], step: f64, colour: f64) -> Vec<Levels> {
+/// For each rest: the number of independent samples at each level (multiple of the quantisation step).
+fn levels(rows: Samples<'_>, axis: usize, rests: &[&Rest], step: f64, colour: f64) -> Vec<Levels> {
     let Some(zero) = rests.first().map(|rest| rows.at(rest.first)[axis]) else { return Vec::new() };
-    let mut readings: Vec<(f64, BTreeMap<i64, f64>)> = rests
-        .iter()
-        .map(|rest| {
-            let mut counts = BTreeMap::new();
-            for value in rows.slice(inner(rest)).axis(axis) {
-                *counts.entry(((value - zero) / step).round() as i64).or_insert(0.0) += 1.0 / colour;
-            }
-            let (sum, weight) =
-                counts.iter().fold((0.0, 0.0), |(sum, all), (level, count)| (sum + *level as f64 * count, all + count));
-            (sum / weight, counts)
-        })
-        .collect();
-    readings.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // For each group of rests: the mean reading of the rest that was added last, and the number of samples at each
-    // level.
-    let mut groups: Vec<(f64, BTreeMap<i64, f64>)> = Vec::new();
-    for (mean, counts) in readings {
-        match groups.last_mut().filter(|(last, _)| mean - last < SAME_READING) {
-            Some((last, all)) => {
-                *last = mean;
-                counts.into_iter().for_each(|(level, count)| *all.entry(level).or_insert(0.0) += count);
-            }
-            None => groups.push((mean, counts)),
-        }
-    }
-    groups
-        .into_iter()
-        .map(|(_, counts)| {
-            let all: f64 = counts.values().sum();
-            let mean = counts.iter().map(|(level, count)| *level as f64 * count).sum::<f64>() / all;
-            let is_own = |(level, count): &(i64, f64)| (*level as f64 - mean).abs() < 1.5 || *count > FOREIGN * all;
-            Levels { mean, counts: counts.into_iter().filter(is_own).collect() }
-        })
-        .collect()
+    let level = |value: f64| (((value - zero) / step).round() as i64, 1.0 / colour);
+    rests.iter().map(|rest| Levels::of(rows.slice(inner(rest)).axis(axis).map(level))).collect()
 }
 
 /// Reports axes whose noise is far below the step of the converter, so that the rounding error of a rest's mean exceeds

@@ -26,7 +26,7 @@ use crate::numerics::stats::sample_interval_s;
 use crate::recording::{RawUnit, Recording, Samples};
 use crate::rests::noise_density::{NoiseDensity, variance_by_axis};
 use crate::rests::rest::{Rest, RestMean, UNSTEADY};
-use crate::rests::rounded::{at_rest, noise_below_lsb, of_channel, of_rounded, roundings};
+use crate::rests::rounded::{Roundings, noise_below_lsb, of_channel, of_rounded};
 use crate::rounding::{Rounding, step};
 use blocks::{Block, Blocks, mean, sum_blocks};
 use edges::{calm, onset, settle, trim};
@@ -73,8 +73,8 @@ pub struct Segments {
     /// White-noise densities estimated from the rests. If the noise of a channel is below the quantisation step, its
     /// density includes the rounding errors of samples in moves.
     pub noise_density: NoiseDensity,
-    /// Quantisation step of each channel, and the statistics of its rounding errors, in the order gyroscope x, y, z,
-    /// accelerometer x, y, z.
+    /// Quantisation step of each channel, and the statistics of its rounding errors with the noise that most rests have
+    /// in common, in the order gyroscope x, y, z, accelerometer x, y, z.
     pub rounding: [Rounding; 6],
 }
 
@@ -160,11 +160,15 @@ impl Segments {
         let mut rests_of_epochs: Vec<Vec<Rest>> = epochs.iter().map(each).collect();
         let colour = &steadiness.steady_colour;
         let colour = &of_rounded(colour, &coarse);
-        let rounding =
-            roundings(recording, &described(&rests, &rests_of_epochs).copied().collect::<Vec<_>>(), &coarse, colour);
-        for rest in rests.iter_mut().chain(rests_of_epochs.iter_mut().flatten()) {
-            let [a, b, c, d, e, f] = at_rest(recording, rest, &rounding);
-            (rest.angular_rate.rounding, rest.specific_force.rounding) = ([a, b, c], [d, e, f]);
+        let rested: Vec<&Rest> = described(&rests, &rests_of_epochs).collect();
+        let roundings = Roundings::of(recording, &rested, &coarse, colour);
+        let rounding = roundings.common();
+        let mut index = 0;
+        for (rest, epochs) in rests.iter_mut().zip(&mut rests_of_epochs) {
+            // A rest that is divided into epochs has the statistics of its first epoch.
+            roundings.set(recording, rest, index);
+            epochs.iter_mut().enumerate().for_each(|(k, epoch)| roundings.set(recording, epoch, index + k));
+            index += epochs.len().max(1);
         }
         let sample_variance = floor * averaged;
         let mut variance = steadiness.noise_variance(described(&stretches, &epochs)).unwrap_or(sample_variance);

@@ -19,6 +19,7 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Simd, WithSimd};
 
+use crate::check::repeated_share;
 use crate::numerics::fit_report::significance_limit;
 use crate::numerics::instructions::Instructions;
 use crate::numerics::stats::{median, quantile, random_effects_mean, sample_interval_s};
@@ -92,9 +93,13 @@ impl Hand {
     /// Estimates the model of the tremor if the unit is hand-held at nearly all rests of a recording. Otherwise `None`.
     pub(crate) fn of(recording: &Recording<'_>, rests: &[&Rest], sensors: Sensors<'_>) -> Option<Self> {
         let dt_s = sample_interval_s(recording.time_s);
+        // A row that repeats the previous sample contains no noise of its own. Differences are taken between samples.
+        let rows_per_sample = 1.0 / (1.0 - repeated_share(recording));
+        let every = rows_per_sample.round() as usize;
+        let density = |rows: Samples<'_>| white_noise(rows, rests, every) * (rows_per_sample * dt_s).sqrt();
         let noise = NoiseDensity {
-            specific_force: white_noise(recording.specific_force, rests) * dt_s.sqrt(),
-            angular_rate: white_noise(recording.angular_rate, rests) * dt_s.sqrt(),
+            specific_force: density(recording.specific_force),
+            angular_rate: density(recording.angular_rate),
         };
         let threads = threads_for(recording.len());
         let variance = |k: usize| tremor_variance_rad2(recording, rests[k], sensors, dt_s);
@@ -305,10 +310,13 @@ fn tremor_variance_rad2(recording: &Recording<'_>, rest: &Rest, sensors: Sensors
 }
 
 /// Standard deviation of the white noise of one sample on each axis, raw units. It is computed from fourth differences
-/// of consecutive samples within the rests.
-fn white_noise(rows: Samples<'_>, rests: &[&Rest]) -> Vector3<f64> {
+/// of consecutive samples within the rests. Each sample occurs in `every` consecutive rows.
+fn white_noise(rows: Samples<'_>, rests: &[&Rest], every: usize) -> Vector3<f64> {
     let squares = |k: usize| {
-        let rows = rows.part(rests[k].first..rests[k].end);
+        let mut rows = rows.part(rests[k].first..rests[k].end);
+        if every > 1 {
+            rows = rows.iter().step_by(every).copied().collect();
+        }
         let count = (rows.len() + 1).saturating_sub(DIFFERENCE.len()) as f64;
         (Instructions::Best.run(SquaredDifferences(&rows)), count)
     };
@@ -353,7 +361,8 @@ mod tests {
     use crate::simulate::tumble::{HandMoves, Tumble};
     use crate::simulate::{Faults, Program, RandomMoves, Setup, Stand, Temperature, Unit, run};
 
-    fn found(motion: &Motion) -> Option<Hand> {
+    /// The hand in a simulated recording at 200 Hz in which each sample occurs in `held` rows.
+    fn found(motion: &Motion, held: usize) -> Option<Hand> {
         let unit = Unit::paper();
         let setup = Setup {
             motion,
@@ -367,7 +376,10 @@ mod tests {
             threads: None,
         };
         let run = run(&setup).unwrap();
-        let recording = run.recording("run");
+        let repeated = |rows: &[[f64; 3]]| rows.iter().flat_map(|row| vec![*row; held]).collect::<Vec<_>>();
+        let (force, rate) = (repeated(&run.specific_force), repeated(&run.angular_rate));
+        let time_s: Vec<f64> = (0..force.len()).map(|row| row as f64 / (200.0 * held as f64)).collect();
+        let recording = Recording::try_new("run", &time_s, &force, &rate).unwrap();
         let segments = crate::rests::segment::Segments::find(&recording, 1.0).unwrap();
         let rests: Vec<&Rest> = segments.rests.iter().collect();
         let sensors = Sensors {
@@ -380,21 +392,24 @@ mod tests {
     #[test]
     fn a_stand_is_no_hand() {
         let program = Program::random(&RandomMoves { moves: 10, ..RandomMoves::default() }, 1).unwrap();
-        assert!(found(&Motion::Stand { program, stand: Stand::perfect() }).is_none());
+        assert!(found(&Motion::Stand { program, stand: Stand::perfect() }, 1).is_none());
     }
 
     #[test]
-    fn a_hand_is_known_by_its_tremor_and_the_noise_stays_that_of_the_sensors() {
+    fn a_hand_is_known_by_its_tremor_and_the_noise_is_that_of_the_sensors_with_held_samples_too() {
         let tremor_rad = 0.05_f64.to_radians();
         let moves = HandMoves { poses: 15, tremor_rad, ..HandMoves::default() };
-        let hand = found(&Motion::Tumble(Tumble::random(&moves, 2).unwrap())).unwrap();
-        // The tolerance allows for the relative error of a variance that is estimated from 15 rests and two axes.
-        assert!((hand.tremor_rad() / tremor_rad - 1.0).abs() < 0.2, "{:e}", hand.tremor_rad());
-        let unit = Unit::paper();
-        for axis in 0..3 {
-            let rate = hand.noise.angular_rate[axis] / unit.gyroscope.noise_density;
-            let force = hand.noise.specific_force[axis] / unit.accelerometer.noise_density;
-            assert!((rate - 1.0).abs() < 0.05 && (force - 1.0).abs() < 0.05, "{rate} {force}");
+        let motion = Motion::Tumble(Tumble::random(&moves, 2).unwrap());
+        for held in [1, 3] {
+            let hand = found(&motion, held).unwrap();
+            // The tolerance allows for the relative error of a variance that is estimated from 15 rests and two axes.
+            assert!((hand.tremor_rad() / tremor_rad - 1.0).abs() < 0.2, "{:e}", hand.tremor_rad());
+            let unit = Unit::paper();
+            for axis in 0..3 {
+                let rate = hand.noise.angular_rate[axis] / unit.gyroscope.noise_density;
+                let force = hand.noise.specific_force[axis] / unit.accelerometer.noise_density;
+                assert!((rate - 1.0).abs() < 0.05 && (force - 1.0).abs() < 0.05, "{rate} {force}");
+            }
         }
     }
 }
