@@ -187,7 +187,7 @@ EIGHT_BIT = tuple(
 
 
 def lively_rests(sensor: str, times_noise: float, count: int) -> Change:
-    """A change that gives some rests six times the noise before rounding, as if somebody leans on the table."""
+    """A change that gives some rests six times the noise before rounding, as if the table were shaken."""
 
     def change(recording):
         values = getattr(recording, COLUMN[sensor]).copy()
