@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import imucal
+from changes import after_table_rest, hand_run
 from imucal import Program, Step
 
 # Datasheet noise of the paper's sensors, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz).
@@ -83,6 +84,21 @@ def test_in_a_hand_after_a_rest_on_the_table(run, rate_hz, noise, tremor_deg):
         steps = [Step((0, 0, 0), 0.0, 15.0), *Program.random(seed=seed, moves=15, hold_s=4.0).steps]
         recording, true = run(rate_hz, noise, seed, steps=steps, tremor_deg=tremor_deg, steady_rests=1)
         require_true_rests(imucal.inspect(recording), true)
+
+
+@pytest.mark.parametrize("tremor_deg", [0.3, 0.5])
+@pytest.mark.parametrize("duration_s", [10.0, 20.0, 40.0])
+def test_a_rest_on_a_table_does_not_hide_the_rests_in_a_hand(tremor_deg, duration_s):
+    """The level of the hand is nearer to that of the moves than to that of the table."""
+    for seed in (1, 2, 3):
+        alone = hand_run(seed, tremor_deg).recording
+        after = after_table_rest(seed, duration_s)(alone)
+        inspection = imucal.inspect(after)
+        assert len(inspection.rests) == len(imucal.inspect(alone).rests) == 20, inspection.explanation
+        # The rest on the table is the steadiest of all, and not a slow rotation.
+        rests = imucal.calibrate(after).rests
+        assert rests[0].unsteadiness < 2 < rests[1].unsteadiness
+        assert rests[0].excluded is None
 
 
 @pytest.mark.parametrize("tremor_deg", [0.1, 0.3])

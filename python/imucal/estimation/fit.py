@@ -106,7 +106,8 @@ class RestThreshold:
     """How the rests of one recording were detected.
 
     factor                 threshold of rest detection. A window is at rest if (variance of its samples /
-                           noise variance), averaged over the axes, is below it; see (11) in docs/model.md
+                           noise variance), averaged over the axes, is below it; approximate if hand-held
+                           rests follow a rest on a table; see (11) in docs/model.md
     stable_from, stable_to range of thresholds that give the same number of rests
     window_s               length of a window, s
     noise_floor            (6,) standard deviation of a sample at rest, gyroscope x, y, z, accelerometer x, y,

@@ -1,9 +1,21 @@
 """Traps of the motion: rests and moves that do not determine the parameters, disturbances, several units."""
 
+import functools
+
 import numpy as np
 
 import imucal
-from changes import changed, force, poses_within, program, rate, rows, stand_run
+from changes import (
+    after_table_rest,
+    changed,
+    force,
+    hand_run,
+    poses_within,
+    program,
+    rate,
+    rows,
+    stand_run,
+)
 from recordings import calibrating
 from trap import good, incomplete, poor, refused
 
@@ -11,6 +23,7 @@ FEW_POSES = "the motion does not determine all parameters"
 BOX = "a box rolled over its faces"
 HELD = "parameters are held by a prior"
 DISTURBED = "a rest is disturbed"
+TABLE = "a rest on a table before a hand-held run"
 UNITS = "several units are taken for one"
 
 
@@ -190,6 +203,17 @@ DISTURBANCES = (
     ),
 )
 
+TABLES = tuple(
+    calibrating(
+        TABLE,
+        f"{duration_s:g} s, tremor {tremor_deg:g} deg",
+        after_table_rest(2, duration_s),
+        good(),
+        run=functools.partial(hand_run, 2, tremor_deg),
+    )
+    for duration_s, tremor_deg in ((10.0, 0.5), (20.0, 0.3), (20.0, 0.5), (40.0, 0.4))
+)
+
 OTHERS = (
     calibrating(
         UNITS,
@@ -307,6 +331,7 @@ TRAPS = (
     *PRIORS,
     *ON_FACES,
     *DISTURBANCES,
+    *TABLES,
     *OTHERS,
     *PART,
     *CONTROLS,

@@ -5,11 +5,12 @@
 //! averaged over about 5 ms. The user specifies neither an initial rest nor a threshold. The noise variance is
 //! estimated from the quietest windows. The threshold is chosen from the widest range of thresholds that give the same
 //! number of rests. The sum of squared residuals of a calibration cannot be used for the choice, because it is always
-//! smaller with fewer rests.
+//! smaller with fewer rests. Hand-held rests after a rest on a table have their own noise variance and threshold.
 
 mod blocks;
 mod edges;
 pub(crate) mod epochs;
+mod levels;
 mod steadiness;
 mod threshold;
 
@@ -31,8 +32,9 @@ use crate::rounding::{Rounding, step};
 use blocks::{Block, Blocks, mean, sum_blocks};
 use edges::{calm, onset, settle, trim};
 use epochs::{LONG_REST_S, cut, joined};
+use levels::rests_of_all_levels;
 use steadiness::{Steadiness, Stretch, gravity_wanders};
-use threshold::{choose_threshold, still, window_statistic};
+use threshold::window_statistic;
 
 /// Length of a block of consecutive samples, s. The ends of rests are determined with this time resolution.
 const BLOCK_S: f64 = 0.05;
@@ -43,7 +45,8 @@ const WINDOW_BLOCKS: usize = 10;
 #[derive(Clone, Debug)]
 pub struct Threshold {
     /// The threshold. A window is at rest if its statistic (variance / noise variance, averaged over the channels) is
-    /// below this value.
+    /// below this value. If hand-held rests follow a rest on a table, the channels are weighted by their variances in
+    /// the hand, and this value is approximate.
     pub factor: f64,
     /// Lower end of the range from which the threshold was chosen. All thresholds in this range give the same number n
     /// of rests. Of all such ranges, the chosen range has approximately the largest product ln(upper end / lower end) x
@@ -110,16 +113,18 @@ impl Segments {
             let (rows, axis) = of_channel(recording, channel);
             step::step_of(rows, axis)
         };
-        let (statistic, floor, coarse) = window_statistic(variances, &(steps / averaged.sqrt()), step_of);
-        let threshold = choose_threshold(&statistic, min_blocks);
+        let steps = steps / averaged.sqrt();
+        let (statistic, floor, coarse) = window_statistic(variances, &steps, step_of);
+        let (threshold, still) = rests_of_all_levels(variances, &steps, &statistic, &floor, step_of, min_blocks);
         // Without an accelerometer, a tilt of gravity cannot be detected. An infinite magnitude of gravity disables the
         // tilt check.
         let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };
         let block_s = block_samples as f64 * dt_s;
         // A lower limit of the number of blocks is needed, because a block may last minutes at very low sampling rates.
         let long_blocks = ((LONG_REST_S / block_s).round() as usize).max(WINDOW_BLOCKS);
-        let still: Vec<_> = still(&statistic, threshold.0)
-            .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), blocks, &coarse))
+        let still: Vec<_> = still
+            .iter()
+            .map(|range| settle(calm(trim(range, statistic.len()), &statistic), blocks, &coarse))
             .filter(|range| !range.is_empty() && !gravity_wanders(&blocks[range.clone()], gravity, long_blocks))
             .collect();
         let still = joined(recording, still, block_samples, block_s, &(floor * averaged).map(f64::sqrt));
@@ -185,9 +190,9 @@ impl Segments {
             },
             too_short: short.into_iter().map(|(range, _)| samples(range)).collect(),
             threshold: Threshold {
-                factor: threshold.0,
-                stable_from: threshold.1,
-                stable_to: threshold.2,
+                factor: threshold.factor,
+                stable_from: threshold.from,
+                stable_to: threshold.to,
                 noise_floor: sample_variance.map(f64::sqrt),
                 window_s: (WINDOW_BLOCKS * block_samples) as f64 * dt_s,
             },

@@ -65,6 +65,13 @@ pub(super) fn window_statistic(
     (statistic, floor, coarse)
 }
 
+/// The statistic of each window with the given noise variance of each channel.
+pub(super) fn statistic_of(variances: &[Vec<f64>; 6], floor: &Vector6<f64>) -> Vec<f64> {
+    let mut statistic = vec![0.0; variances[0].len()];
+    Instructions::Best.run(Ratios { variances, floor, statistic: &mut statistic });
+    statistic
+}
+
 /// The windows whose statistic is at most `limit`, as index ranges of consecutive windows.
 fn runs_up_to(statistic: &[f64], limit: f64) -> Vec<Range<usize>> {
     let mut runs: Vec<Range<usize>> = Vec::new();
@@ -100,13 +107,29 @@ impl WithSimd for Ratios<'_> {
     }
 }
 
-/// Returns the threshold, and the two ends of the range from which it was chosen. All thresholds in this range give the
-/// same number n of rests. Among all such ranges, it has the largest weighted width, which is
-/// ln(upper end / lower end) x ln(n + 0.1).
-///
-/// The weight is negative for n = 0. Consider a unit that first lies on a table and is then hand-held, with a thousand
-/// times the variance. Without the weight, this recording would give a single rest.
-pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f64, f64) {
+/// The chosen threshold, and the range from which it was chosen, in units of the noise variance.
+#[derive(Debug)]
+pub(super) struct Choice {
+    /// The threshold.
+    pub(super) factor: f64,
+    /// Lower end of the range.
+    pub(super) from: f64,
+    /// Upper end of the range.
+    pub(super) to: f64,
+    /// Number of rests that every threshold in the range gives.
+    pub(super) rests: usize,
+}
+
+impl Choice {
+    /// The choice in another unit of variance, which is smaller by `ratio`.
+    pub(super) fn scaled(self, ratio: f64) -> Self {
+        Self { factor: self.factor * ratio, from: self.from * ratio, to: self.to * ratio, rests: self.rests }
+    }
+}
+
+/// Chooses the threshold. All thresholds in the range from which it is chosen give the same number n of rests. Among
+/// all such ranges, it has the largest weighted width, which is ln(upper end / lower end) x ln(n + 0.1).
+pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> Choice {
     // Lowest threshold that is tried, a ratio of variances. Most windows at rest have a statistic near 1, which is
     // below this threshold.
     const LOWEST: f64 = 1.5;
@@ -129,7 +152,7 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
         rests += usize::from(is_rest(&blocks));
         stretches.add(blocks.start..blocks.end + 1 - WINDOW_BLOCKS);
     }
-    let mut best = (0.0, LOWEST, LOWEST);
+    let mut best = (0.0, LOWEST, LOWEST, rests);
     let mut plateau: Option<(usize, f64)> = None;
     let mut threshold = LOWEST;
     while threshold <= highest {
@@ -146,13 +169,13 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
         plateau = Some((rests, start));
         let score = (threshold * STEP / start).ln() * (rests as f64 + 0.1).ln();
         if score > best.0 {
-            best = (score, start, threshold);
+            best = (score, start, threshold, rests);
         }
         threshold *= STEP;
     }
-    let (_, from, to) = best;
+    let (_, from, to, rests) = best;
     // The returned threshold is near the lower end of the range, so that the ends of the rests contain little motion.
-    (from * (to / from).powf(0.25), from, to)
+    Choice { factor: from * (to / from).powf(0.25), from, to, rests }
 }
 
 /// Intervals at rest, as ranges of block indices in chronological order. Every block of an interval is in at least one

@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use crate::numerics::stats::{MEDIAN_SIZE, median, random_effects_mean};
 use crate::rests::rest::Rest;
 
-/// Maximum deviation of the mean rate of a rest from the median of all rests, in robust standard deviations. With a
-/// larger deviation, the interval contains a slow rotation and is not a rest.
+/// Maximum deviation of the mean rate of a rest from the median of all rests, in standard deviations. With a larger
+/// deviation, the interval contains a slow rotation and is not a rest.
 const LIMIT: f64 = 6.0;
 
 /// The gyroscope bias and the weights of the rests, for each axis separately.
@@ -59,12 +59,71 @@ pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> Gyros
     result
 }
 
-/// Indices of the rests that are not excluded: score <= [`LIMIT`] x scale. The score of a rest is |mean - median| /
-/// standard deviation of its mean. The scale is the robust scatter of the scores of all rests.
+/// Indices of the rests that are not excluded (model.md (7)).
+///
+/// The mean rate of a rest is compared with the median of all rests. Its deviation has three causes: the noise of the
+/// rest, the scatter between rests, and the error of the median. With the noise alone, the rest with the least noise
+/// would be excluded first, for example a rest on a table before a hand-held run.
 fn kept(means: &[f64], variances: &[f64]) -> Vec<usize> {
     let centre = median(&mut means.to_vec());
-    let scores: Vec<f64> = means.iter().zip(variances).map(|(m, v)| (m - centre).abs() / v.sqrt()).collect();
-    // Median of the scores / median of |z| for a standard normal variable z, and at least 1.
-    let scale = (median(&mut scores.clone()) / MEDIAN_SIZE).max(1.0);
-    (0..means.len()).filter(|&k| scores[k] <= LIMIT * scale).collect()
+    let squares: Vec<f64> = means.iter().map(|mean| (mean - centre).powi(2)).collect();
+    // Robust estimate of the variance between rests: with this value, half of the rests have a deviation of less than
+    // `MEDIAN_SIZE` standard deviations, as normal variables have.
+    let excess = |(square, variance): (&f64, &f64)| square / MEDIAN_SIZE.powi(2) - variance;
+    let between = median(&mut squares.iter().zip(variances).map(excess).collect::<Vec<f64>>()).max(0.0);
+    let typical = median(&mut variances.to_vec()) + between;
+    // The variance of the median of n normal variables is pi / 2 times that of their mean.
+    let of_centre = std::f64::consts::FRAC_PI_2 * typical / means.len() as f64;
+    let limit = |k: usize| LIMIT.powi(2) * (variances[k] + between + of_centre);
+    (0..means.len()).filter(|&k| squares[k] <= limit(k)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Mean rates about x of the rests of an MPU-6050 and the standard deviations of their noise, counts. The first
+    /// rest lasts 37 s on a table, and the others are hand-held.
+    const HELD: [(f64, f64); 10] = [
+        (-427.4, 0.1),
+        (-379.6, 10.0),
+        (-385.5, 3.4),
+        (-412.2, 1.6),
+        (-446.1, 6.4),
+        (-423.8, 10.6),
+        (-428.6, 3.3),
+        (-416.2, 1.3),
+        (-429.3, 1.3),
+        (-422.4, 0.8),
+    ];
+
+    fn kept_of(rests: &[(f64, f64)]) -> Vec<usize> {
+        let (means, variances): (Vec<f64>, Vec<f64>) = rests.iter().map(|(mean, std)| (*mean, std * std)).unzip();
+        kept(&means, &variances)
+    }
+
+    #[test]
+    fn a_rest_on_a_table_agrees_with_hand_held_rests() {
+        for std in [1.0, 0.1, 0.01, 1e-6] {
+            let rests: Vec<_> = [(-427.4, std)].into_iter().chain(HELD[1..].iter().copied()).collect();
+            assert_eq!(kept_of(&rests), Vec::from_iter(0..10), "{std}");
+        }
+        // The noise of the hand-held rests explains their scatter. Their median is less accurate than the precise rest.
+        let noisy: Vec<_> = (0..12).map(|k| (f64::from(k) - 2.5, 5.0)).chain([(0.0, 0.01)]).collect();
+        assert_eq!(kept_of(&noisy), Vec::from_iter(0..13));
+    }
+
+    #[test]
+    fn a_slow_rotation_is_not_a_rest() {
+        let rotating = |rests: &[(f64, f64)], rate: f64| {
+            let mut rests = rests.to_vec();
+            rests[3].0 += rate;
+            kept_of(&rests)
+        };
+        let others = [0, 1, 2, 4, 5, 6, 7, 8, 9];
+        assert_eq!(rotating(&HELD, 300.0), others);
+        let on_a_table: Vec<_> = (0..10).map(|k| (f64::from(k * 7 % 10) * 0.05, 0.2)).collect();
+        assert_eq!(rotating(&on_a_table, 0.2), Vec::from_iter(0..10));
+        assert_eq!(rotating(&on_a_table, 2.0), others);
+    }
 }
