@@ -140,7 +140,7 @@ UNITS = (
             ("{}Accel (m/s/s)", "{}Rate (mdps)", (1, DEG / 1000)),
             ("Acc {} (cm/s²)", "Gyr {} (mrad/s)", (0.01, 1e-3)),
             ("Acc {} [Gal]", "Gyr {} [°/h]", (0.01, DEG / 3600)),
-            ("acc_{}_mm_s2", "gyro_{}_rpm", (1e-3, 6 * DEG)),
+            ("acc_{}_mm_s2", "Gyr {} (rpm)", (1e-3, 6 * DEG)),
         )
     ),
     text(
