@@ -21,6 +21,7 @@ __all__ = [
     "TEMPERATURE_UNITS",
     "TICKS_PER_S",
     "UNITS",
+    "UNIT_TEXT",
     "Scale",
     "datasheet",
     "si",
@@ -62,11 +63,24 @@ COUNTS: Final[dict[str, dict[str, float]]] = {
     "rad/s/lsb": {"lsb/(deg/s)": _DEG},
 }
 # Suffixes of column names, such as accel_x_mg, by sensor, each with the size of its unit in SI units. Counts
-# (lsb) are not converted.
+# (lsb) are not converted. A Gal is 1 cm/s^2, and a full circle has 400 gon.
 COLUMN_UNITS: Final[dict[str, dict[str, float]]] = {
-    "accel": {"mps2": 1.0, "g": _G, "mg": _G / 1000.0, "lsb": 1.0},
-    "gyro": {"radps": 1.0, "dps": _DEG, "mdps": _DEG / 1000.0, "lsb": 1.0},
+    "accel": {
+        **{"mps2": 1.0, "cmps2": 1e-2, "mmps2": 1e-3, "ftps2": 0.3048},
+        **{"g": _G, "mg": _G / 1000.0, "ug": _G / 1e6, "lsb": 1.0},
+    },
+    "gyro": {
+        **{"radps": 1.0, "mradps": 1e-3, "dps": _DEG, "mdps": _DEG / 1000.0},
+        **{"dpmin": _DEG / 60.0, "dph": _DEG / 3600.0, "rpm": 6.0 * _DEG, "gonps": 0.9 * _DEG, "lsb": 1.0},
+    },
     "stand": {"rad": 1.0, "deg": _DEG},
+}
+# The units of these suffixes as options and messages state them.
+UNIT_TEXT: Final[dict[str, str]] = {
+    **{"mps2": "m/s^2", "cmps2": "cm/s^2", "mmps2": "mm/s^2", "ftps2": "ft/s^2"},
+    **{"g": "g", "mg": "mg", "ug": "ug", "lsb": "lsb"},
+    **{"radps": "rad/s", "mradps": "mrad/s", "dps": "deg/s", "mdps": "mdeg/s"},
+    **{"dpmin": "deg/min", "dph": "deg/h", "rpm": "rpm", "gonps": "gon/s"},
 }
 # Suffixes of temperature columns, such as temp_k: (size of the unit in degC, its zero in degC). Raw counts
 # (temp_lsb) are converted with the slope and offset of their sensor (`temp_scale`).

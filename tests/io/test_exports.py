@@ -279,9 +279,9 @@ def test_a_time_column_alone_does_not_make_the_other_names_canonical(tmp_path):
 
 
 def test_what_cannot_be_read_is_named(tmp_path):
-    units = "time(s),ax(ug),ay(ug),az(ug),gx(deg/h),gy(deg/h),gz(deg/h)"
+    units = "time(s),ax(mGal),ay(mGal),az(mGal),gx(rps),gy(rps),gz(rps)"
     for name, content, message in (
-        ("a.csv", [units, *lines(TIME_S, FORCE / G * 1e6, RATE / DEG * 3600)], r"not read \(ug, deg/h\)"),
+        ("a.csv", [units, *lines(TIME_S, FORCE * 1e5, RATE / DEG / 360)], r"not read \(mGal, rps\)"),
         ("a.json", ['[{"sensor": "Accelerometer", "time": "1", "x": 0.1, "y": 0.1, "z": 9.8}]'], "is JSON"),
         (
             "long.csv",

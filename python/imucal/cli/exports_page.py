@@ -338,6 +338,11 @@ The table lists the exports that imucal reads, sorted by maker or app, and the s
 program. If the header gives sensor, axis and unit of every column, the file is read without options, and
 a warning states the unit of each column. If the header gives no unit, the error message shows
 the values in each possible unit, and the option `--columns` for the most likely unit.
+
+Units in headers may be spelled in many ways: m/s^2, m/s² or m/s/s, cm/s² or Gal, mm/s², ft/s², g, mg, µg;
+rad/s, mrad/s, deg/s, °/s or dps, mdps, °/min, °/h or dph, rpm, gon/s; s, ms, us, ns. A header with another
+unit, such as ticks or rps, is an error and is never taken for a header without units. Words with two
+meanings are not read: grad/s is gon/s in English and deg/s in German.
 """
 
 FOOT: Final = """\

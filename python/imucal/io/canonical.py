@@ -14,6 +14,7 @@ from imucal.document.source import first_bytes, open_large
 from imucal.errors import FormatError, ImucalError, InputError
 from imucal.io.alone import recording_of_any_text
 from imucal.io.arrow_values import arrow_of
+from imucal.io.headed import require_agreement_of_names
 from imucal.io.mapping import mapping_of
 from imucal.io.named_table import by_header
 from imucal.io.names import is_canonical
@@ -172,6 +173,7 @@ def chosen(table: Table, columns: str | Sequence[str] | None, *, has_rate: bool)
     for theirs in mapping.values():
         if theirs not in table.names:
             raise InputError(f"{table.file}: there is no column {theirs!r}; found: {', '.join(table.names)}")
+    require_agreement_of_names(table.file, [(theirs, ours) for ours, theirs in mapping.items()])
     named = {_meaning(ours) for ours in mapping}
     for name in table.names:
         if is_canonical(name) and _meaning(name) not in named and name not in mapping.values():

@@ -6,7 +6,16 @@ import re
 from typing import Final
 from unicodedata import combining, normalize
 
-__all__ = ["NOT_TIME", "is_of_other", "is_time", "role_of", "time_unit_in", "words_of"]
+__all__ = [
+    "NOT_TIME",
+    "is_counted",
+    "is_of_other",
+    "is_remark",
+    "is_time",
+    "role_of",
+    "time_unit_in",
+    "words_of",
+]
 
 # Words that name the accelerometer and the gyroscope.
 ACCEL: Final = {
@@ -48,6 +57,19 @@ TIME: Final = (
 )
 # Words in names of secondary time columns, which are used only if there is no other time column.
 NOT_TIME: Final = {"zone", "step", "delta", "dt", "diff", "ntp", "gps"}
+# The last words of names of time columns whose values are counted, or are in a unit that is not read.
+COUNTED: Final = {
+    *("tick", "ticks", "jiffies", "cycle", "cycles", "frame", "frames", "sample", "samples", "clk"),
+    *("min", "mins", "minute", "minutes", "h", "hr", "hrs", "hour", "hours", "d", "day", "days"),
+}
+# Words in brackets that are remarks on a column and no units, beside the words for sensors and times.
+REMARKS: Final = {
+    *("x", "y", "z", "axis", "sensor", "body", "device", "frame", "imu", "board", "phone", "watch", "mems"),
+    *("calibrated", "uncalibrated", "cal", "uncal", "calib", "corrected", "compensated", "filtered"),
+    *("unfiltered", "with", "including", "incl", "total", "measured", "value", "data", "signed", "float"),
+    *("since", "start", "boot", "local", "gmt", "system", "host", "relative", "left", "right"),
+    *("low", "high", "wide", "noise", "range", "primary", "secondary", "main"),
+}
 # Matches one word of a column name: a sequence of capitals, a capitalised or lower-case word, or a number.
 WORD: Final = r"[A-Z]+(?![a-z])|[A-Z]?[a-z']+|[A-Za-z]+|\d+|%"
 # Matches names in which sensor and axis are one word: ax, gyroX, xAccel, ACCEL_XOUT, AcX, gFz, GForceX.
@@ -109,6 +131,22 @@ def role_of(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[
 def is_of_other(words: list[str]) -> bool:
     """Whether any word names another quantity, such as a magnetic field, or acceleration without gravity."""
     return any(word in OTHER or word in LINEAR for word in words)
+
+
+def is_remark(text: str) -> bool:
+    """Whether a text in brackets is a remark on the column, such as (z-axis), [0] or [x8004], and no unit."""
+    if re.fullmatch(r"\d|x[0-9A-Fa-f]{4}", text):
+        return True
+    sensors = {word for word in ACCEL | GYRO if len(word) > 3}
+    return re.search(r"[/*^²°º%µ]", text) is None and all(
+        word in REMARKS or word in sensors or word.isdigit() or re.match(TIME, word)
+        for word in words_of(text)
+    )
+
+
+def is_counted(words: list[str]) -> bool:
+    """Whether the last word of a name of a time column states counts, or a unit of time that is not read."""
+    return bool(words) and words[-1] in COUNTED
 
 
 def is_time(words: list[str], unit: tuple[str, str] | None) -> bool:

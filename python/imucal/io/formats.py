@@ -66,8 +66,9 @@ def _function(name: str) -> Any:
 
 
 NAMED_UNITS = (
-    "the unit in each column name: mps2, g, mg or lsb for the accelerometer; radps, dps, mdps or lsb for the "
-    "gyroscope; degc, k, degf or lsb for the temperature; rad or deg for stand angles"
+    "the unit in each column name: mps2, cmps2, mmps2, ftps2, g, mg, ug or lsb for the accelerometer; radps, "
+    "mradps, dps, mdps, dpmin (deg/min), dph (deg/h), rpm, gonps or lsb for the gyroscope; degc, k, degf or "
+    "lsb for the temperature; rad or deg for stand angles"
 )
 NAMED_TIME = (
     "time_s is used unchanged; time_ms, time_us and time_ns are relative to the first sample; without a time "
@@ -166,8 +167,8 @@ FORMATS: Final[dict[str, Format]] = {
         known_by="two files with headers",
         reads="two text files in any order; each file contains time, x, y and z of one sensor",
         units=(
-            "from the headers, otherwise from --accel-unit (m/s^2, g, mg, lsb) and --gyro-unit (rad/s, "
-            "deg/s, mdeg/s, lsb)"
+            "from the headers, otherwise from --accel-unit (m/s^2, cm/s^2, mm/s^2, ft/s^2, g, mg, ug, lsb) "
+            "and --gyro-unit (rad/s, mrad/s, deg/s, mdeg/s, deg/min, deg/h, rpm, gon/s, lsb)"
         ),
         time=f"time stamps since 1970 if both files have them, otherwise the time column; {OWN_CLOCKS}",
         options=("time_unit", "accel_unit", "gyro_unit"),

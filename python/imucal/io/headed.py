@@ -15,7 +15,7 @@ import numpy as np
 from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
 from imucal.io.head import FirstCells, Head
-from imucal.io.header import Header, header_of, unknown_units
+from imucal.io.header import Header, header_of
 from imucal.io.interleaved import refuse_interleaved
 from imucal.io.layout import Layout
 from imucal.io.mapping import mapping_of
@@ -41,6 +41,7 @@ __all__ = [
     "read_headed",
     "recording_of_text",
     "require_agreement",
+    "require_agreement_of_names",
     "time_of",
     "with_corrections",
 ]
@@ -123,13 +124,40 @@ def require_agreement(name: str, layout: Layout, names: Sequence[str], *, check_
     if layout.names is None or len(layout.names) != len(names):
         return
     header = layout_header(layout)
+    stated = list(zip(layout.names, layout.described, names, strict=True))
+    _require_agreement(
+        name,
+        header,
+        stated,
+        "correct --columns, or leave the header out (--skip-rows, with a name for every column) if it is "
+        "wrong",
+        check_axes=check_axes,
+    )
+
+
+def require_agreement_of_names(name: str, pairs: Sequence[tuple[str, str]]) -> None:
+    """Raises InputError if the name of a column states another unit or sensor than the assigned name.
+
+    pairs  the name of each column in the table, and its canonical name
+    """
+    header = header_of([theirs for theirs, _ in pairs])
+    stated = [(theirs, theirs, ours) for theirs, ours in pairs]
+    _require_agreement(
+        name, header, stated, "correct columns, or rename the column if it is wrong", check_axes=False
+    )
+
+
+def _require_agreement(
+    name: str, header: Header, stated: Sequence[tuple[str, str, str]], way_out: str, *, check_axes: bool
+) -> None:
+    """As `require_agreement`; `stated` has the name, the name with its unit, and the canonical name."""
     roles = {
         column: (what, axis)
         for what, triads in (("accel", header.accel), ("gyro", header.gyro))
         for triad in triads
         for axis, column in zip("xyz", triad.columns, strict=True)
     }
-    for column, described, ours in zip(layout.names, layout.described, names, strict=True):
+    for column, described, ours in stated:
         part, of_time = triad_part(ours), time_unit(ours)
         _, unit = split_unit(described)
         wrong = None
@@ -147,8 +175,7 @@ def require_agreement(name: str, layout: Layout, names: Sequence[str], *, check_
         if wrong is not None:
             raise InputError(
                 f"{name}: the header contradicts the given columns: {ours} is given for the column "
-                f"{described!r}, which says {wrong}: correct --columns, or leave the header out "
-                "(--skip-rows, with a name for every column) if it is wrong"
+                f"{described!r}, which says {wrong}: {way_out}"
             )
 
 
@@ -272,19 +299,17 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
             "column in its order (--columns time_s,accel_x_g,... --format columns), '-' for a column to "
             f"ignore; names are {NAMES}"
         )
+    unusable = header.unusable_units()
+    if unusable:
+        return f"{text.name}: {unusable}. Columns found: {shown[:200]}. Names are {NAMES}"
     is_known = (header.accel or header.linear) and header.gyro
     lead = "the format could not be determined; first line"
     if header.accel or header.gyro:
         has_units = all(triad.unit is not None for triad in (*header.accel[:1], *header.gyro[:1]))
         is_timeless = all(is_constant(head.numbers(name)) for name, _ in header.times)
+        is_timeless = is_timeless or bool(header.unread_in(name for name, _ in header.times))
         known = "gives no usable time" if has_units and is_timeless else "does not give every unit"
         lead = f"the header {known if is_known else 'names the columns of one sensor only'}"
-    unknown = unknown_units(layout.described)
-    if unknown and not is_known:
-        return (
-            f"{text.name}: the header gives units that are not read ({', '.join(unknown)}): convert the "
-            "columns to m/s^2, g or mg, and to rad/s, deg/s or mdeg/s"
-        )
     proposal = suggestion(header, head.cells, works, head.numbers, layout.preamble)
     name = "Otherwise name" if "--columns" in proposal else "Name"
     return (

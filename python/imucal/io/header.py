@@ -7,28 +7,40 @@ header, or from the documentation of the program if the header identifies the pr
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple, TypeAlias
 
-from imucal.io.column_words import NOT_TIME, is_of_other, is_time, role_of, time_unit_in, words_of
+from imucal.io.column_words import (
+    NOT_TIME,
+    is_counted,
+    is_of_other,
+    is_time,
+    role_of,
+    time_unit_in,
+    words_of,
+)
 from imucal.io.programs import Program, program_of
-from imucal.io.unit_words import split_unit
+from imucal.io.unit_words import split_unit, split_unread
 
-__all__ = ["Header", "Triad", "header_of", "names_sensor", "unknown_units"]
+__all__ = ["Header", "Triad", "header_of", "names_sensor"]
 
 # Descriptor of a quantity in the names of MicroStrain, such as `X Accel [x8004]`.
 DESCRIPTOR: Final = r"\s*\[x[0-9A-Fa-f]{4}\]"
-# Matches a multiple of a unit of time, as in `Time [10ms]` or `Timestamp (100 ns)`. No canonical name states
-# such a unit.
-MULTIPLE: Final = r"(?i)(?<![A-Za-z\d])(?!1 ?[a-zµ])[\d.]+ ?(?:s|ms|us|µs|ns)(?![A-Za-z])"
+# Matches a multiple of a unit of time, as in `Time [10ms]`, `Timestamp (100 ns)` or `t (ms x10)`. No
+# canonical name states such a unit.
+_TIMES: Final = r"(?:[mnuµ]?s(?:ecs?)?|seconds?|(?:milli|micro|nano)(?:s|seconds?))"
+MULTIPLE: Final = (
+    rf"(?i)(?<![A-Za-z\d])(?!1 ?[a-zµ])(?:\d+/)?[\d.]+ ?{_TIMES}(?![A-Za-z])|"
+    rf"(?<![A-Za-z]){_TIMES} ?[x*/·] ?\d+"
+)
 
 
 class Triad(NamedTuple):
     """Three columns of one sensor.
 
     columns  names in the file, in the order x, y, z
-    unit     suffix of the canonical names (mps2, g, mg, lsb; radps, dps, mdps); None if the unit is not known
+    unit     suffix of the canonical names, such as mps2, g or dps; None if the unit is not known
     source   source of the unit: "header", or the name of the program that writes such files
     """
 
@@ -48,6 +60,8 @@ class Header:
     stamp        names of two columns with the seconds and the nanoseconds of a time stamp of ROS, or None
     temperature  name of a column of temperature and its canonical name, or None
     program      the program or app that writes such files, with the units of its manual, or None
+    unread       the text in the place of a unit, of each column whose name states a unit that is not read
+    mixed        the triads whose columns state different units
     """
 
     accel: list[Triad] = field(default_factory=list)
@@ -58,6 +72,30 @@ class Header:
     stamp: tuple[str, str] | None = None
     temperature: tuple[str, str] | None = None
     program: Program | None = None
+    unread: dict[str, str] = field(default_factory=dict)
+    mixed: list[tuple[str, str, str]] = field(default_factory=list)
+
+    def unread_in(self, columns: Iterable[str]) -> list[str]:
+        """The units of these columns that are stated but not read."""
+        return list(dict.fromkeys(self.unread[name] for name in columns if name in self.unread))
+
+    def unusable_units(self) -> str:
+        """A sentence on units of the sensors that are stated but cannot be used; empty without such units."""
+        used = [triad.columns for triad in (*self.accel[:1], *self.gyro[:1])]
+        unread = self.unread_in(name for columns in used for name in columns)
+        if unread:
+            return (
+                f"the header gives units that are not read ({', '.join(unread)}): convert the columns to "
+                "m/s^2, g or mg, and to rad/s, deg/s or mdeg/s; if a word is no unit, or another word for a "
+                "known unit, name the columns with it (columns=..., --columns)"
+            )
+        mixed = next((columns for columns in used if columns in self.mixed), None)
+        if mixed is not None:
+            return (
+                f"the header gives different units for the axes of one sensor ({', '.join(mixed)}): convert "
+                "the columns to one unit"
+            )
+        return ""
 
 
 # Columns grouped by quantity ("accel", ...) and by the part of their names that does not depend on the axis.
@@ -79,22 +117,32 @@ def header_of(
     times: list[tuple[str, str | None]] = []
     temperature: tuple[str, str] | None = None
     stamp = _stamp(names)
+    unread: dict[str, str] = {}
     # A common prefix of all names, such as the name of the device, is ignored.
     prefix = _shared_start([name for name in names if name])
     for name, text in zip(names, described, strict=True):
         bare, unit = split_unit(text)
-        bare = re.sub(r"_CAL$|_cal$", "", re.sub(DESCRIPTOR, "", bare.removeprefix(prefix)))
+        stated = bare.removeprefix(prefix)
+        bare, unknown = split_unread(stated) if unit is None else (stated, "")
+        bare = re.sub(r"_CAL$|_cal$", "", re.sub(DESCRIPTOR, "", bare))
         words = words_of(bare)
         if is_time(words, unit):
             if stamp is not None and name in stamp:
                 continue
-            known = unit[1] if unit and unit[0] == "time" else time_unit_in(words)
-            if re.search(MULTIPLE, text):
-                known = None
+            known = unit[1] if unit and unit[0] == "time" else time_unit_in(words_of(stated))
+            multiple = re.search(MULTIPLE, text)
+            if multiple is not None:
+                known, unknown = None, unknown or multiple[0]
+            elif is_counted(words_of(stated)):
+                unknown = unknown or words_of(stated)[-1]
             if known is None and program is not None:
                 known = program.times.get(name.strip().lower())
+            if known is None and unknown:
+                unread[name] = unknown
             times.append((name, known))
             continue
+        if unknown:
+            unread[name] = unknown
         if unit is not None and unit[0] == "temp" and temperature is None:
             temperature = (name, f"temp_{unit[1]}")
             continue
@@ -103,20 +151,23 @@ def header_of(
             what, axis, key = role
             groups.setdefault((what, key), {}).setdefault(axis, (name, unit[1] if unit else None))
     _sensors_by_unit(names, described, groups)
-    header = Header(times=times, stamp=stamp, temperature=temperature, program=program)
+    header = Header(times=times, stamp=stamp, temperature=temperature, program=program, unread=unread)
     if not _has(groups, "gyro"):
         _index_axes(names, described, groups)
     for (what, _), found in groups.items():
         if len(found) != 3:
             continue
         units = {found[axis][1] for axis in "xyz"}
-        unit_name = units.pop() if len(units) == 1 else None
         columns = (found["x"][0], found["y"][0], found["z"][0])
+        if len(units - {None}) > 1:
+            header.mixed.append(columns)
+        unit_name = units.pop() if len(units) == 1 else None
         if what.startswith("plain") and _is_quaternion(columns[0], names):
             continue
         of = {"plain-accel": "accel", "plain-gyro": "gyro"}.get(what, what)
         source = "header"
-        if unit_name is None and program is not None and of in ("accel", "gyro"):
+        is_open = unit_name is None and columns not in header.mixed and not header.unread_in(columns)
+        if is_open and program is not None and of in ("accel", "gyro"):
             unit_name, source = (program.accel if of == "accel" else program.gyro), program.name
         if (
             program is not None
@@ -142,22 +193,11 @@ def names_sensor(names: Sequence[str], what: str) -> bool:
 
     def of(name: str) -> str | None:
         bare, unit = split_unit(name)
+        bare = bare if unit is not None else split_unread(bare)[0]
         role = role_of(words_of(bare), bare, unit)
         return None if role is None else role[0].removeprefix("plain-")
 
     return any(of(name) == what for name in names)
-
-
-def unknown_units(described: Sequence[str]) -> list[str]:
-    """The texts in brackets that are not known units, from the names of the columns of sensors."""
-    brackets = re.compile(r"[\[(]([^\])]*)[\])]\s*$")
-    found = {text: match[1].strip() for text in described if (match := brackets.search(text))}
-    bare = {
-        brackets.sub("", text).strip(): unit for text, unit in found.items() if split_unit(text)[1] is None
-    }
-    header = header_of(list(bare))
-    used = [name for triad in (*header.accel, *header.gyro) for name in triad.columns]
-    return list(dict.fromkeys(bare[name] for name in used if bare[name]))
 
 
 def _is_quaternion(x: str, names: Sequence[str]) -> bool:

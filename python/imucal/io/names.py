@@ -1,7 +1,7 @@
-"""The canonical column names.
+"""The canonical column names, such as accel_x_g; `imucal.units` lists the units at their ends.
 
-time_s | _ms | _us | _ns            accel_{x,y,z}_{mps2,g,mg,lsb}     gyro_{x,y,z}_{radps,dps,mdps,lsb}
-temp_{degc,k,degf,lsb}              stand_{1,2,3}_{rad,deg}
+time_*          accel_{x,y,z}_*     gyro_{x,y,z}_*
+temp_*          stand_{1,2,3}_*
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ __all__ = [
 ]
 
 NAMES = (
-    "time_{s,ms,us,ns}, accel_{x,y,z}_{mps2,g,mg,lsb}, gyro_{x,y,z}_{radps,dps,mdps,lsb}, "
-    "temp_{degc,k,degf,lsb}, stand_{1,2,3}_{rad,deg}"
+    f"time_{{{','.join(TICKS_PER_S)}}}, accel_{{x,y,z}}_{{{','.join(COLUMN_UNITS['accel'])}}}, "
+    f"gyro_{{x,y,z}}_{{{','.join(COLUMN_UNITS['gyro'])}}}, temp_{{{','.join(TEMPERATURE_UNITS)},lsb}}, "
+    f"stand_{{1,2,3}}_{{{','.join(COLUMN_UNITS['stand'])}}}"
 )
 SKIP = ("-", "skip")
 # Column with raw counts of a temperature sensor. It is an auxiliary input unless `temp_scale` is given.

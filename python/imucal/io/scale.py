@@ -13,7 +13,14 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from imucal.arrays import FloatArray
-from imucal.units import COLUMN_UNITS, DEGREE_RAD, STANDARD_GRAVITY_MPS2, TICKS_PER_S, significant
+from imucal.units import (
+    COLUMN_UNITS,
+    DEGREE_RAD,
+    STANDARD_GRAVITY_MPS2,
+    TICKS_PER_S,
+    UNIT_TEXT,
+    significant,
+)
 
 __all__ = [
     "Reading",
@@ -67,10 +74,6 @@ STILL_G: Final = 0.02
 BLOCK: Final = 20
 # Numbers in this range, s, are accepted as times since 1970: years 2001 to 2103.
 EPOCH_S: Final = (1.0e9, 4.2e9)
-UNIT_TEXT: Final = {
-    **{"mps2": "m/s^2", "g": "g", "mg": "mg", "lsb": "counts"},
-    **{"radps": "rad/s", "dps": "deg/s", "mdps": "mdeg/s"},
-}
 
 
 class Reading(NamedTuple):

@@ -13,7 +13,7 @@ from imucal.io.headed import layout_header, time_of
 from imucal.io.header import Header, Triad
 from imucal.io.scale import NO_GRAVITY_G, accel_reading, epoch_unit, gravity_g, gyro_reading, time_reading
 from imucal.io.text import Text
-from imucal.units import TICKS_PER_S
+from imucal.units import COLUMN_UNITS, TICKS_PER_S, UNIT_TEXT
 
 __all__ = [
     "Sensor",
@@ -28,8 +28,8 @@ __all__ = [
 ]
 
 # Units in options, each with the suffix of canonical names.
-ACCEL_UNITS: Final = {"m/s^2": "mps2", "g": "g", "mg": "mg", "lsb": "lsb"}
-GYRO_UNITS: Final = {"rad/s": "radps", "deg/s": "dps", "mdeg/s": "mdps", "lsb": "lsb"}
+ACCEL_UNITS: Final = {UNIT_TEXT[suffix]: suffix for suffix in COLUMN_UNITS["accel"]}
+GYRO_UNITS: Final = {UNIT_TEXT[suffix]: suffix for suffix in COLUMN_UNITS["gyro"]}
 # Words in file names that identify the sensor if its columns are only called x, y, z.
 GYRO_FILE: Final = r"(?i)gyr|angular|rotation.?rate|omega"
 ACCEL_FILE: Final = r"(?i)acc|g-?force|specific"
@@ -45,6 +45,11 @@ class Sensor:
     def __init__(self, text: Text, header: Header, triad: Triad, what: str, head: Head | None = None) -> None:
         self.text, self.header, self.triad, self.what = text, header, triad, what
         self._head = head
+
+    @property
+    def unread(self) -> list[str]:
+        """The units of its columns that the header states and that are not read."""
+        return self.header.unread_in(self.triad.columns)
 
     @property
     def head(self) -> Head:
@@ -122,7 +127,7 @@ def stated_unit(sensor: Sensor, what: str, units: Units) -> str | None:
     given = units.accel if what == "accel" else units.gyro
     of_header = sensor.triad.unit
     program = sensor.header.program
-    if of_header is None and program is not None:
+    if of_header is None and program is not None and not sensor.unread:
         of_header = (program.accel if what == "accel" else program.gyro) or None
     if given is not None and of_header is not None and given != of_header:
         raise InputError(
@@ -139,6 +144,13 @@ def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
         return stated
     if sensor.text.layout.names is None:
         return "lsb"
+    if unusable := sensor.header.unusable_units():
+        raise FormatError(f"{sensor.text.name}: {unusable}")
+    if sensor.unread:
+        raise FormatError(
+            f"{sensor.text.name}: the header gives a unit that is not read ({', '.join(sensor.unread)}): "
+            f"convert the columns, or if this is no unit, give --{what}-unit"
+        )
     values = sensor.head.triad(sensor.triad)
     reading = accel_reading(values) if what == "accel" else gyro_reading(values)
     if what == "accel" and reading.likely in ("mps2", "g"):
@@ -226,6 +238,12 @@ def time_of_sensor(sensor: Sensor, given: str | None) -> tuple[tuple[str, str], 
         return found
     name = (_plain_stamps(sensor) or [sensor.header.times[0][0]])[0]
     reading = time_reading(head.numbers(name))
+    unread = sensor.header.unread_in([name])
+    if unread and given is None and epoch_unit(head.numbers(name)) is None:
+        raise FormatError(
+            f"{sensor.text.name}: the header gives a unit of time that is not read ({unread[0]}): convert "
+            f"the column {name} to s, ms, us or ns"
+        )
     unit_known = given or reading.likely
     if unit_known is None:
         raise FormatError(

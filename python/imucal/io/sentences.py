@@ -30,7 +30,8 @@ __all__ = ["are_labels", "are_sentences", "read_labels", "read_vectornav"]
 PAIR: Final = re.compile(
     r"[\"']?([A-Za-z_][\w ]{0,40}?(?:\[\w+\])?)[\"']?\s*[:=]\s*"
     r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w:.])"
-    r"(?:\s?(m/s\^?2|m/s²|m/s/s|mg|g|rad/s|mdps|deg/s|dps|°/s|°C|degC|us|ms|s)(?=[\s,;|}]|$))?"
+    r"(?:\s?([cm]?m/s\^?2|[cm]?m/s²|[cm]?m/s/s|Gal|mg|µg|ug|g|m?rad/s|mdps|(?:deg|°)/(?:s|min|h)|dps|dph|rpm|"
+    r"gon/s|°C|degC|us|ms|s)(?=[\s,;|}]|$))?"
 )
 # Fields of the known sentences, from the VN-100 user manual (registers 27 and 54). The fields that are not
 # read, `-`, are attitude, magnetic field and pressure.

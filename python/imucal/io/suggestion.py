@@ -58,6 +58,9 @@ def suggestion(
         if several or not (header.accel or header.gyro) or (header.linear and not header.accel):
             return several or _without_a_sensor(header)
         lead = _alone(header)
+    # No unit of measurement is proposed for a column whose header states another unit.
+    if unusable := header.unusable_units():
+        return f"{unusable[0].upper()}{unusable[1:]}. "
     sentences: list[str] = []
     # For each triad: the sensor, and the units of measurement that are compatible with its numbers.
     guessed: list[tuple[Triad, str, tuple[str, ...]]] = []
@@ -233,6 +236,12 @@ def _time(
     if chosen is not None:
         sentences = [reading.text for name, reading in readings if chosen.is_epoch and name == chosen.name]
         return f"{chosen.canonical}={chosen.name}", sentences
+    if unread := header.unread_in(name for name, _ in header.times):
+        sentence = (
+            f"the header gives a unit of time that is not read ({', '.join(unread)}): give the sampling rate "
+            "(rate_hz, --rate-hz), or convert the column to s, ms, us or ns"
+        )
+        return None, [sentence]
     for name, reading in readings:
         if reading.likely is not None:
             return f"time_{reading.likely}={name}", [reading.text]

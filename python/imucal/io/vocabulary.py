@@ -1,7 +1,9 @@
 """The canonical column names, and the conversion of named columns to a Recording.
 
-    time_s | _ms | _us | _ns            accel_{x,y,z}_{mps2,g,mg,lsb}     gyro_{x,y,z}_{radps,dps,mdps,lsb}
-    temp_{degc,k,degf}                  stand_{1,2,3}_{rad,deg}           other numeric columns: auxiliary
+    time_*        accel_{x,y,z}_*        gyro_{x,y,z}_*
+    temp_*        stand_{1,2,3}_*        other numeric columns: auxiliary
+
+The units at the ends of the names, such as accel_x_g, are listed in `imucal.units`.
 
 Readers only assign canonical names to columns. This module converts units and checks the contents. Physical
 units become SI (1 g = 9.80665 m/s^2 exactly). Time in s is unchanged. Time in ms, us or ns, usually a large

@@ -138,6 +138,9 @@ UNITS = (
             ("Acceleration {}(g)", "Angular velocity {}(°/s)", (G, DEG)),
             ("accel{} (m.s^-2)", "gyro{} (rad.s^-1)", (1, 1)),
             ("{}Accel (m/s/s)", "{}Rate (mdps)", (1, DEG / 1000)),
+            ("Acc {} (cm/s²)", "Gyr {} (mrad/s)", (0.01, 1e-3)),
+            ("Acc {} [Gal]", "Gyr {} [°/h]", (0.01, DEG / 3600)),
+            ("acc_{}_mm_s2", "Gyr {} (rpm)", (1e-3, 6 * DEG)),
         )
     ),
     text(
@@ -171,6 +174,31 @@ UNITS = (
             + [row.replace(",", "\t") for row in lines(numbers(0.0001))]
         ),
         good("Xsens MT Manager"),
+    ),
+    *tuple(
+        text(
+            "units",
+            f"{accel} and {gyro}, which are not read",
+            lambda a=accel, g=gyro, s=scales: texts(named("Time (s)", a, g), numbers(1, *s)),
+            refused(r"units that are not read(?!.*_x_\w+=)"),
+        )
+        for accel, gyro, scales in (
+            ("Acc {} (inch/s²)", "Gyr {} (rad/s)", (0.0254, 1)),
+            ("Acc {} (0.01 m/s²)", "Gyr {} (rad/s)", (0.01, 1)),
+            ("Acc {} km/s²", "Gyr {} (rad/s)", (1000, 1)),
+            ("Acc {} (g)", "Gyr {} (grad/s)", (G, 0.9 * DEG)),
+            ("Acc {} (g)", "gyro_{}_rps", (G, 360 * DEG)),
+            ("Acc {} (g)", "Gyr {} (DPS x10)", (G, DEG / 10)),
+        )
+    ),
+    *tuple(
+        text(
+            "units",
+            f"{time}, which is not read",
+            lambda t=time, s=scale: texts(named(t, "Acc {} (m/s^2)", "Gyr {} (rad/s)"), numbers(s)),
+            refused(r"unit of time that is not read(?!.*time_m?s=)"),
+        )
+        for time, scale in (("t (ticks)", 1 / 1024), ("time_frames", 0.01), ("t (10 msec)", 0.01))
     ),
     text("units", "none, SI", lambda: texts("t,ax,ay,az,gx,gy,gz"), refused("gyro_x_radps=gx")),
     text(
@@ -211,6 +239,14 @@ CONTRADICTIONS = (
         refused("contradicts"),
         columns="time_s=t,"
         + ",".join(f"accel_{a}_mps2=a{a} [m/s^2],gyro_{a}_radps=g{a} [deg/s]" for a in "xyz"),
+    ),
+    text(
+        "contradiction",
+        "mg for cm/s^2",
+        lambda: texts(named("t", "a{} (cm/s²)", "g{} (rad/s)"), numbers(1, 0.01)),
+        refused("contradicts"),
+        columns="time_s=t,"
+        + ",".join(f"accel_{a}_mg=a{a} (cm/s²),gyro_{a}_radps=g{a} (rad/s)" for a in "xyz"),
     ),
     text(
         "contradiction",
