@@ -95,6 +95,7 @@ impl JointFit {
         if let Some(own) = &second_order {
             covariance += own;
         }
+        require_finite(&solution.parameters, &covariance)?;
         let mut norms = vec![None; problem.prepared.rests.len()];
         let sigma = |k: usize| crate::rests::rest::sigma_norm(&problem.prepared.rests[k].rest, &model.accelerometer);
         for line in &linear.lines {
@@ -172,6 +173,15 @@ impl Joint<'_> {
         let gain = covariance * found.jacobian.transpose();
         second_order::mean_square(found, &gain, first..first + held.len(), residuals_at).map(Some)
     }
+}
+
+/// Returns an error if a parameter or its covariance is not finite, because the fit has diverged.
+fn require_finite(parameters: &[f64], covariance: &Mat<f64>) -> Result<(), Error> {
+    if parameters.iter().all(|value| value.is_finite()) && covariance.is_all_finite() {
+        return Ok(());
+    }
+    let message = "the joint fit diverged, and its result is not finite: check the units and the steps of every axis";
+    Err(Error::Fit(message.into()))
 }
 
 /// For each move: the gravity directions at its ends, the rotation, and the standard deviation of the direction
