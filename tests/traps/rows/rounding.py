@@ -172,8 +172,9 @@ EIGHT_BIT = tuple(
     for seed in (4, 33, 51)
 )
 
+
 def lively_rests(sensor: str, times_noise: float, count: int) -> Change:
-    """A change that gives some rests six times the noise before rounding, as a table that somebody leans on."""
+    """A change that gives some rests six times the noise before rounding, as if the table shook."""
 
     def change(recording):
         values = getattr(recording, COLUMN[sensor]).copy()
