@@ -55,7 +55,7 @@ pub(crate) fn repeated_share(recording: &Recording<'_>) -> f64 {
 pub(super) struct Repeats {
     /// Counter of the rows that repeat all values of the previous row.
     doubled: Tally,
-    /// Number of rows that repeat at most one value of the previous row.
+    /// Number of rows that repeat at most one value of the previous row, and before which a repeat would be counted.
     changing: usize,
     /// Number of rows that repeat all but one value of the previous row.
     near: usize,
@@ -77,9 +77,9 @@ impl Repeats {
         (count >= FEWEST && count > 2 * self.near).then_some(count)
     }
 
-    /// Share of the repeated rows among the examined rows. The examined rows are the repeated rows and all rows that
-    /// repeat at most one value. Other rows are not examined, because values of coarsely quantised data repeat at rest
-    /// without any fault.
+    /// Share of the repeated rows among the examined rows. The examined rows are the repeated rows and the rows before
+    /// which a repeat would be counted. Other rows are not examined, because values of coarsely quantised data repeat
+    /// at rest without any fault.
     pub(super) fn share(&self) -> f64 {
         self.doubled.samples as f64 / self.examined().max(1) as f64
     }
@@ -95,8 +95,8 @@ impl Repeats {
 
     /// The end of that sentence: the number of rows that were not examined.
     pub(super) fn not_examined(&self, recording: &Recording) -> String {
-        // The first row has no previous row.
-        match recording.len() - 1 - self.examined() {
+        // The first row has no previous row, and before the second one no row has been compared.
+        match recording.len().saturating_sub(2 + self.examined()) {
             0 => String::new(),
             others => format!(
                 "; the other {others} rows are not counted, because values repeat near them also without a fault, as \
@@ -114,7 +114,7 @@ impl Repeats {
                 self.near_rows += 1;
             } else {
                 let changes = equal & equal.wrapping_sub(1) == 0;
-                self.changing += usize::from(changes);
+                self.changing += usize::from(self.changes_before && changes);
                 if self.equal_rows + self.near_rows > 0 {
                     self.end_of_stretch(i, self.changes_before && changes);
                 }
