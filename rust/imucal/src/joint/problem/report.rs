@@ -95,6 +95,7 @@ impl JointFit {
         if let Some(own) = &second_order {
             covariance += own;
         }
+        require_finite(&solution.parameters, &covariance)?;
         let mut norms = vec![None; problem.prepared.rests.len()];
         let sigma = |k: usize| crate::rests::rest::sigma_norm(&problem.prepared.rests[k].rest, &model.accelerometer);
         for line in &linear.lines {
@@ -174,6 +175,16 @@ impl Joint<'_> {
     }
 }
 
+/// Returns an error if a parameter or its covariance is not finite, because the fit has diverged.
+fn require_finite(parameters: &[f64], covariance: &Mat<f64>) -> Result<(), Error> {
+    if parameters.iter().all(|value| value.is_finite()) && covariance.is_all_finite() {
+        return Ok(());
+    }
+    let message = "the joint fit diverged: its parameters or their covariance are not finite: leave effects out, check \
+                   units, or leave out the recording or the axis that differs from the others";
+    Err(Error::Fit(message.into()))
+}
+
 /// For each move: the gravity directions at its ends, the rotation, and the standard deviation of the direction
 /// residual from noise only.
 pub(crate) fn moves_of(linear: &Linear, weights: &Weights) -> Vec<(Ends, Matrix3<f64>)> {
@@ -187,4 +198,24 @@ fn wald(covariance: &Mat<f64>, theta: &[f64]) -> f64 {
     let right = Mat::from_fn(theta.len(), 1, |i, _| theta[i]);
     let solved = covariance.col_piv_qr().solve(&right);
     (0..theta.len()).map(|i| theta[i] * solved[(i, 0)]).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fit_that_is_not_finite_is_a_named_error() {
+        let (parameters, covariance) = (vec![1.0, 2.0], Mat::<f64>::identity(2, 2));
+        assert!(require_finite(&parameters, &covariance).is_ok());
+        for value in [f64::NAN, f64::INFINITY] {
+            let mut unknown = covariance.clone();
+            unknown[(1, 0)] = value;
+            let fits = [(vec![1.0, value], covariance.clone()), (parameters.clone(), unknown)];
+            for (parameters, covariance) in fits {
+                let error = require_finite(&parameters, &covariance).unwrap_err();
+                assert!(matches!(&error, Error::Fit(message) if message.contains("not finite")), "{error}");
+            }
+        }
+    }
 }
