@@ -100,6 +100,20 @@ RATE_CHANGES_OF_SINGLE_STEPS = tuple(
     for axes, times_noise in (((1,), 18.0), ((0, 1), 16.0), ((1, 2), 24.0))
 )
 
+# One axis of 8 bit, with a lost low byte, or printed with one decimal. The two fine axes determine the norm and the
+# direction of gravity far better than the rounding error of the coarse axis, so its error must cancel between them.
+OF_ONE_VERY_COARSE_AXIS = tuple(
+    calibrating(
+        "noise below a step of the converter",
+        f"accel_{'xyz'[axis]} alone: step of {times_noise:g} sigma",
+        rounded("accel", times_noise, (axis,)),
+        good(NOISE_BELOW_STEP),
+        incomplete(NOISE_BELOW_STEP),
+    )
+    for times_noise in (12.0, 18.0, 24.0, 30.0)
+    for axis in range(3)
+)
+
 NUMBER_FORMATS = tuple(
     calibrating(
         "noise below a step of the converter",
@@ -218,6 +232,7 @@ TRAPS = (
     *OF_ONE_SENSOR,
     *OF_ONE_AXIS,
     *RATE_CHANGES_OF_SINGLE_STEPS,
+    *OF_ONE_VERY_COARSE_AXIS,
     *NUMBER_FORMATS,
     *COUNTS,
     *FINE,

@@ -1,15 +1,19 @@
 //! Tests that a simulated effect without noise is either estimated correctly or refused with the reason.
 
+use imucal_core::calibration::Calibration;
 use imucal_core::effects::{Effect, EffectSet, EffectValues, State, Surroundings};
+use imucal_core::sensor::Triad;
 use nalgebra::Vector3;
 
 use super::EffectChoice;
-use crate::calibrate::{Options, Outcome, calibrate};
+use crate::calibrate::{Options, Outcome, calibrate, parameter_values};
 use crate::error::Error;
+use crate::frame::Frame;
+use crate::numerics::lsq::Termination;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 use crate::simulate::motion::{Motion, gyroscope_delay_s};
 use crate::simulate::stand::Stand;
-use crate::simulate::{Program, RandomMoves, Unit};
+use crate::simulate::{Program, RandomMoves, Simulation, Unit, simulate};
 
 /// True parameters of the stand, rad: mount rotation (3), base tilt (2) and non-orthogonality of the axes (2).
 pub(super) const STAND_RAD: [f64; 7] = [0.02, -0.03, 0.05, 0.01, -0.02, 0.005, -0.003];
@@ -141,5 +145,38 @@ fn an_effect_needs_its_columns() {
         let effects = vec![EffectChoice::plain(Effect::find(name).unwrap())];
         let error = calibrate(&[recording], &Options { effects, ..Options::default() }).unwrap_err();
         assert!(matches!(&error, Error::Input(message) if message.contains(column)), "{error}");
+    }
+}
+
+/// Changes one accelerometer axis of simulated runs, and requires that the joint fit converges, that it does not
+/// increase the standard deviations far above the noise, and that the estimates agree with the truth.
+fn require_good_with_one_changed_axis(change: impl Fn(&mut Simulation, usize)) {
+    let unit = Unit::paper();
+    let triad = |sensor: &crate::simulate::Sensor| Triad::try_new(sensor.sensitivity, sensor.bias).unwrap();
+    let truth = Calibration::new(triad(&unit.accelerometer), triad(&unit.gyroscope));
+    let truth = parameter_values(&truth, Frame::Symmetric);
+    for (seed, axis) in (1..5).flat_map(|seed| [0, 1, 2].map(|axis| (seed, axis))) {
+        let program = Program::random(&RandomMoves::default(), seed).unwrap();
+        let mut run = simulate(&program, &unit, 100.0, 9.80665, seed).unwrap();
+        change(&mut run, axis);
+        let found = calibrate(&[run.recording("run")], &Options::default()).unwrap();
+        let (scales, report) = (found.joint_scales.unwrap(), found.joint_fit.unwrap());
+        assert_eq!(report.termination, Termination::Converged, "seed {seed}, axis {axis}: {report:?}");
+        assert!(scales.norms < 4.0 && scales.moves < 4.0, "seed {seed}, axis {axis}: {scales:?}");
+        for (p, (value, truth)) in found.values.iter().zip(truth).enumerate() {
+            let error = (value - truth) / found.covariance[p][p].sqrt();
+            assert!(error.abs() < 5.0, "seed {seed}, axis {axis}, {}: {error:.1} sigma", found.names[p]);
+        }
+    }
+}
+
+/// The rounding error of one coarse axis cancels between the norm and the gravity direction of a rest, but only if both
+/// contain it with the same factor.
+#[test]
+fn one_coarse_accelerometer_axis_leaves_a_good_fit() {
+    for step in [0.1, 0.2, 0.3] {
+        require_good_with_one_changed_axis(|run, axis| {
+            run.specific_force.iter_mut().for_each(|force| force[axis] = (force[axis] / step).round() * step);
+        });
     }
 }

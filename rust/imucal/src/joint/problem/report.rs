@@ -180,7 +180,8 @@ fn require_finite(parameters: &[f64], covariance: &Mat<f64>) -> Result<(), Error
     if parameters.iter().all(|value| value.is_finite()) && covariance.is_all_finite() {
         return Ok(());
     }
-    let message = "the joint fit diverged, and its result is not finite: check the units and the steps of every axis";
+    let message = "the joint fit diverged: its parameters or their covariance are not finite: leave effects out, check \
+                   units, or leave out the recording or the axis that differs from the others";
     Err(Error::Fit(message.into()))
 }
 
@@ -197,4 +198,24 @@ fn wald(covariance: &Mat<f64>, theta: &[f64]) -> f64 {
     let right = Mat::from_fn(theta.len(), 1, |i, _| theta[i]);
     let solved = covariance.col_piv_qr().solve(&right);
     (0..theta.len()).map(|i| theta[i] * solved[(i, 0)]).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fit_that_is_not_finite_is_a_named_error() {
+        let (parameters, covariance) = (vec![1.0, 2.0], Mat::<f64>::identity(2, 2));
+        assert!(require_finite(&parameters, &covariance).is_ok());
+        for value in [f64::NAN, f64::INFINITY] {
+            let mut unknown = covariance.clone();
+            unknown[(1, 0)] = value;
+            let fits = [(vec![1.0, value], covariance.clone()), (parameters.clone(), unknown)];
+            for (parameters, covariance) in fits {
+                let error = require_finite(&parameters, &covariance).unwrap_err();
+                assert!(matches!(&error, Error::Fit(message) if message.contains("not finite")), "{error}");
+            }
+        }
+    }
 }

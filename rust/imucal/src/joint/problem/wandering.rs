@@ -200,16 +200,21 @@ impl Joint<'_> {
     /// Derivatives of the whitened residuals with respect to rounding errors. The first matrix is for rounding errors
     /// of the mean rates, the second for rounding errors of the mean forces. Each rest has three columns.
     ///
-    /// The rounding errors are multiplied by the same factors as the noise of force norms and of directions after moves
-    /// (`Scales`). Otherwise, if rounding is the dominant error, a factor would hardly change the whitened residuals,
-    /// and the factors would not converge.
+    /// The rounding errors of the forces are multiplied by the larger of the two factors for force norms and for
+    /// directions after moves (`Scales`). Without a factor, if rounding is the dominant error, the factors would hardly
+    /// change the whitened residuals and would not converge. The factor must be the same in all rows. If one axis is
+    /// much coarser than the others, the whitening estimates the rounding error of a rest from one residual and
+    /// subtracts it from the others. With different factors it would subtract a wrong multiple of the error. The
+    /// residuals would then exceed their noise, their factor would increase, and the multiple would be even more wrong:
+    /// the factor would grow without bound. The rounding errors of the rates have no factor, because the mean rates,
+    /// which contain the same errors, have none.
     fn by_rounding(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let rows = linear.head_rows();
         let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let scales = &self.weights.widening.scales;
+        let scale = scales.norms.max(scales.moves);
         let (mut by_rate, mut by_force) = (Mat::<f64>::zeros(head, columns), Mat::<f64>::zeros(head, columns));
         for (row, line) in linear.lines.iter().enumerate() {
-            let scale = if matches!(line.source, Source::Move(_)) { scales.moves } else { scales.norms };
             for ((rest, by), axis) in line.by_means.iter().flat_map(|by| [0, 1, 2].map(|axis| (by, axis))) {
                 by_force[(row, 3 * rest + axis)] -= scale * by[axis];
             }
@@ -221,7 +226,7 @@ impl Joint<'_> {
                 let m = &self.prepared.moves[k];
                 for (rest, by) in self.by_quiet_ends(m, &linear.moves[k], &linear.model) {
                     for (c, axis) in [0, 1].into_iter().flat_map(|c| [0, 1, 2].map(|axis| (c, axis))) {
-                        by_rate[(row + c, 3 * rest + axis)] += scale * by[(c, axis)];
+                        by_rate[(row + c, 3 * rest + axis)] += by[(c, axis)];
                     }
                 }
             }
