@@ -100,8 +100,9 @@ RATE_CHANGES_OF_SINGLE_STEPS = tuple(
     for axes, times_noise in (((1,), 18.0), ((0, 1), 16.0), ((1, 2), 24.0))
 )
 
-# One axis of 8 bit, with a lost low byte, or printed with one decimal. The two fine axes determine the norm and the
-# direction of gravity far better than the rounding error of the coarse axis, so its error must cancel between them.
+# One axis of 8 bit, with a lost low byte, or printed with one decimal. The two fine axes determine the norm
+# and the direction of gravity far better than the rounding error of the coarse axis, so its error must cancel
+# between them.
 OF_ONE_VERY_COARSE_AXIS = tuple(
     calibrating(
         "noise below a step of the converter",
