@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 # Literals in the files that make findings which are no codes: columns, units and words of messages.
 NO_CODES = re.compile(
     r"(accel|gyro)_[xyz]\w*|time_\w*s|temp_degc|lsb|mps2|radps|dps|mdps|mg|g|s|ms|deg|samples|ratio|correlation|none|"
-    r"short|long|sigma|three|six|sample|gap|interval|is|are|"
+    r"short|long|sigma|three|six|sample|gap|interval|is|are|rests|"
     r"contradicts|accel|gyro|truth|above|below|accelerometer|gyroscope|degf|k|kelvin|hundredths|thousandths"
 )
 

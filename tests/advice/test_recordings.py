@@ -65,7 +65,7 @@ def jitter(sigma_s):
 
 def late_gyroscope(r):
     return changed(
-        r, time_s=r.time_s[80:], specific_force=r.specific_force[80:], angular_rate=r.angular_rate[:-80]
+        r, time_s=r.time_s[60:], specific_force=r.specific_force[60:], angular_rate=r.angular_rate[:-60]
     )
 
 
@@ -176,7 +176,7 @@ def subtracted(recording, _):
 ADVISED = [
     Advised(
         "sensors_not_together",
-        "the gyroscope is 0.8 s late",
+        "the gyroscope is 0.6 s late",
         late_gyroscope,
         "time stamps have the same zero",
         again,
