@@ -16,6 +16,7 @@ from changes import (
     rows,
     stand_run,
 )
+from imucal import Program, Step
 from recordings import calibrating
 from trap import good, incomplete, poor, refused
 
@@ -209,6 +210,7 @@ TABLES = tuple(
         f"{duration_s:g} s, tremor {tremor_deg:g} deg",
         after_table_rest(2, duration_s),
         good(),
+        incomplete(),
         run=functools.partial(hand_run, 2, tremor_deg),
     )
     for duration_s, tremor_deg in ((10.0, 0.5), (20.0, 0.3), (20.0, 0.5), (40.0, 0.4))
@@ -273,9 +275,10 @@ PART = (
 def about_one_axis(axis):
     """A control recording with half the scale of two gyroscope axes, turned about the third one only."""
     turns = (90, 90, 90, 90, -90, -90, -90, 45, 45, -90, -90, -90)
-    steps = (([turn if k == axis else 0 for k in range(3)], 2.0, 3.0) for turn in turns)
+    steps = (Step([turn if k == axis else 0 for k in range(3)], 2.0, 3.0) for turn in turns)
     half = np.array([1.0 if k == axis else 0.5 for k in range(3)])
-    return lambda r: rate(lambda w: w * half)(program(*steps)(r))
+    control = imucal.simulate(Program(tuple(steps)), rate_hz=100, seed=5).recording
+    return lambda _: rate(lambda w: w * half)(control)
 
 
 CONTROLS = tuple(
