@@ -556,7 +556,6 @@ WARNINGS: Final = (
     "gains_differ",
     "noise_implausible",
     "bias_implausible",
-    "sensors_not_together",
     "recording_unused",
     "control_outliers",
     "temperature_jump",
@@ -567,6 +566,7 @@ WARNINGS: Final = (
 )
 # Codes that are errors only if the fault is large or of a certain kind, and warnings otherwise.
 ERRORS_OR_WARNINGS: Final = (
+    "sensors_not_together",
     "sensor_missing",
     "non_finite",
     "stuck_axis",

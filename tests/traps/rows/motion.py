@@ -318,9 +318,7 @@ TOGETHER = (
         LATE,
         "the gyroscope of another run",
         lambda r: changed(r, angular_rate=stand_run(2).recording.angular_rate),
-        poor(),
-        refused("gain"),
-        refused("move"),
+        refused("sensors_not_together"),
     ),
 )
 

@@ -32,6 +32,9 @@ const WELL_DETERMINED: f64 = 0.1;
 /// axes. Gyroscopes explain 0.998 on a stand and 0.8 in hand-held moves. If they are 0.6 s late in moves of a second,
 /// they explain 0.5.
 const LEAST_EXPLAINED: f64 = 0.6;
+/// If the rates explain less than this share, the gyroscope may be of another unit or recording, and the calibration is
+/// refused. A gyroscope that is 0.8 s late in moves of a second explains 0.12.
+const UNRELATED: f64 = 0.1;
 /// A finding names a signed permutation only if the correlation of P with it is at least this value (1: identical;
 /// 0.97: rotated by 18 deg).
 const CLEAR: f64 = 0.85;
@@ -67,9 +70,11 @@ pub(crate) fn check_kinematics(recording: &Recording, found: &RateFromGravity) -
     findings
 }
 
-/// Warning that the sensors did not move together. It is not an error, because a late gyroscope still measures the
-/// whole rotation between two rests that are longer than its delay.
+/// Finding that the sensors did not move together. It is a warning if the rates explain part of the motion, because a
+/// late gyroscope still measures the whole rotation between two rests that are longer than its delay.
 fn not_together(recording: &Recording, explained: f64) -> Finding {
+    let is_unrelated = explained < UNRELATED;
+    let finding = if is_unrelated { Finding::error } else { Finding::warning };
     Finding {
         columns: names(GYRO),
         count: recording.len(),
@@ -80,8 +85,11 @@ fn not_together(recording: &Recording, explained: f64) -> Finding {
              sensors had not moved together",
             100.0 * explained.max(0.0)
         ),
-        way_out: "check that both sensors are of the same unit, and that their time stamps have the same zero".into(),
-        ..Finding::warning("sensors_not_together", recording.name)
+        way_out:
+            "check that both sensors are of the same unit and recording, and that their time stamps have the same \
+                  zero"
+                .into(),
+        ..finding("sensors_not_together", recording.name)
     }
 }
 
@@ -205,10 +213,12 @@ mod tests {
     /// A late gyroscope has an attenuated P, which looks like a wrong unit.
     #[test]
     fn rates_that_do_not_follow_gravity_say_nothing_about_their_unit() {
-        let found = RateFromGravity { explained: 0.1, ..explaining(near(Matrix3::identity() / 6.6)) };
-        let findings = check_kinematics(&Columns::tumbling().recording(), &found);
-        assert_eq!((findings.len(), findings[0].code), (1, "sensors_not_together"));
-        assert_eq!(findings[0].severity, Severity::Warning);
+        for (explained, severity) in [(0.3, Severity::Warning), (0.05, Severity::Error)] {
+            let found = RateFromGravity { explained, ..explaining(near(Matrix3::identity() / 6.6)) };
+            let findings = check_kinematics(&Columns::tumbling().recording(), &found);
+            assert_eq!((findings.len(), findings[0].code), (1, "sensors_not_together"));
+            assert_eq!(findings[0].severity, severity);
+        }
     }
 
     #[test]

@@ -37,7 +37,7 @@ pub(super) fn even(recording: &Recording) -> String {
     let blocks = Blocks::try_new(recording);
     let rate_hz = blocks.as_ref().and_then(|blocks| blocks.rate_hz(recording));
     let rate = rate_hz.map_or("rate_hz=RATE with the configured rate of the sensor".to_owned(), |rate_hz| {
-        format!("rate_hz={}", general(rate_hz, 6))
+        format!("rate_hz={}", general(rate_hz, 5))
     });
     let pauses = blocks.filter(|_| rate_hz.is_none()).and_then(|blocks| blocks.pauses(recording)).unwrap_or_default();
     format!(
