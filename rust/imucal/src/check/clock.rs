@@ -191,6 +191,7 @@ impl Steps {
 
     /// Finding for samples that have the time stamp of the previous sample, but other values.
     fn equal_stamps(&self, recording: &Recording) -> Option<Finding> {
+        let finding = duplicated(&self.equal, recording)?;
         Some(Finding {
             message: format!(
                 "{} samples ({:.2} %) have the time stamp of the sample before but other values, the first {}",
@@ -199,7 +200,7 @@ impl Steps {
                 self.equal.first_place(recording)
             ),
             way_out: format!("write time stamps of finer resolution; or, {}", stamps::even(recording)),
-            ..duplicated(&self.equal, recording)?
+            ..finding
         })
     }
 }

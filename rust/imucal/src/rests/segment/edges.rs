@@ -111,50 +111,73 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
 /// Removes the end of the previous move and the start of the next move from the ends of a rest, if the noise of the
 /// rest hides them. Blocks outside `within` are not used.
 ///
-/// The angular acceleration of a move starts at zero, and its derivative (jerk) is bounded. At the time t after its
-/// start, a move therefore has the angle c t^3 and the rate 3 c t^2 with a constant c, so t = 3 angle / rate. The angle
-/// is accumulated from 0.2 s inside the rest. Angle and rate are evaluated when the angle reaches 10 x its noise. The
-/// last five sixths of t are assigned to the move. In the first sixth, the angle is below a twentieth of its noise.
-/// Nothing is removed if the angle does not increase further, as after a jolt, or if the move began before the first
-/// accumulated block.
+/// The angle is accumulated from 0.2 s inside the rest. If the move began before that, which slow moves do, it is
+/// accumulated again from twice as far inside, up to a third of the rest. Nothing is removed if the angle does not
+/// increase, as after a jolt, or if the move began even earlier.
 pub(super) fn onset(
     range: Range<usize>,
     within: &Range<usize>,
     blocks: &[Block],
     coarse: &Vector6<f64>,
 ) -> Range<usize> {
-    // The accumulation of the angle begins this number of blocks inside the rest (0.2 s).
-    const EDGE: usize = 4;
-    // Maximum number of blocks outside the rest over which the angle is accumulated (1 s).
-    const REACH: usize = 2 * WINDOW_BLOCKS;
-    // The angle and the rate are evaluated when chi2 of the angle exceeds this value. The angle is then ten times its
-    // noise.
-    const CHI2_AT_END: f64 = 100.0;
-    // Time assigned to the move, divided by angle / rate. It is five sixths of the time since the start of the move,
-    // which is 3 angle / rate.
-    const ASSIGNED: f64 = 3.0 * 5.0 / 6.0;
     if range.len() < 2 * WINDOW_BLOCKS {
         return range;
     }
-    let inner = Inner::of(&blocks[range.start + EDGE..range.end - EDGE], coarse);
-    // Number of blocks at one end of the rest, out of the outermost EDGE blocks, that remain in the rest. `outwards`
-    // gives the blocks in order from the inside of the rest to the outside.
-    let still = |outwards: &mut dyn Iterator<Item = &Block>| {
-        let rates: Vec<_> = outwards.take(EDGE + REACH).map(|block| rate(block) - inner.mean).collect();
-        let mut turn = Vector3::zeros();
-        for (k, pair) in rates.windows(2).enumerate() {
-            turn += pair[0];
-            if inner.chi2(turn, k + 1) > CHI2_AT_END {
-                let rate_at_end = turn.dot(&(pair[0] + pair[1])) / 2.0;
-                let before = (k + 1) as f64 - ASSIGNED * turn.norm_squared() / rate_at_end;
-                return if rate_at_end > 0.0 && before >= 0.0 { EDGE.min(before as usize) } else { EDGE };
+    // Number of blocks to be removed from one end of the rest. `outwards` gives the rates of the given numbers of
+    // blocks inside and outside the rest, in order from the inside to the outside.
+    let moving = |outwards: &dyn Fn(usize, usize) -> Vec<Vector3<f64>>| {
+        let (mut inside, mut order) = (4, Order::Cubic);
+        loop {
+            let inner = Inner::of(&blocks[range.start + inside..range.end - inside], coarse);
+            match start_of_move(&outwards(inside, 5 * inside), &inner, order) {
+                Some(start) if start >= 0.0 => return inside.saturating_sub(start as usize),
+                Some(_) if 6 * inside <= range.len() => (inside, order) = (2 * inside, Order::Quartic),
+                _ => return 0,
             }
         }
-        EDGE
     };
-    let at_start = still(&mut blocks[within.start..range.start + EDGE].iter().rev());
-    let at_end = still(&mut blocks[range.end - EDGE..within.end].iter());
-    range.start + EDGE - at_start..range.end - EDGE + at_end
+    let at_start = moving(&|inside, outside| {
+        blocks[within.start..range.start + inside].iter().rev().take(inside + outside).map(rate).collect()
+    });
+    let at_end = moving(&|inside, outside| {
+        blocks[range.end - inside..within.end].iter().take(inside + outside).map(rate).collect()
+    });
+    range.start + at_start..range.end - at_end
+}
+
+/// The power of the time t after the start of a move with which the angle increases at first.
+#[derive(Clone, Copy)]
+enum Order {
+    /// The angular acceleration starts at zero, and its derivative (jerk) is bounded: the angle is c t^3, and the rate
+    /// 3 c t^2, so t = 3 angle / rate. Five sixths of t are assigned to the move: in the first sixth, the angle is
+    /// below a twentieth of its noise.
+    Cubic,
+    /// A slow move may start so smoothly that the jerk also starts at zero: t = 4 angle / rate. All of t is assigned to
+    /// the move, because so much time hardly shortens its rest, and the error would be the same in all moves.
+    Quartic,
+}
+
+/// Index of the block in which a move starts, counted from the first of `rates` and negative if it started before it.
+/// None if no move starts.
+fn start_of_move(rates: &[Vector3<f64>], inner: &Inner, order: Order) -> Option<f64> {
+    // The angle and the rate are evaluated when chi2 of the angle exceeds this value. The angle is then ten times its
+    // noise.
+    const CHI2_AT_END: f64 = 100.0;
+    // Time assigned to the move, divided by angle / rate.
+    let assigned = match order {
+        Order::Cubic => 3.0 * 5.0 / 6.0,
+        Order::Quartic => 4.0,
+    };
+    let mut angle = Vector3::zeros();
+    for (k, pair) in rates.windows(2).enumerate() {
+        angle += pair[0] - inner.mean;
+        if inner.chi2(angle, k + 1) > CHI2_AT_END {
+            let rate_at_end = angle.dot(&(pair[0] + pair[1] - 2.0 * inner.mean)) / 2.0;
+            let start = (k + 1) as f64 - assigned * angle.norm_squared() / rate_at_end;
+            return (rate_at_end > 0.0).then_some(start);
+        }
+    }
+    None
 }
 
 #[cfg(test)]
