@@ -74,7 +74,7 @@ pub(crate) fn check_kinematics(recording: &Recording, found: &RateFromGravity) -
 /// late gyroscope still measures the whole rotation between two rests that are longer than its delay.
 fn not_together(recording: &Recording, explained: f64) -> Finding {
     let is_unrelated = explained < UNRELATED;
-    let finding = if is_unrelated { Finding::error } else { Finding::warning };
+    let kind = if is_unrelated { Finding::error } else { Finding::warning };
     Finding {
         columns: names(GYRO),
         count: recording.len(),
@@ -89,7 +89,7 @@ fn not_together(recording: &Recording, explained: f64) -> Finding {
             "check that both sensors are of the same unit and recording, and that their time stamps have the same \
                   zero"
                 .into(),
-        ..finding("sensors_not_together", recording.name)
+        ..kind("sensors_not_together", recording.name)
     }
 }
 

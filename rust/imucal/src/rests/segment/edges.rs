@@ -126,14 +126,19 @@ pub(super) fn onset(
     // Number of blocks to be removed from one end of the rest. `outwards` gives the rates of the given numbers of
     // blocks inside and outside the rest, in order from the inside to the outside.
     let moving = |outwards: &dyn Fn(usize, usize) -> Vec<Vector3<f64>>| {
-        let (mut inside, mut order) = (4, Order::Cubic);
+        const FIRST: usize = 4;
+        let mut inside = FIRST;
         loop {
             let inner = Inner::of(&blocks[range.start + inside..range.end - inside], coarse);
-            match start_of_move(&outwards(inside, 5 * inside), &inner, order) {
-                Some(start) if start >= 0.0 => return inside.saturating_sub(start as usize),
-                Some(_) if 6 * inside <= range.len() => (inside, order) = (2 * inside, Order::Quartic),
-                _ => return 0,
+            let Some(seen) = seen_move(&outwards(inside, 5 * inside), &inner) else { return 0 };
+            if seen.at >= CUBIC * seen.angle_over_rate {
+                let assigned = if inside == FIRST { CUBIC } else { QUARTIC };
+                return inside.saturating_sub((seen.at - assigned * seen.angle_over_rate) as usize);
             }
+            if 6 * inside > range.len() {
+                return 0;
+            }
+            inside *= 2;
         }
     };
     let at_start = moving(&|inside, outside| {
@@ -145,36 +150,35 @@ pub(super) fn onset(
     range.start + at_start..range.end - at_end
 }
 
-/// The power of the time t after the start of a move with which the angle increases at first.
-#[derive(Clone, Copy)]
-enum Order {
-    /// The angular acceleration starts at zero, and its derivative (jerk) is bounded: the angle is c t^3, and the rate
-    /// 3 c t^2, so t = 3 angle / rate. Five sixths of t are assigned to the move: in the first sixth, the angle is
-    /// below a twentieth of its noise.
-    Cubic,
-    /// A slow move may start so smoothly that the jerk also starts at zero: t = 4 angle / rate. All of t is assigned to
-    /// the move, because so much time hardly shortens its rest, and the error would be the same in all moves.
-    Quartic,
+/// Time assigned to a move before it is seen, divided by angle / rate.
+///
+/// The angular acceleration of a move starts at zero, and its derivative (jerk) is bounded. At the time t after its
+/// start, a move therefore has the angle c t^3 and the rate 3 c t^2 with a constant c, so t = 3 angle / rate. The last
+/// five sixths of t are assigned to the move. In the first sixth, the angle is below a twentieth of its noise.
+const CUBIC: f64 = 3.0 * 5.0 / 6.0;
+/// The same for a slow move, whose jerk may also start at zero, so that t = 4 angle / rate. All of t is assigned to the
+/// move, because so much time hardly shortens the rest of a slow move.
+const QUARTIC: f64 = 4.0;
+
+/// The instant at which the angle of a move reaches ten times its noise.
+struct SeenMove {
+    /// Number of blocks up to this instant.
+    at: f64,
+    /// Angle / rate at this instant, blocks.
+    angle_over_rate: f64,
 }
 
-/// Index of the block in which a move starts, counted from the first of `rates` and negative if it started before it.
-/// None if no move starts.
-fn start_of_move(rates: &[Vector3<f64>], inner: &Inner, order: Order) -> Option<f64> {
-    // The angle and the rate are evaluated when chi2 of the angle exceeds this value. The angle is then ten times its
-    // noise.
+/// Accumulates the angle over blocks with the mean rates `rates`. None if no angle that increases reaches ten times its
+/// noise.
+fn seen_move(rates: &[Vector3<f64>], inner: &Inner) -> Option<SeenMove> {
     const CHI2_AT_END: f64 = 100.0;
-    // Time assigned to the move, divided by angle / rate.
-    let assigned = match order {
-        Order::Cubic => 3.0 * 5.0 / 6.0,
-        Order::Quartic => 4.0,
-    };
     let mut angle = Vector3::zeros();
     for (k, pair) in rates.windows(2).enumerate() {
         angle += pair[0] - inner.mean;
         if inner.chi2(angle, k + 1) > CHI2_AT_END {
             let rate_at_end = angle.dot(&(pair[0] + pair[1] - 2.0 * inner.mean)) / 2.0;
-            let start = (k + 1) as f64 - assigned * angle.norm_squared() / rate_at_end;
-            return (rate_at_end > 0.0).then_some(start);
+            let seen = SeenMove { at: (k + 1) as f64, angle_over_rate: angle.norm_squared() / rate_at_end };
+            return (rate_at_end > 0.0).then_some(seen);
         }
     }
     None
@@ -222,6 +226,20 @@ mod tests {
                 let turn = strength * kept.powi(3) / 3.0;
                 assert!(turn < 0.25 * NOISE, "{strength} {begin}: {end}");
                 assert!(end > begin - 3.0, "{strength} {begin}: {end}");
+            }
+        }
+    }
+
+    /// The rest swallowed the start of a slow move, up to 0.4 s before its end.
+    #[test]
+    fn a_slow_move_is_given_back_its_beginning_however_smooth_it_is() {
+        for (power, strengths) in [(2, [3e-4, 1e-4, 3e-5]), (3, [3e-5, 1e-5, 3e-6])] {
+            for strength in strengths {
+                for begin in [-7.5, -6.1, -5.0] {
+                    let blocks = blocks(|time| strength * (time - begin).max(0.0).powi(power));
+                    let end = found_end(STILL, &blocks) as f64 - STILL as f64;
+                    assert!(end < begin + 0.5 && end >= -8.0, "{power} {strength} {begin}: {end}");
+                }
             }
         }
     }
