@@ -23,6 +23,7 @@ ELSEWHERE = {
     "control_outliers": "tests/estimation/test_control_coverage.py",
     "gyro_common_gain": "tests/estimation/test_references.py",
     "loose_mount": "tests/stand/test_calibrate.py",
+    "temperature_extrapolated": "tests/estimation/test_evaluate.py",
     "already_corrected": "tests/io/test_logs.py",
     "board_rotated": "tests/io/test_logs.py",
     "file_damaged": "tests/io/test_logs.py",

@@ -127,3 +127,16 @@ def test_what_is_no_recording_or_no_calibration_is_refused_with_the_way_out(heat
         with pytest.raises(imucal.InputError, match=message):
             use()
     assert imucal.calibrate(r for r in [run]).calibration is not None
+
+
+def test_temperatures_beyond_the_calibration_are_said_and_the_advice_removes_the_finding(heated):
+    _, control, calibration = heated
+    of_warm_runs = replace(calibration, temperature_range_degc=(25.0, 40.0))
+    (said,) = imucal.evaluate(of_warm_runs, control).findings
+    assert (said.code, said.severity, said.columns) == ("temperature_extrapolated", "warning", ("temp_degc",))
+    assert "gyro_bias_temperature are extrapolated" in said.message
+    # The advice is to evaluate within the range, or to use a calibration that covers the recording.
+    warm = HEATED | {"temperature": imucal.Temperature.cycle(26.0, 39.0, 320.0)}
+    within = imucal.simulate("random", seed=13, **warm).recording
+    assert imucal.evaluate(of_warm_runs, within).findings == ()
+    assert imucal.evaluate(calibration, control).findings == ()

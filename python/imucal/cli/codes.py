@@ -239,6 +239,13 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             ),
             cure="Record a separate control run, or use `--folds`.",
         ),
+        "temperature_extrapolated": Code(
+            cause=(
+                "The calibration is evaluated on a recording with temperatures that its recordings did not "
+                "reach, so its temperature effects are extrapolated."
+            ),
+            cure="Evaluate within the range of the calibration, or calibrate with recordings that cover it.",
+        ),
         "seen_by_the_fit": Code(
             cause="The calibration is evaluated on a file from which it was made.",
             cure="Evaluate on another recording of the unit.",
@@ -562,6 +569,7 @@ WARNINGS: Final = (
     "temperature_raw",
     "axes_turned",
     "seen_by_the_fit",
+    "temperature_extrapolated",
     "biases_moved",
 )
 # Codes that are errors only if the fault is large or of a certain kind, and warnings otherwise.

@@ -15,6 +15,7 @@ from imucal.calibration.calibration import Calibration
 from imucal.calibration.figures import Figures
 from imucal.calibration.provenance import Provenance, require_serial_number
 from imucal.calibration.references import References, references_of
+from imucal.calibration.temperature import temperature_range
 from imucal.calibration.triad import Frame, Triad, as_estimated_frame
 from imucal.calibration.verdict import ResidualFit, verdict_of, worst
 from imucal.document.date import now
@@ -287,7 +288,7 @@ def result_of(
         covariance=outcome.covariance,
         covariance_names=names,
         noise=_noise(outcome.accel_noise_density, outcome.gyro_noise_density),
-        temperature_range_degc=_temperature_range(unit_data),
+        temperature_range_degc=temperature_range(unit_data),
         fit=fit.to_dict(),
         calibration_set=plain(figures),
         control_set=None if found is None else plain(Figures(**found.figures)),
@@ -359,13 +360,6 @@ def _noise(accel_density: FloatArray, gyro_density: FloatArray | None) -> dict[s
         if densities is not None and np.isfinite(densities).all()
         for axis, density in zip("xyz", densities, strict=True)
     }
-
-
-def _temperature_range(recordings: Sequence[Recording]) -> tuple[float, float] | None:
-    columns = [r.temperature_degc for r in recordings if r.temperature_degc is not None]
-    seen = np.concatenate(columns) if columns else np.array([])
-    seen = seen[np.isfinite(seen)]
-    return (float(seen.min()), float(seen.max())) if len(seen) else None
 
 
 def _sources(recordings: Sequence[Recording]) -> tuple[Source, ...]:

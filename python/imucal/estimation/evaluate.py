@@ -15,6 +15,7 @@ from imucal.calibration.figures import Figures, figures_text
 from imucal.calibration.frame import in_frame
 from imucal.calibration.model import SensorModel
 from imucal.calibration.provenance import Provenance
+from imucal.calibration.temperature import extrapolation, temperature_range
 from imucal.calibration.triad import base_count
 from imucal.calibration.verdict import ResidualFit, Verdict, verdict_of, worst
 from imucal.document.date import now
@@ -231,6 +232,7 @@ def evaluation_of(
             *(f for r in judges for f in r.findings),
             *found.findings,
             *_seen_by_the_fit(calibration, judges),
+            *_extrapolated(calibration, judges),
         ),
         verdict=verdict_of(found.verdict),
         reasons=(*found.reasons, *(_not_stated(calibration) if found.reasons else ())),
@@ -270,4 +272,24 @@ def _seen_by_the_fit(calibration: Calibration, recordings: Sequence[Recording]) 
                 "this calibration was estimated from the same file: unless the samples are from another "
                 "part of the file, the figures say nothing about new data",
                 "judge on another recording of the unit",
+            )
+
+
+def _extrapolated(calibration: Calibration, recordings: Sequence[Recording]) -> Iterator[Finding]:
+    """Findings for recordings with temperatures outside the range of the calibration."""
+    for recording in recordings:
+        range_degc = temperature_range([recording])
+        message = extrapolation(calibration, range_degc)
+        if range_degc is not None and message is not None:
+            yield Finding(
+                code="temperature_extrapolated",
+                severity="warning",
+                recording=recording.name,
+                columns=("temp_degc",),
+                place=None,
+                count=len(recording),
+                value=range_degc[1],
+                unit="degC",
+                message=message,
+                way_out="evaluate within the range, or calibrate with recordings that cover it",
             )

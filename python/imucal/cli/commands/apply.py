@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 from imucal.cli.options import JsonPath, RecordingPath
 from imucal.cli.output import Output, require_apart
@@ -21,10 +21,6 @@ if TYPE_CHECKING:
     from imucal.recording.recording import Recording
 
 __all__ = ["apply"]
-
-# Temperatures outside the range of the calibration cause a warning only if they are outside by more than this
-# share of the width of the range. A smaller extrapolation is safe.
-BEYOND: Final = 0.05
 
 
 @reading_options
@@ -45,6 +41,7 @@ def apply(
     Example: imucal apply unit-0042.json run.csv -o corrected.csv
     """
     import imucal
+    from imucal.calibration.temperature import extrapolation
     from imucal.io import write_pieces
 
     require_apart([calibration, *recording], {"--output": output, "--json": json})
@@ -61,7 +58,8 @@ def apply(
         else:
             corrected = written(iter([reading.one(recording)]))
     removed = [effect.name for effect in unit.effects if effect.name not in unit.left_in_data]
-    warnings = [*corrected.warnings(), *_beyond(unit, corrected.temperature_range_degc)]
+    beyond = extrapolation(unit, corrected.temperature_range_degc)
+    warnings = [*corrected.warnings(), *([beyond] if beyond else [])]
     out = Output(json)
     out.document(
         {
@@ -84,20 +82,6 @@ def apply(
         out.line(f"not compensated, as they are no sensor errors: {', '.join(unit.left_in_data)}")
     for warning in warnings:
         out.line(f"warning: {warning}")
-
-
-def _beyond(unit: Calibration, seen: tuple[float, float] | None) -> list[str]:
-    """A warning for temperatures outside the range of the calibration; empty if there are none."""
-    known, effects = unit.temperature_range_degc, unit.temperature_effects
-    if seen is None or known is None or not effects:
-        return []
-    margin = BEYOND * (known[1] - known[0])
-    if known[0] - margin <= seen[0] and seen[1] <= known[1] + margin:
-        return []
-    return [
-        f"the temperature is {seen[0]:.5g} to {seen[1]:.5g} degC, but the calibration covers {known[0]:.5g} "
-        f"to {known[1]:.5g} degC: outside this range, {' and '.join(effects)} are extrapolated"
-    ]
 
 
 class _Empty:
