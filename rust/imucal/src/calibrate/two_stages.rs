@@ -174,7 +174,7 @@ impl UnitData<'_> {
         let kinematic = rate_from_gravity(self.recordings, moves, &accelerometer.triad, bias.bias);
         let mut findings = Vec::new();
         if let Some(kinematic) = &kinematic {
-            findings = check::check_kinematics(&self.recordings[0], kinematic);
+            findings = check::check_kinematics(&self.recordings[0], &kinematic.rate_from_raw, kinematic.explained);
             refuse_errors(&findings)?;
         }
         let si = self.raw_is_si(|recording| recording.gyro_unit);

@@ -15,7 +15,6 @@ use nalgebra::Matrix3;
 use super::axes::{SignedPermutation, recommendation};
 use super::{ACCEL, GYRO, names};
 use crate::finding::Finding;
-use crate::preintegration::kinematics::RateFromGravity;
 use crate::recording::{RawUnit, Recording};
 
 /// Limits of the scale |det P|^(1/3) of the matrix P in true rate = P (raw - bias), for a gyroscope in the correct unit
@@ -39,7 +38,8 @@ const UNRELATED: f64 = 0.1;
 /// 0.97: rotated by 18 deg).
 const CLEAR: f64 = 0.85;
 
-/// Checks P in true_rate = P (raw - bias), fitted linearly to the kinematics of gravity in all moves.
+/// Checks `rate_from_raw`, which is P in true_rate = P (raw - bias), fitted linearly to the kinematics of gravity in
+/// all moves. `explained` is the share of the changes of the gravity direction that the rates explain with this P.
 ///
 /// Codes: `sensors_not_together`, `gyro_units` (SI columns only), `left_handed_axes`, `axes_turned`. If P is not
 /// finite, or is nearly singular because of too little motion, there is no finding. For counts, only the handedness and
@@ -48,10 +48,10 @@ const CLEAR: f64 = 0.85;
 /// # Example
 /// If the raw x axis is reversed, P is near diag(-1, 1, 1) and det P < 0: the finding `left_handed_axes` names
 /// `gyro_x`.
-pub(crate) fn check_kinematics(recording: &Recording, found: &RateFromGravity) -> Vec<Finding> {
-    let p = &found.rate_from_raw;
-    if found.explained < LEAST_EXPLAINED {
-        return vec![not_together(recording, found.explained)];
+pub(crate) fn check_kinematics(recording: &Recording, rate_from_raw: &Matrix3<f64>, explained: f64) -> Vec<Finding> {
+    let p = rate_from_raw;
+    if explained < LEAST_EXPLAINED {
+        return vec![not_together(recording, explained)];
     }
     if !p.iter().all(|v| v.is_finite()) || !is_well_determined(p) {
         return Vec::new();
@@ -189,12 +189,10 @@ mod tests {
         p * Matrix3::new(0.98, 0.05, -0.06, -0.04, 1.03, 0.02, 0.03, -0.05, 1.0)
     }
 
-    fn explaining(rate_from_raw: Matrix3<f64>) -> RateFromGravity {
-        RateFromGravity { rate_from_raw, explained: 0.8 }
-    }
+    const EXPLAINED: f64 = 0.8;
 
     fn judge(p: Matrix3<f64>) -> Vec<Finding> {
-        check_kinematics(&Columns::tumbling().recording(), &explaining(p))
+        check_kinematics(&Columns::tumbling().recording(), &p, EXPLAINED)
     }
 
     fn diagonal(x: f64, y: f64, z: f64) -> Matrix3<f64> {
@@ -214,8 +212,8 @@ mod tests {
     #[test]
     fn rates_that_do_not_follow_gravity_say_nothing_about_their_unit() {
         for (explained, severity) in [(0.3, Severity::Warning), (0.05, Severity::Error)] {
-            let found = RateFromGravity { explained, ..explaining(near(Matrix3::identity() / 6.6)) };
-            let findings = check_kinematics(&Columns::tumbling().recording(), &found);
+            let p = near(Matrix3::identity() / 6.6);
+            let findings = check_kinematics(&Columns::tumbling().recording(), &p, explained);
             assert_eq!((findings.len(), findings[0].code), (1, "sensors_not_together"));
             assert_eq!(findings[0].severity, severity);
         }
@@ -240,8 +238,8 @@ mod tests {
     fn counts_have_no_unit_but_a_handedness() {
         let columns = Columns::tumbling();
         let lsb = Recording { gyro_unit: RawUnit::Lsb, ..columns.recording() };
-        assert!(check_kinematics(&lsb, &explaining(near(Matrix3::identity() / 4770.0))).is_empty());
-        let findings = check_kinematics(&lsb, &explaining(near(diagonal(1.0, -1.0, 1.0) / 4770.0)));
+        assert!(check_kinematics(&lsb, &near(Matrix3::identity() / 4770.0), EXPLAINED).is_empty());
+        let findings = check_kinematics(&lsb, &near(diagonal(1.0, -1.0, 1.0) / 4770.0), EXPLAINED);
         assert_eq!(findings[0].code, "left_handed_axes");
     }
 
