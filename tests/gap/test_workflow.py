@@ -89,7 +89,8 @@ def test_what_acts_in_moves_alone_disagrees_there_alone():
 
 
 def test_the_axis_that_bad_moves_share_is_named():
-    steps = [*imucal.Program.random(seed=5, moves=30, max_rate_dps=30.0).steps]
+    # At 15 deg/s the effect is below the noise of a move, at 25 deg/s some of these moves show it.
+    steps = [*imucal.Program.random(seed=5, moves=30, max_rate_dps=15.0).steps]
     for sign in (1.0, -1.0) * 8:
         steps += [imucal.Step((0.0, 0.0, 170.0 * sign), 2.0, 3.0), imucal.Step((40.0, 55.0, 0.0), 8.0, 3.0)]
     run = simulated(
