@@ -48,7 +48,7 @@ const CLEAR: f64 = 0.85;
 /// # Example
 /// If the raw x axis is reversed, P is near diag(-1, 1, 1) and det P < 0: the finding `left_handed_axes` names
 /// `gyro_x`.
-pub(crate) fn check_kinematics(recording: &Recording, rate_from_raw: &Matrix3<f64>, explained: f64) -> Vec<Finding> {
+pub fn check_kinematics(recording: &Recording, rate_from_raw: &Matrix3<f64>, explained: f64) -> Vec<Finding> {
     let p = rate_from_raw;
     if explained < LEAST_EXPLAINED {
         return vec![not_together(recording, explained)];
