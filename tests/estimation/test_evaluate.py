@@ -135,6 +135,7 @@ def test_temperatures_beyond_the_calibration_are_said_and_the_advice_removes_the
     (said,) = imucal.evaluate(of_warm_runs, control).findings
     assert (said.code, said.severity, said.columns) == ("temperature_extrapolated", "warning", ("temp_degc",))
     assert "gyro_bias_temperature are extrapolated" in said.message
+    assert said.value == pytest.approx(10.0, abs=0.1)
     # The advice is to evaluate within the range, or to use a calibration that covers the recording.
     warm = HEATED | {"temperature": imucal.Temperature.cycle(26.0, 39.0, 320.0)}
     within = imucal.simulate("random", seed=13, **warm).recording

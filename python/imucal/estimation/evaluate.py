@@ -277,10 +277,12 @@ def _seen_by_the_fit(calibration: Calibration, recordings: Sequence[Recording]) 
 
 def _extrapolated(calibration: Calibration, recordings: Sequence[Recording]) -> Iterator[Finding]:
     """Findings for recordings with temperatures outside the range of the calibration."""
+    known_degc = calibration.temperature_range_degc
     for recording in recordings:
-        range_degc = temperature_range([recording])
-        message = extrapolation(calibration, range_degc)
-        if range_degc is not None and message is not None:
+        seen_degc = temperature_range([recording])
+        message = extrapolation(calibration, seen_degc)
+        if known_degc is not None and seen_degc is not None and message is not None:
+            (low, high), (lowest, highest) = known_degc, seen_degc
             yield Finding(
                 code="temperature_extrapolated",
                 severity="warning",
@@ -288,7 +290,7 @@ def _extrapolated(calibration: Calibration, recordings: Sequence[Recording]) -> 
                 columns=("temp_degc",),
                 place=None,
                 count=len(recording),
-                value=range_degc[1],
+                value=lowest if low - lowest > highest - high else highest,
                 unit="degC",
                 message=message,
                 way_out="evaluate within the range, or calibrate with recordings that cover it",
