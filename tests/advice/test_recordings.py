@@ -200,7 +200,7 @@ ADVISED = [
         "accel_units",
         "cm/s^2",
         force(lambda f: f * 100),
-        "divide by 100",
+        "accel_x_cmps2",
         lambda r, _: force(lambda f: f / 100)(r),
     ),
     Advised(

@@ -63,3 +63,8 @@ def test_a_rest_that_contradicts_the_others_is_named(calibration):
     (finding,) = [finding for finding in evaluation.findings if finding.code == "control_outliers"]
     assert "the first one begins at 0.00 s" in finding.message
     assert not imucal.evaluate(calibration, changed(control)).findings
+    # Outliers that are far larger are not explained by the uncertainty of the calibration.
+    disturbed = changed(control, specific_force=control.specific_force + 2.0 * transient)
+    judged = imucal.evaluate(calibration, disturbed)
+    assert judged.figures.chi2_per_dof > 100
+    assert judged.verdict == "poor" and "[large_residuals]" in judged.reasons[0]

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import imucal
+from imucal.io.header import header_of
+from imucal.io.unit_words import split_unit
 
 ROWS = 300
 RANDOM = np.random.default_rng(17)
@@ -24,12 +26,12 @@ ACCEL_SIZES = {
     ("ug", G / 1e6): "(µg) [ug] _ug",
 }
 GYRO_SIZES = {
-    ("radps", 1.0): "(rad/s) _rad_per_s",
+    ("radps", 1.0): "(rad/s) _rad_per_s _rad_per_sec _rad_per_second",
     ("mradps", 1e-3): "(mrad/s) [mrad·s⁻¹] _mrad_s _mrad/s _mradps",
-    ("dps", DEG): "(deg/s) [°/s] _dps _deg/s",
+    ("dps", DEG): "(deg/s) [°/s] (˚/s) _dps _deg/s _deg_per_sec _degpersec",
     ("mdps", DEG / 1e3): "(mdps) (m°/s) _mdeg_s",
     ("dpmin", DEG / 60): "(deg/min) (°/min) _deg_min",
-    ("dph", DEG / 3600): "(deg/h) [°/h] (dph) (deg/hr) _deg_h _dph",
+    ("dph", DEG / 3600): "(deg/h) [°/h] (dph) (deg/hr) _deg_h _deg_per_hour _dph",
     ("rpm", 2 * np.pi / 60): "(rpm) (rev/min) _rpm",
     ("gonps", np.pi / 200): "(gon/s) _gon_s",
 }
@@ -198,10 +200,12 @@ def test_two_files_with_units_that_are_not_read(tmp_path):
     names, values = header(accel="(smoot)"), columns()
     accel = write(tmp_path, names[:4], values[:, :4], "accel.csv")
     gyro = write(tmp_path, ["t (s)", *names[4:]], values[:, [0, 4, 5, 6]], "gyro.csv")
-    assert "units that are not read (smoot)" in refusal(accel, gyro)
+    message = refusal(accel, gyro)
+    assert "a unit that is not read (smoot)" in message
+    assert "give --accel-unit" in message
     require_run(imucal.read(accel, gyro, accel_unit="m/s^2"))
     # The accelerometer alone.
-    assert "units that are not read (smoot)" in refusal(accel)
+    assert "a unit that is not read (smoot)" in refusal(accel)
     clock = write(tmp_path, ["t (ticks)", *header()[1:4]], values[:, :4], "clock.csv")
     assert "a unit of time that is not read (ticks)" in refusal(clock, gyro)
 
@@ -224,3 +228,40 @@ def test_lines_of_labels_with_units(tmp_path):
     ]
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")
     require_run(imucal.read(path))
+
+
+def test_units_may_be_words():
+    assert split_unit("Gyro X (degrees per second)") == ("Gyro X", ("gyro", "dps"))
+    assert split_unit("Acc X [meters per second squared]") == ("Acc X", ("accel", "mps2"))
+    assert split_unit("Gyro X (degrees per hour)") == ("Gyro X", ("gyro", "dph"))
+
+
+ROS = ["linear_acceleration_{}", "angular_velocity_{}"]
+
+
+@pytest.mark.parametrize(
+    ("accel", "gyro"),
+    [
+        (("(inch/s²)", "(inch/s²)", "(inch/s²)"), ("", "", "")),
+        (("", "", ""), ("(deg/s)", "", "")),
+        (("(g)", "(mg)", "(g)"), ("", "", "")),
+    ],
+)
+def test_the_units_of_a_program_do_not_replace_those_of_the_header(accel, gyro):
+    names = [
+        f"{what.format(axis)} {text}".strip()
+        for what, texts in zip(ROS, (accel, gyro), strict=True)
+        for axis, text in zip("xyz", texts, strict=True)
+    ]
+    found = header_of(["time_s", *names])
+    assert found.program is not None and found.program.name == "ROS"
+    stated = found.accel[0] if any(accel) else found.gyro[0]
+    assert stated.unit is None
+    assert (found.gyro[0] if any(accel) else found.accel[0]).unit in ("mps2", "radps")
+
+
+def test_a_time_column_without_a_readable_unit_hides_no_other(tmp_path):
+    names = ["Timestamp", "Time (frame)", *header(accel="(g)", gyro="(dps)")[1:]]
+    values = np.column_stack([1e3 * TIME_S, np.arange(ROWS), FORCE / G, RATE / DEG])
+    message = refusal(write(tmp_path, names, values))
+    assert "time_ms=Timestamp" in message

@@ -77,7 +77,13 @@ def test_a_calibration_takes_recordings_with_its_axes_only(files, capsys):
     assert unit.axes == "x,-y,-z"
     out = ["-o", str(files / "out.csv")]
     assert main(["apply", str(files / "unit.json"), str(files / "frd.csv"), *out]) == 1
-    assert "with --axes x,-y,-z: read the recording with --axes x,-y,-z" in capsys.readouterr().err
+    advice = "with the axes x,-y,-z: read the recording with the axes x,-y,-z"
+    assert advice in capsys.readouterr().err
+    # The axes of the calibration are absolute, so the option that was given does not change them.
+    imucal.calibrate(imucal.read(files / "frd.csv")).calibration.save(files / "plain.json")
+    assert main(["apply", str(files / "plain.json"), str(files / "frd.csv"), "--axes", "frd", *out]) == 1
+    said = capsys.readouterr().err
+    assert "was read with the axes x,-y,-z" in said and "read the recording with the axes x,y,z" in said
     assert main(["apply", str(files / "unit.json"), str(files / "frd.csv"), "--axes", "frd", *out]) == 0
     corrected = imucal.read(files / "out.csv")
     expected = unit.apply_recording(imucal.read(files / "frd.csv", axes="frd"))

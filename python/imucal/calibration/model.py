@@ -183,6 +183,6 @@ class SensorModel:
                 )
         if recording.axes != self.axes:
             raise InputError(
-                f"{recording.name} was read with axes={recording.axes!r}, but the calibration was made from "
-                f"recordings with axes={self.axes!r}: read the recording with axes={self.axes!r}"
+                f"{recording.name} was read with the axes {recording.axes}, but the calibration was made "
+                f"from recordings with the axes {self.axes}: read the recording with the axes {self.axes}"
             )

@@ -15,6 +15,7 @@ import gc
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextvars import copy_context
 from typing import Any, Final, NoReturn
 
 import click
@@ -166,7 +167,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     gc.set_threshold(OBJECTS_BETWEEN_SEARCHES)
     with standing_streams(), as_interrupts() as ended:
         try:
-            code = _run(list(sys.argv[1:] if arguments is None else arguments))
+            # A context of its own, so that nothing of a command remains for the next one.
+            code = copy_context().run(_run, list(sys.argv[1:] if arguments is None else arguments))
             sys.stdout.flush()
         except KeyboardInterrupt:
             code = INTERRUPTED

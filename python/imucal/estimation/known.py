@@ -41,9 +41,9 @@ def known_accelerometer(calibration: Calibration, recordings: Sequence[Recording
             )
         if recording.axes != calibration.axes:
             raise InputError(
-                f"{recording.name} was read with axes={recording.axes!r}, but the given calibration was made "
-                f"from recordings with axes={calibration.axes!r}: read the recording with "
-                f"axes={calibration.axes!r}"
+                f"{recording.name} was read with the axes {recording.axes}, but the given calibration was "
+                f"made from recordings with the axes {calibration.axes}: read the recording with the axes "
+                f"{calibration.axes}"
             )
     if calibration.effects:
         raise InputError(

@@ -175,7 +175,8 @@ def _axis_codes(axes: str) -> list[int]:
     changed = Axes.parse(axes)
     if not changed.are_alike:
         raise InputError(
-            f"axes={axes!r}: both sensors of a calibration have one body frame, give one order of axes"
+            f"body_axes is {axes!r}: both sensors of a calibration have one body frame, give one order of "
+            "axes"
         )
     matrix = np.asarray(changed.accel)
     if np.linalg.det(matrix) < 0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 from imucal.data_frame import is_frame
 from imucal.document.source import require_file
@@ -16,7 +16,7 @@ from imucal.io.temperature_counts import TempScale, scale_of, with_temperature
 from imucal.io.text import NotInPartsError
 from imucal.io.vocabulary import column_names
 from imucal.recording.axes import Axes
-from imucal.recording.recording import AccelUnit, GyroUnit, Recording, as_recording
+from imucal.recording.recording import Recording, as_recording
 
 __all__ = [
     "FORMATS",
@@ -40,8 +40,8 @@ def read(
     group: str | None = None,
     receive_time: bool | None = None,
     time_unit: str | None = None,
-    accel_unit: AccelUnit | Literal["g", "mg"] | None = None,
-    gyro_unit: GyroUnit | Literal["deg/s", "mdeg/s"] | None = None,
+    accel_unit: str | None = None,
+    gyro_unit: str | None = None,
     temp_scale: TempScale | None = None,
     axes: str | None = None,
 ) -> Recording:
@@ -63,7 +63,8 @@ def read(
     receive_time   [rosbag, mcap] use the time stamps of the bag instead of those of the messages
     time_unit  [imu_tk, pair, folder] s, ms, us or ns, if there is no header that gives it
     accel_unit, gyro_unit  [imu_tk, pair, folder] "lsb" (default of imu_tk), "m/s^2" and "rad/s"; for pair and
-               folder also "g", "mg", "deg/s" and "mdeg/s", if there is no header that gives it
+               folder also "g", "mg", "deg/s", "mdeg/s" and the other units of docs/formats.md, if there is no
+               header that gives it
     temp_scale  slope, degC per count, and offset, degC, of a column temp_lsb: (1/340, 36.53) or
                "1/340,36.53". Without `temp_scale` these counts become an auxiliary input
     axes       axis remapping after reading, for all formats: "frd" or "ned" for data with z down, "x,-y,-z",

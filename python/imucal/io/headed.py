@@ -306,8 +306,8 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
     lead = "the format could not be determined; first line"
     if header.accel or header.gyro:
         has_units = all(triad.unit is not None for triad in (*header.accel[:1], *header.gyro[:1]))
-        is_timeless = all(is_constant(head.numbers(name)) for name, _ in header.times)
-        is_timeless = is_timeless or bool(header.unread_in(name for name, _ in header.times))
+        times = [name for name, _ in header.times if name not in header.unread]
+        is_timeless = all(is_constant(head.numbers(name)) for name in times)
         known = "gives no usable time" if has_units and is_timeless else "does not give every unit"
         lead = f"the header {known if is_known else 'names the columns of one sensor only'}"
     proposal = suggestion(header, head.cells, works, head.numbers, layout.preamble)

@@ -87,7 +87,7 @@ class Header:
             return (
                 f"the header gives units that are not read ({', '.join(unread)}): convert the columns to "
                 "m/s^2, g or mg, and to rad/s, deg/s or mdeg/s; if a word is no unit, or another word for a "
-                "known unit, name the columns with it (columns=..., --columns)"
+                "known unit, name each column with its unit (columns=NAME=COLUMN,..., --columns)"
             )
         mixed = next((columns for columns in used if columns in self.mixed), None)
         if mixed is not None:
@@ -154,6 +154,8 @@ def header_of(
     header = Header(times=times, stamp=stamp, temperature=temperature, program=program, unread=unread)
     if not _has(groups, "gyro"):
         _index_axes(names, described, groups)
+    # Triads without any unit in their names. Only these have the units of the program that wrote the file.
+    without_units = set()
     for (what, _), found in groups.items():
         if len(found) != 3:
             continue
@@ -161,13 +163,14 @@ def header_of(
         columns = (found["x"][0], found["y"][0], found["z"][0])
         if len(units - {None}) > 1:
             header.mixed.append(columns)
-        unit_name = units.pop() if len(units) == 1 else None
+        unit_name = next(iter(units)) if len(units) == 1 else None
         if what.startswith("plain") and _is_quaternion(columns[0], names):
             continue
         of = {"plain-accel": "accel", "plain-gyro": "gyro"}.get(what, what)
         source = "header"
-        is_open = unit_name is None and columns not in header.mixed and not header.unread_in(columns)
-        if is_open and program is not None and of in ("accel", "gyro"):
+        if units == {None} and not header.unread_in(columns):
+            without_units.add(columns)
+        if columns in without_units and program is not None and of in ("accel", "gyro"):
             unit_name, source = (program.accel if of == "accel" else program.gyro), program.name
         if (
             program is not None
@@ -183,7 +186,10 @@ def header_of(
             {"accel": header.accel, "gyro": header.gyro, "linear": header.linear}[what].append(triad)
     if program is not None and program.name == "ROS" and not header.accel:
         # In sensor_msgs/Imu the field linear_acceleration includes gravity, so it is the accelerometer.
-        header.accel.extend(Triad(t.columns, t.unit or program.accel, program.name) for t in header.linear)
+        header.accel.extend(
+            Triad(t.columns, program.accel, program.name) if t.columns in without_units else t
+            for t in header.linear
+        )
         header.linear.clear()
     return header
 

@@ -144,13 +144,13 @@ def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
         return stated
     if sensor.text.layout.names is None:
         return "lsb"
-    if unusable := sensor.header.unusable_units():
-        raise FormatError(f"{sensor.text.name}: {unusable}")
     if sensor.unread:
         raise FormatError(
             f"{sensor.text.name}: the header gives a unit that is not read ({', '.join(sensor.unread)}): "
             f"convert the columns, or if this is no unit, give --{what}-unit"
         )
+    if unusable := sensor.header.unusable_units():
+        raise FormatError(f"{sensor.text.name}: {unusable}")
     values = sensor.head.triad(sensor.triad)
     reading = accel_reading(values) if what == "accel" else gyro_reading(values)
     if what == "accel" and reading.likely in ("mps2", "g"):

@@ -236,15 +236,15 @@ def _time(
     if chosen is not None:
         sentences = [reading.text for name, reading in readings if chosen.is_epoch and name == chosen.name]
         return f"{chosen.canonical}={chosen.name}", sentences
+    for name, reading in readings:
+        if reading.likely is not None and name not in header.unread:
+            return f"time_{reading.likely}={name}", [reading.text]
     if unread := header.unread_in(name for name, _ in header.times):
         sentence = (
             f"the header gives a unit of time that is not read ({', '.join(unread)}): give the sampling rate "
             "(rate_hz, --rate-hz), or convert the column to s, ms, us or ns"
         )
         return None, [sentence]
-    for name, reading in readings:
-        if reading.likely is not None:
-            return f"time_{reading.likely}={name}", [reading.text]
     return None, [reading.text for _, reading in readings[:1]]
 
 

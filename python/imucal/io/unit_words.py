@@ -20,10 +20,13 @@ def _spelled(quantities: str, forms: str) -> str:
     return " ".join(form.format(quantity) for quantity in quantities.split() for form in forms.split())
 
 
-_PER_S2: Final = "{}/s2 {}/s/s {}s-2 {}ps2 {}pers2 {}/sec2 {}/sec/sec {}/second2"
-_PER_S: Final = "{}/s {}/sec {}/second {}s-1 {}ps {}pers"
-_PER_MIN: Final = "{}/min {}/minute {}min-1 {}permin"
-_PER_H: Final = "{}/h {}/hr {}/hour {}h-1 {}ph {}perh"
+_PER_S2: Final = (
+    "{}/s2 {}/s/s {}s-2 {}ps2 {}pers2 {}/sec2 {}/sec/sec {}persec2 {}/second2 {}persecond2 {}/secondsquared "
+    "{}persecondsquared"
+)
+_PER_S: Final = "{}/s {}/sec {}/second {}s-1 {}ps {}pers {}persec {}persecond"
+_PER_MIN: Final = "{}/min {}/minute {}min-1 {}permin {}perminute"
+_PER_H: Final = "{}/h {}/hr {}/hour {}h-1 {}ph {}perh {}perhr {}perhour"
 _DEGREE: Final = "deg ° º degree degrees"
 
 # Spellings of each unit after normalisation by `_plain`. The key is the quantity and the suffix of canonical
@@ -68,7 +71,8 @@ _BRACKETS: Final = r"[\[({]([^\[\](){}]*(?:\([^()]*\)[^\[\](){}]*)*)[\])}]"
 # without a separator, such as AccXm/s2, the unit follows the letter of an axis, so that km/s2 is not m/s2.
 _ENDING: Final = (
     r"(?i)(?:[_ .]|(?<=[xyz])|(?<![a-z\d]))("
-    r"m?rad[_ ]?per[_ ]?s|m?rad/s(?:ec)?|m?radps|m?rad_s|m?deg[_ ]per[_ ]s|m?deg_s|m?(?:deg|°|º)/s(?:ec)?|"
+    r"m?(?:rad|deg)[_ ]?per[_ ]?(?:s|sec|second)|deg[_ ]?per[_ ]?(?:h|hr|hour|min|minute)|"
+    r"m?rad/s(?:ec)?|m?radps|m?rad_s|m?deg_s|m?(?:deg|°|º)/s(?:ec)?|"
     r"m?dps|(?:deg|°|º)/(?:h|hr|hour|min)|deg_h|deg_min|dph|dpmin|rpm|gon/s|gon_s|gonps|"
     r"(?:[cm]?m|ft)/s[²2^]+|(?:[cm]?m|ft)/s/s|(?:[cm]?m|ft)ps2|(?:[cm]?m|ft)_s2|(?<=[_ .xyz])(?:mps|mss)|"
     r"(?<=[_ .])(?:mg|ug|µg|g|gal|lsb|raw|counts?|ms|us|µs|ns|s|"
@@ -98,7 +102,9 @@ def split_unit(name: str) -> tuple[str, tuple[str, str] | None]:
     ending = re.search(_ENDING, name.strip())
     if ending is not None:
         word, before = ending[1].lower(), name.strip()[: ending.start()]
-        unit = _ENDING_UNIT.get(word) or unit_of(re.sub(r"([_ ]?per[_ ]?|_)(?=(s2?|h|min)$)", "/", word))
+        unit = _ENDING_UNIT.get(word) or unit_of(
+            re.sub(r"([_ ]?per[_ ]?|_)(?=(s2?|sec|second|h|hr|hour|min|minute)$)", "/", word)
+        )
         if unit is not None and re.search(_MULTIPLE, before) is None:
             return before, unit
     before, _, last = name.strip().rpartition(" ")
@@ -128,9 +134,14 @@ def split_unread(name: str) -> tuple[str, str]:
     return name, ""
 
 
+# Characters that occur in units in several forms.
+_CHARACTERS: Final = str.maketrans(
+    {"µ": "u", "μ": "u", "²": "2", "⁻": "-", "¹": "1", "˚": "°", "∘": "°", "\\": None}
+)
+
+
 def _plain(text: str) -> str:
     text = text.strip().strip("[](){}").strip().lower()
-    for old, new in (("µ", "u"), ("μ", "u"), ("²", "2"), ("⁻", "-"), ("¹", "1"), ("**", ""), ("\\", "")):
-        text = text.replace(old, new)
+    text = text.translate(_CHARACTERS)
     text = re.sub(r"[\s^*·()]", "", text)
     return text if text in _UNIT else re.sub(r"(?<=[a-z°])\.(?=[a-z])", "", text)

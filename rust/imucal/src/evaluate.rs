@@ -303,8 +303,11 @@ fn judge(
     };
     let groups = used.groups(|| uncertainty.map_or_else(Vec::new, |own| own.changed(calibration, corrected.is_some())));
     findings.extend(used.outliers());
-    let mut reasons = Vec::from_iter(figures.reason_beside(&groups, uncorrected));
-    reasons.extend(Reason::axes_not_tested(used.untested_axes()));
+    let mut reasons = Vec::from_iter(figures.reason_beside(used.kept_chi2_per_dof(), &groups, uncorrected));
+    // Without residuals no axis is tested, and the reason is the one that was already found.
+    if !matches!(reasons[..], [Reason::NoUsableMove { .. } | Reason::NotCorrected { .. }]) {
+        reasons.extend(Reason::axes_not_tested(used.untested_axes()));
+    }
     reasons.extend(impossible_rates(judged, gyroscope));
     reasons.extend(unknown_direction(RecordingSet::Control, &move_reports));
     reasons.extend(Reason::above_noise(RecordingSet::Control, &groups, &findings));

@@ -8,6 +8,7 @@
 use imucal_core::calibration::Calibration;
 
 use super::Outcome;
+use super::unit_data::NOT_STILL;
 use crate::error::Error;
 use crate::finding::{Finding, general};
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS, WORDS};
@@ -99,7 +100,8 @@ fn unused_recordings(recordings: &[Recording<'_>], outcome: &Outcome) -> Vec<Fin
     let unused = |(index, recording): (usize, &Recording<'_>)| {
         let rests = || outcome.rests.iter().filter(|rest| rest.recording == index);
         let count = rests().count();
-        (count > 0 && rests().all(|rest| rest.excluded.is_some())).then(|| Finding {
+        let contradicts = |reason: &str| reason == NOT_STILL || reason.starts_with("contradicts");
+        (count > 0 && rests().all(|rest| rest.excluded.is_some_and(contradicts))).then(|| Finding {
             count,
             value: count as f64,
             unit: "rests",

@@ -22,7 +22,7 @@ use std::f64::consts::PI;
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 
-use super::units::given_gyro_unit;
+use super::units::{given_accel_unit, given_gyro_unit};
 use super::values::converter_step;
 use super::{CHANNELS, names};
 use crate::finding::{Finding, general};
@@ -242,9 +242,9 @@ fn accel_way_out(recording: &Recording, density: f64) -> String {
     if density > ACCEL_DENSITY[1] && is_gravity(force) {
         return NEVER_RESTS.into();
     }
-    let per_number = if recording.column_units[0] == Some("g") { STANDARD_GRAVITY_MPS2 } else { 1.0 };
+    let (given, per_number) = given_accel_unit(recording);
     let in_file = density / per_number;
-    if usual(in_file) && is_gravity(1e-3 * STANDARD_GRAVITY_MPS2 * force / per_number) {
+    if given != "mg" && usual(in_file) && is_gravity(1e-3 * STANDARD_GRAVITY_MPS2 * force / per_number) {
         return format!(
             "in mg the density would be {} mg/sqrt(Hz): name the columns accel_x_mg, accel_y_mg, accel_z_mg",
             general(in_file, 3)

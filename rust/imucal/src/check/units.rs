@@ -27,17 +27,27 @@ const STEADY: f64 = 0.3;
 /// A triad may be measuring gravity if the lower and the upper quartile of its norm are within these multiples of the
 /// median norm. The norm of angular rates varies far more, because a recording contains rests and moves.
 const STEADY_NORM: [f64; 2] = [0.85, 1.15];
-/// Units of accelerometer columns: the name, the size in m/s^2, and the recommendation if a file in this unit was read
-/// in another unit. Columns without a known unit were read as m/s^2.
+/// Usual units of accelerometer columns: the name, the size in m/s^2, and the recommendation if a file in this unit was
+/// read in another unit. Columns without a known unit were read as m/s^2.
 const ACCEL_UNITS: [(&str, f64, &str); 4] = [
     ("mps2", 1.0, "m/s^2: name the columns accel_x_mps2, accel_y_mps2, accel_z_mps2"),
     ("g", STANDARD_GRAVITY_MPS2, "g: name the columns accel_x_g, accel_y_g, accel_z_g"),
     ("mg", STANDARD_GRAVITY_MPS2 / 1000.0, "mg: name the columns accel_x_mg, accel_y_mg, accel_z_mg"),
-    ("cm/s^2", 0.01, "cm/s^2: divide by 100 and name the columns accel_x_mps2, accel_y_mps2, accel_z_mps2"),
+    ("cmps2", 0.01, "cm/s^2: name the columns accel_x_cmps2, accel_y_cmps2, accel_z_cmps2"),
 ];
-/// Units of gyroscope columns, largest first: the name, the size in rad/s, and the name in messages.
+/// Rare units, which columns may have but which are not recommended: the name and the size in m/s^2.
+const RARE_ACCEL_UNITS: [(&str, f64); 3] = [("mmps2", 1e-3), ("ftps2", 0.3048), ("ug", STANDARD_GRAVITY_MPS2 / 1e6)];
+/// Usual units of gyroscope columns, largest first: the name, the size in rad/s, and the name in messages.
 const GYRO_UNITS: [(&str, f64, &str); 3] =
     [("radps", 1.0, "rad/s"), ("dps", DEGREE, "deg/s"), ("mdps", DEGREE / 1000.0, "mdeg/s")];
+/// Rare units, which columns may have but which are not recommended.
+const RARE_GYRO_UNITS: [(&str, f64, &str); 5] = [
+    ("mradps", 1e-3, "mrad/s"),
+    ("dpmin", DEGREE / 60.0, "deg/min"),
+    ("dph", DEGREE / 3600.0, "deg/h"),
+    ("rpm", 6.0 * DEGREE, "rpm"),
+    ("gonps", 0.9 * DEGREE, "gon/s"),
+];
 /// One degree, rad.
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 /// Median norm |f| of the specific force, in the unit of the columns, above which the numbers can only be raw counts.
@@ -156,8 +166,7 @@ fn median_norm_beyond(rows: Samples<'_>, ranges: &[Range<usize>], limits: [f64; 
 }
 
 fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, gravity_mps2: f64) -> Finding {
-    let [given, _] = recording.column_units;
-    let given = ACCEL_UNITS.iter().find(|unit| unit.0 == given.unwrap_or("mps2")).unwrap_or(&ACCEL_UNITS[0]);
+    let given = given_accel_unit(recording);
     let in_file = norm / given.1;
     // First, a unit is searched for in which the numbers of the file have the magnitude of gravity. If the columns
     // contain gravity, it is the correct unit.
@@ -216,9 +225,18 @@ fn gyroscope_has_gravity(recording: &Recording, gravity_mps2: f64) -> bool {
     has_size && low > STEADY_NORM[0] * median && high < STEADY_NORM[1] * median
 }
 
+/// Name and size in m/s^2 of the unit of the accelerometer columns.
+pub(super) fn given_accel_unit(recording: &Recording) -> (&'static str, f64) {
+    let name = recording.column_units[0].unwrap_or("mps2");
+    let mut units = ACCEL_UNITS.iter().map(|unit| (unit.0, unit.1)).chain(RARE_ACCEL_UNITS);
+    units.find(|unit| unit.0 == name).unwrap_or(("mps2", 1.0))
+}
+
+/// Name, size in rad/s, and name in messages of the unit of the gyroscope columns.
 pub(super) fn given_gyro_unit(recording: &Recording) -> &'static (&'static str, f64, &'static str) {
     let [_, given] = recording.column_units;
-    GYRO_UNITS.iter().find(|unit| unit.0 == given.unwrap_or("radps")).unwrap_or(&GYRO_UNITS[0])
+    let mut units = GYRO_UNITS.iter().chain(&RARE_GYRO_UNITS);
+    units.find(|unit| unit.0 == given.unwrap_or("radps")).unwrap_or(&GYRO_UNITS[0])
 }
 
 /// Text that recommends smaller units of measurement, for rates that are far too large in the unit of the columns.

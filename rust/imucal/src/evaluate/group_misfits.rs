@@ -57,6 +57,16 @@ impl Judged<'_> {
         [self.rests.iter().map(norm).collect(), self.move_residuals(self.triads, self.rotations)]
     }
 
+    /// chi2 per degree of freedom of the residuals of both kinds without outliers. Only noise is taken into account.
+    pub(super) fn kept_chi2_per_dof(&self) -> f64 {
+        let [norms, moves] = self.residuals();
+        let squares = |z: &[f64], size: usize| -> Vec<f64> {
+            without_outliers(z, size).iter().flat_map(|&k| &z[size * k..size * (k + 1)]).map(|z| z * z).collect()
+        };
+        let kept = [squares(&norms, 1), squares(&moves, 2)].concat();
+        kept.iter().sum::<f64>() / kept.len() as f64
+    }
+
     /// A warning if rests or moves are outliers. The groups do not contain them, but the figures do.
     pub(super) fn outliers(&self) -> Option<Finding> {
         let [norms, moves] = self.residuals();

@@ -40,14 +40,17 @@ impl Figures {
         self.reason_of_residuals(set, uncorrected)
     }
 
-    /// As [`Self::reason`] for control recordings. If noise and the uncertainty of the calibration together explain
-    /// large residuals (`groups`), the verdict is incomplete instead of poor.
+    /// As [`Self::reason`] for control recordings. If residuals without outliers are large (`kept_chi2_per_dof`, from
+    /// noise alone), and noise and the uncertainty of the calibration together explain them (`groups`), the verdict is
+    /// incomplete instead of poor.
     pub(super) fn reason_beside(
         &self,
+        kept_chi2_per_dof: f64,
         groups: &[GroupMisfit],
         uncorrected: impl FnOnce() -> Vec<UncorrectedSamples>,
     ) -> Option<Reason> {
-        let is_explained = !groups.is_empty()
+        let is_explained = kept_chi2_per_dof > POOR_CHI2_PER_DOF
+            && !groups.is_empty()
             && !groups.iter().any(GroupMisfit::exceeds_noise)
             && self.gravity_direction_rms_deg <= MAX_DIRECTION_SIGMA_DEG;
         match self.reason(RecordingSet::Control, uncorrected)? {

@@ -26,12 +26,17 @@ const LEAST_TURN_SHARE: f64 = 0.01;
 /// Length of a block over which the gravity direction u is averaged, s.
 const BLOCK_S: f64 = 0.1;
 
+/// Rms change of the gravity direction over [`BLOCK_S`] below which the explained share is not computed, rad: 6 deg/s.
+/// The noise of a consumer accelerometer is a quarter of it.
+const LEAST_CHANGE_RAD: f64 = 0.01;
+
 /// Relation between the measured rates and the rotation of gravity in the body frame.
 pub(crate) struct RateFromGravity {
     /// The matrix P in `true rate = P (raw - bias)`.
     pub(crate) rate_from_raw: Matrix3<f64>,
     /// Share of the (weighted) squared changes of the gravity direction that the rates explain with this P. It is close
-    /// to 1 on a stand, about 0.8 for vigorous hand-held moves, and small if the sensors did not move together.
+    /// to 1 on a stand, about 0.8 for vigorous hand-held moves, and small if the sensors did not move together. It is 1
+    /// if the unit rotates so slowly that noise may dominate the changes ([`LEAST_CHANGE_RAD`]).
     pub(crate) explained: f64,
 }
 
@@ -58,14 +63,16 @@ pub(crate) fn rate_from_gravity(
     // The fit is repeated twice with new weights, which reduce the influence of jolts in hand-held moves.
     for _ in 0..3 {
         let rate_from_raw = solve(&equations, &weights, size)?;
-        let (mut left, mut all) = (0.0, 0.0);
+        let (mut left, mut all, mut total) = (0.0, 0.0, 0.0);
         for (weight, equation) in weights.iter_mut().zip(&equations) {
             let misfit = equation.change - equation.up.cross(&(rate_from_raw * equation.turn));
             left += *weight * misfit.norm_squared();
             all += *weight * equation.change.norm_squared();
+            total += *weight;
             *weight = 1.0 / (0.05 + misfit.norm());
         }
-        found = Some(RateFromGravity { rate_from_raw, explained: 1.0 - left / all });
+        let explained = if all < LEAST_CHANGE_RAD.powi(2) * total { 1.0 } else { 1.0 - left / all };
+        found = Some(RateFromGravity { rate_from_raw, explained });
     }
     found.filter(|found| found.rate_from_raw.iter().all(|entry| entry.is_finite()))
 }

@@ -115,7 +115,7 @@ impl Segments {
         };
         let steps = steps / averaged.sqrt();
         let (statistic, floor, coarse) = window_statistic(variances, &steps, step_of);
-        let (threshold, still) = rests_of_all_levels(variances, &steps, &statistic, &floor, step_of, min_blocks);
+        let (threshold, still) = rests_of_all_levels(variances, &steps, &statistic, &floor, &coarse, min_blocks);
         // Without an accelerometer, a tilt of gravity cannot be detected. An infinite magnitude of gravity disables the
         // tilt check.
         let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };

@@ -112,8 +112,8 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
 /// rest hides them. Blocks outside `within` are not used.
 ///
 /// The angle is accumulated from 0.2 s inside the rest. If the move began before that, which slow moves do, it is
-/// accumulated again from twice as far inside, up to a third of the rest. Nothing is removed if the angle does not
-/// increase, as after a jolt, or if the move began even earlier.
+/// accumulated again from twice as far inside, up to a third of the rest and at most [`FARTHEST`]. Nothing is removed
+/// if the angle does not increase, as after a jolt, or if the move began even earlier.
 pub(super) fn onset(
     range: Range<usize>,
     within: &Range<usize>,
@@ -126,7 +126,6 @@ pub(super) fn onset(
     // Number of blocks to be removed from one end of the rest. `outwards` gives the rates of the given numbers of
     // blocks inside and outside the rest, in order from the inside to the outside.
     let moving = |outwards: &dyn Fn(usize, usize) -> Vec<Vector3<f64>>| {
-        const FIRST: usize = 4;
         let mut inside = FIRST;
         loop {
             let inner = Inner::of(&blocks[range.start + inside..range.end - inside], coarse);
@@ -135,10 +134,11 @@ pub(super) fn onset(
                 let assigned = if inside == FIRST { CUBIC } else { QUARTIC };
                 return inside.saturating_sub((seen.at - assigned * seen.angle_over_rate) as usize);
             }
-            if 6 * inside > range.len() {
+            inside *= 2;
+            // A rest of the usual minimum length of 1 s remains.
+            if inside > FARTHEST || range.len() < (3 * inside).max(2 * inside + 2 * WINDOW_BLOCKS) {
                 return 0;
             }
-            inside *= 2;
         }
     };
     let at_start = moving(&|inside, outside| {
@@ -150,6 +150,11 @@ pub(super) fn onset(
     range.start + at_start..range.end - at_end
 }
 
+/// Number of blocks inside the rest from which the angle is first accumulated (0.2 s).
+const FIRST: usize = 4;
+/// Largest number of blocks inside the rest from which the angle is accumulated (1.6 s). A gyroscope bias that settles
+/// for a minute after power-on is a rotation that ends smoothly, too, and such a rest is not shortened.
+const FARTHEST: usize = 32;
 /// Time assigned to a move before it is seen, divided by angle / rate.
 ///
 /// The angular acceleration of a move starts at zero, and its derivative (jerk) is bounded. At the time t after its
@@ -194,17 +199,23 @@ mod tests {
     /// 40 blocks at rest with zero-mean noise, and then 40 blocks of a move. `rate` is the angular rate as a function
     /// of the time since the end of the rest, in blocks.
     fn blocks(rate: impl Fn(f64) -> f64) -> Vec<Block> {
+        blocks_of(2 * STILL, |time| rate(time - STILL as f64))
+    }
+
+    /// Blocks with zero-mean noise and the angular rate `rate`, a function of the time since the first block, in
+    /// blocks.
+    fn blocks_of(count: usize, rate: impl Fn(f64) -> f64) -> Vec<Block> {
         let block = |k: usize| {
             let mut block = Block::new();
             for sample in 0..100 {
-                let time = (k as f64 - STILL as f64) + (f64::from(sample) + 0.5) / 100.0;
+                let time = k as f64 + (f64::from(sample) + 0.5) / 100.0;
                 let noise = if k.is_multiple_of(2) { NOISE } else { -NOISE };
                 let turning = Vector3::new(1.0, -2.0, 2.0) / 3.0 * rate(time);
                 block.push(turning.add_scalar(noise), Vector3::new(0.0, 0.0, 9.8));
             }
             block
         };
-        (0..2 * STILL).map(block).collect()
+        (0..count).map(block).collect()
     }
 
     fn found_end(found_before: usize, blocks: &[Block]) -> usize {
@@ -244,6 +255,14 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// A bias that settles after power-on, with a time constant of 20 s, in a rest of 100 s.
+    #[test]
+    fn a_bias_that_settles_hardly_shortens_a_rest() {
+        let at_power_on: Vec<Block> = blocks_of(2000, |time| 12.0 * NOISE * (-time / 400.0).exp());
+        let kept = onset(0..2000, &(0..2000), &at_power_on, &Vector6::zeros());
+        assert!(kept.start <= FARTHEST && kept.end == 2000, "{kept:?}");
     }
 
     #[test]

@@ -25,7 +25,7 @@ pub(super) fn rests_of_all_levels(
     steps: &Vector6<f64>,
     statistic: &[f64],
     floor: &Vector6<f64>,
-    step_of: impl Fn(usize) -> Option<f64>,
+    coarse: &Vector6<f64>,
     min_blocks: usize,
 ) -> (Choice, Vec<Range<usize>>) {
     let mut choice = choose_threshold(statistic, min_blocks);
@@ -35,14 +35,21 @@ pub(super) fn rests_of_all_levels(
         if outside[0].len() < WINDOW_BLOCKS {
             return (choice, at_rest);
         }
-        let (_, level, _) = window_statistic(&outside, steps, &step_of);
+        let step_of = |channel: usize| Some(coarse[channel]).filter(|step| *step > 0.0);
+        let (_, level, _) = window_statistic(&outside, steps, step_of);
         let of_level = statistic_of(variances, &level);
         let next = choose_threshold(&of_level, min_blocks);
         let added = next.rests.saturating_sub(choice.rests) as f64;
         if (next.to / next.from).ln() * (added + 0.1).ln() < CLEAR {
             return (choice, at_rest);
         }
-        at_rest = still(&of_level, next.factor).collect();
+        // Rests that were already found remain, because two of them with a slow rotation between them are one interval
+        // with the threshold of this level.
+        at_rest.retain(|blocks| blocks.len() >= min_blocks);
+        let is_new = |new: &Range<usize>| at_rest.iter().all(|old| old.end <= new.start || new.end <= old.start);
+        let new: Vec<Range<usize>> = still(&of_level, next.factor).filter(is_new).collect();
+        at_rest.extend(new);
+        at_rest.sort_by_key(|blocks| blocks.start);
         // A channel that is constant during the whole recording has an infinite noise variance and is not used.
         let ratio = level.component_div(floor).map(|ratio| if ratio.is_finite() { ratio } else { 0.0 });
         choice = next.scaled(ratio.mean());
@@ -95,7 +102,7 @@ mod tests {
             let variances = table_then_hand(tables);
             let steps = Vector6::repeat(1e-9);
             let (statistic, floor, _) = window_statistic(&variances, &steps, |_| None);
-            let (choice, rests) = rests_of_all_levels(&variances, &steps, &statistic, &floor, |_| None, 20);
+            let (choice, rests) = rests_of_all_levels(&variances, &steps, &statistic, &floor, &Vector6::zeros(), 20);
             assert_eq!(rests.iter().filter(|blocks| blocks.len() >= 20).count(), tables + 20, "{tables} {choice:?}");
             assert_eq!(choice.rests, tables + 20);
             if tables > 0 {
@@ -106,6 +113,23 @@ mod tests {
                 assert!((1000.0..6000.0).contains(&choice.factor), "{choice:?}");
             }
         }
+    }
+
+    /// A slow turn on the table is at rest for the threshold of the hand, but the table rests before and after it
+    /// remain two.
+    #[test]
+    fn rests_on_a_table_are_not_joined_by_the_threshold_of_a_hand() {
+        let hand = table_then_hand(1);
+        let variances: [Vec<f64>; 6] = std::array::from_fn(|channel| {
+            let turn = if channel < 3 { 30.0 } else { 1.0 };
+            [&hand[channel][..400], &[turn; 40], &hand[channel]].concat()
+        });
+        let steps = Vector6::repeat(1e-9);
+        let (statistic, floor, coarse) = window_statistic(&variances, &steps, |_| None);
+        let (_, rests) = rests_of_all_levels(&variances, &steps, &statistic, &floor, &coarse, 20);
+        let long: Vec<_> = rests.iter().filter(|blocks| blocks.len() >= 20).collect();
+        assert_eq!(long.len(), 22, "{long:?}");
+        assert!(long[0].end <= 410 && long[1].start >= 440, "{long:?}");
     }
 
     #[test]
