@@ -66,12 +66,10 @@ class Reading:
         None
     )
     accel_unit: Annotated[
-        str | None,
-        _option("--accel-unit", "Two files without units: lsb, m/s^2, g, mg, ..."),
+        str | None, _option("--accel-unit", "Two files without units: lsb, m/s^2, g, mg, ...")
     ] = None
     gyro_unit: Annotated[
-        str | None,
-        _option("--gyro-unit", "Two files without units: lsb, rad/s, deg/s, ..."),
+        str | None, _option("--gyro-unit", "Two files without units: lsb, rad/s, deg/s, ...")
     ] = None
     temp_scale: Annotated[
         str | None,

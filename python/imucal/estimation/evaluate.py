@@ -278,11 +278,15 @@ def _seen_by_the_fit(calibration: Calibration, recordings: Sequence[Recording]) 
 def _extrapolated(calibration: Calibration, recordings: Sequence[Recording]) -> Iterator[Finding]:
     """Findings for recordings with temperatures outside the range of the calibration."""
     known_degc = calibration.temperature_range_degc
+    # The temperatures of recordings are looked at only if the calibration depends on them.
+    if known_degc is None or not calibration.temperature_effects:
+        return
+    low, high = known_degc
     for recording in recordings:
         seen_degc = temperature_range([recording])
         message = extrapolation(calibration, seen_degc)
-        if known_degc is not None and seen_degc is not None and message is not None:
-            (low, high), (lowest, highest) = known_degc, seen_degc
+        if seen_degc is not None and message is not None:
+            lowest, highest = seen_degc
             yield Finding(
                 code="temperature_extrapolated",
                 severity="warning",

@@ -65,6 +65,10 @@ _SPELLINGS: Final[dict[tuple[str, str], str]] = {
     "nounits unitless noname",
 }
 _UNIT: Final = {word: unit for unit, words in _SPELLINGS.items() for word in words.split()}
+# Characters that occur in units in several forms.
+_CHARACTERS: Final = str.maketrans(
+    {"µ": "u", "μ": "u", "²": "2", "⁻": "-", "¹": "1", "˚": "°", "∘": "°", "\\": None}
+)
 # Matches a text in brackets anywhere in a name.
 _BRACKETS: Final = r"[\[({]([^\[\](){}]*(?:\([^()]*\)[^\[\](){}]*)*)[\])}]"
 # Matches a unit in the last words of a name, such as time_us, gyro_x_rad_per_s, "Gyr X deg/s". In a name
@@ -132,12 +136,6 @@ def split_unread(name: str) -> tuple[str, str]:
             start = ending.start() if number is None else number.start()
             return plain[:start].strip(), plain[start:].strip("_ .")
     return name, ""
-
-
-# Characters that occur in units in several forms.
-_CHARACTERS: Final = str.maketrans(
-    {"µ": "u", "μ": "u", "²": "2", "⁻": "-", "¹": "1", "˚": "°", "∘": "°", "\\": None}
-)
 
 
 def _plain(text: str) -> str:
