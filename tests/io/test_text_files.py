@@ -172,7 +172,12 @@ def test_a_date_of_another_form_is_named_with_the_forms_that_are_read(tmp_path):
             "t,ax,ay,az,gx (°/s),gy (°/s),gz (°/s)",
             "time_s=t,accel_x_mps2=ax,accel_y_mps2=ay,accel_z_mps2=az,gyro_x_radps=gx (°/s),"
             "gyro_y_radps=gy (°/s),gyro_z_radps=gz (°/s)",
-            "gyro_x_radps is given .* the unit dps",
+            "gyro_x_radps is given .* the unit deg/s:",
+        ),
+        (
+            "t,a_x [hPa],a_y [hPa],a_z [hPa],gx,gy,gz",
+            HEADER,
+            r"'a_x \[hPa\]', which says a unit of another quantity",
         ),
     ],
 )

@@ -117,7 +117,8 @@ def _require_range(node: Node, triad: Triad, sensor: str, unit: str) -> None:
         wrong = smallest if smallest < low else largest
         raise FormatError(
             f"{node.file}: {node.path}.T is about {wrong:.3g} {unit} per {si_unit}, but $.raw_units.{sensor} "
-            f"is {unit}, in which a sensor has {low:g} to {high:g}: correct the unit, or calibrate again"
+            f"is {unit}, in which sensors have sensitivities of {low:g} to {high:g} {unit} per {si_unit}: "
+            "correct the unit, or calibrate again"
         )
     for axis, bias in enumerate(triad.bias.tolist()):
         if abs(bias) > BIAS[unit]:

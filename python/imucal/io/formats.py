@@ -301,8 +301,9 @@ FORMATS: Final[dict[str, Format]] = {
         extra="px4",
         known_by="content",
         reads=(
-            "uncorrected samples and temperature of sensor_accel and sensor_gyro; or samples of "
-            "sensor_combined, to which PX4 has applied its calibration parameters (with a warning); "
+            "uncorrected samples and temperature of sensor_accel and sensor_gyro; or, with a warning of "
+            "imucal, samples of sensor_combined, to which PX4 has already applied its calibration "
+            "parameters; "
             f"{CUT_OFF}"
         ),
         units=(

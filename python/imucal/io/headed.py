@@ -31,6 +31,7 @@ from imucal.io.time_column import time_column
 from imucal.io.unit_words import split_unit
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
+from imucal.units import UNIT_TEXT
 
 __all__ = [
     "as_read",
@@ -165,18 +166,25 @@ def _require_agreement(
             if (unit is not None and unit[0] in ("accel", "gyro", "any") and unit[1] != part[2]) or (
                 unit is not None and unit[0] in ("time", "temp", "other")
             ):
-                wrong = f"the unit {unit[1]}"
+                wrong = _stated(unit)
             elif column in roles and roles[column][0] != part[0]:
                 wrong = {"accel": "an accelerometer", "gyro": "a gyroscope"}[roles[column][0]]
             elif check_axes and column in roles and roles[column][1] != part[1]:
                 wrong = f"the axis {roles[column][1]}"
         elif of_time is not None and unit is not None and unit[0] == "time" and unit[1] != of_time:
-            wrong = f"the unit {unit[1]}"
+            wrong = _stated(unit)
         if wrong is not None:
             raise InputError(
                 f"{name}: the header contradicts the given columns: {ours} is given for the column "
                 f"{described!r}, which says {wrong}: {way_out}"
             )
+
+
+def _stated(unit: tuple[str, str]) -> str:
+    """A unit of `split_unit` in words of a message."""
+    if unit[0] == "other":
+        return "a unit of another quantity"
+    return f"the unit {UNIT_TEXT.get(unit[1], unit[1])}"
 
 
 def _by_header(text: Text, rate_hz: float | None) -> Table:

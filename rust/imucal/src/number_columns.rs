@@ -14,9 +14,11 @@ use crate::numerics::workers::{in_order, processors};
 
 /// Minimum size of a block, in bytes, whose lines are read by several threads.
 const WORTH_THREADS: usize = 1 << 20;
-/// Number of values for which a column reserves memory. Their size exceeds 32 MB, so the allocator of Linux maps the
-/// memory directly from the system. Only used pages then count as memory. The column can grow without being copied,
-/// which avoids fragmentation.
+/// Size of the first block, in bytes, from which a text is long: it may have many more blocks.
+const LONG: usize = 1 << 22;
+/// Number of values for which a column of a long text reserves memory. Their size exceeds 32 MB, so the allocator of
+/// Linux maps the memory directly from the system. Only used pages then count as memory. The column can grow without
+/// being copied, which avoids fragmentation.
 const RESERVED: usize = (1 << 22) + (1 << 10);
 
 /// Format of a text table.
@@ -48,6 +50,8 @@ pub struct NotPlain;
 pub struct NumberColumns {
     form: Form,
     columns: Vec<Growing>,
+    /// Whether memory must still be reserved for the columns.
+    is_new: bool,
     /// Start of a line whose end is in the next block.
     rest: Vec<u8>,
 }
@@ -56,8 +60,8 @@ impl NumberColumns {
     /// An empty table.
     #[must_use]
     pub fn new(form: Form) -> Self {
-        let columns = form.columns(RESERVED);
-        Self { form, columns, rest: Vec::new() }
+        let columns = form.columns(0);
+        Self { form, columns, is_new: true, rest: Vec::new() }
     }
 
     /// Adds the lines of a block.
@@ -71,6 +75,11 @@ impl NumberColumns {
             self.rest.extend_from_slice(block);
             return Ok(());
         };
+        if std::mem::take(&mut self.is_new) {
+            // For a short text, mapping memory for each column would take a noticeable part of the time.
+            let rows = if block.len() < LONG { self.form.rows(block) } else { RESERVED };
+            self.columns = self.form.columns(rows);
+        }
         let last = block.iter().rposition(|&byte| byte == b'\n').unwrap_or(first);
         self.rest.extend_from_slice(&block[..=first]);
         let rest = std::mem::take(&mut self.rest);
@@ -99,7 +108,7 @@ impl NumberColumns {
         let pieces = split(lines, threads);
         let form = &self.form;
         let read = in_order(threads, pieces.len(), |index| {
-            let mut columns = form.columns(0);
+            let mut columns = form.columns(form.rows(pieces[index]));
             form.read(pieces[index], &mut columns).map(|()| columns)
         });
         for piece in read {
@@ -181,6 +190,12 @@ impl Growing {
 }
 
 impl Form {
+    /// A number of rows for which memory is reserved: a quarter more than if all lines were as long as the first.
+    fn rows(&self, lines: &[u8]) -> usize {
+        let first = lines.iter().position(|&byte| byte == b'\n').map_or(lines.len(), |end| end + 1);
+        lines.len() / first.max(self.used.len()).max(1) * 5 / 4
+    }
+
     fn columns(&self, reserved: usize) -> Vec<Growing> {
         let column = || Growing { numbers: Column::Whole(Vec::with_capacity(reserved)), negative_zeros: Vec::new() };
         self.used.iter().filter(|&&is_used| is_used).map(|_| column()).collect()
