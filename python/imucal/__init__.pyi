@@ -1,4 +1,4 @@
-"""The public names of imucal, each with the file that defines it; `__init__.py` loads one when it is used."""
+"""The public names of imucal, each with its module. `__init__.py` loads a name when it is first used."""
 
 from . import effects as effects, io as io, plot as plot, report as report, stand as stand
 from ._core import __version__ as __version__

@@ -900,10 +900,11 @@ class Noise:
     @property
     def findings(self) -> list[Finding]: ...
 
-# Change of the mean of one axis: index of the axis, size of the change, its standard deviation, and twice the
-# increase of the log-likelihood.
+# Change of the mean of one axis: index of the axis, size of the change, standard deviation of this size, and
+# twice the increase of the log-likelihood when the change is added to the noise model.
 _Departure: TypeAlias = tuple[int, float, float, float]
-# Step of the mean: its time, s, the index of the first sample after it, and the changes of the axes.
+# Step in the means of a unit at rest: time of the step, s, index of the first sample after the step, and the
+# change of each axis that shows the step.
 _NoiseStep: TypeAlias = tuple[float, int, list[_Departure]]
 
 def check_temperature(recording: _Recording) -> Finding | None: ...

@@ -15,8 +15,8 @@ from imucal.errors import InputError
 __all__ = ["FloatArray", "SampleArray", "as_matrix", "as_rows", "as_samples"]
 
 FloatArray: TypeAlias = NDArray[np.float64]
-# Types of sensor samples that are not converted to float64, because the copy of a long recording would need
-# more memory.
+# Arrays of sensor samples. Samples in float32 or int16 are not converted to float64, because the copy of a
+# long recording would need more memory.
 SampleArray: TypeAlias = NDArray[np.float64] | NDArray[np.float32] | NDArray[np.int16]
 SMALLER: Final = (np.dtype(np.float32), np.dtype(np.int16))
 
@@ -80,7 +80,7 @@ def _as_array(
 def as_matrix(values: ArrayLike, what: str, shape: tuple[int, ...]) -> FloatArray:
     """`values` as a read-only float64 array.
 
-    Raises InputError for another shape or values that are not finite.
+    Raises InputError if the values do not have the shape `shape` or are not finite.
     """
     try:
         array = np.array(values, dtype=np.float64, order="C")

@@ -2,8 +2,8 @@
 
 The class `Recording` must not import the readers of file formats. It therefore calls the functions of this
 module. A data frame is any object with the Arrow PyCapsule interface (`__arrow_c_stream__`), for example of
-pandas, polars, pyarrow or DuckDB. `imucal` registers the module that converts data frames. This module is
-loaded when the first data frame is used.
+pandas, polars, pyarrow or DuckDB. The package `imucal` registers the name of the module that converts data
+frames (`register`). The registered module is loaded when the first data frame is used.
 """
 
 from __future__ import annotations

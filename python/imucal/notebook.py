@@ -1,7 +1,8 @@
 """HTML of results in notebooks.
 
-A result's `_repr_html_` calls `html_of`. `imucal` registers the module that makes the HTML, so that the
-results do not depend on the report package. The module is loaded when the first result is shown.
+The method `_repr_html_` of a result calls `html_of`. The package `imucal` registers the name of the module
+that makes the HTML, so that the results do not depend on the report package. The registered module is loaded
+when the first result is shown.
 """
 
 from __future__ import annotations

@@ -56,14 +56,15 @@ UNITS: Final[dict[str, dict[str, float]]] = {
     "rad/s/(m/s^2)": {"rad/s/(m/s^2)": 1.0, "deg/s/g": _DEG / _G},
     "rad/s/(m/s^2)^2": {"rad/s/(m/s^2)^2": 1.0, "deg/s/g^2": _DEG / _G**2},
 }
-# Units of a sensitivity in counts, such as lsb/(deg/s). The key is the unit of the reciprocal in SI units,
-# such as rad/s/lsb. The value of each unit is the size of its denominator, such as deg/s, in SI units.
+# Units of a sensitivity in counts, such as lsb/(deg/s). The outer key is the SI unit of the reciprocal of the
+# sensitivity (the size of one count), such as rad/s/lsb. The number is the size of the denominator of the
+# unit (here deg/s) in SI units.
 COUNTS: Final[dict[str, dict[str, float]]] = {
     "m/s^2/lsb": {"lsb/g": _G},
     "rad/s/lsb": {"lsb/(deg/s)": _DEG},
 }
-# Suffixes of column names, such as accel_x_mg, by sensor, each with the size of its unit in SI units. Counts
-# (lsb) are not converted. A Gal is 1 cm/s^2, and a full circle has 400 gon.
+# For each sensor, the suffixes of column names that state a unit (mg in accel_x_mg), each with the size of
+# this unit in SI units. Counts (lsb) are not converted. A Gal is 1 cm/s^2, and a full circle has 400 gon.
 COLUMN_UNITS: Final[dict[str, dict[str, float]]] = {
     "accel": {
         **{"mps2": 1.0, "cmps2": 1e-2, "mmps2": 1e-3, "ftps2": 0.3048},
@@ -75,15 +76,16 @@ COLUMN_UNITS: Final[dict[str, dict[str, float]]] = {
     },
     "stand": {"rad": 1.0, "deg": _DEG},
 }
-# The units of these suffixes as options and messages state them.
+# For each of these suffixes, the unit as options and messages write it.
 UNIT_TEXT: Final[dict[str, str]] = {
     **{"mps2": "m/s^2", "cmps2": "cm/s^2", "mmps2": "mm/s^2", "ftps2": "ft/s^2"},
     **{"g": "g", "mg": "mg", "ug": "ug", "lsb": "lsb"},
     **{"radps": "rad/s", "mradps": "mrad/s", "dps": "deg/s", "mdps": "mdeg/s"},
     **{"dpmin": "deg/min", "dph": "deg/h", "rpm": "rpm", "gonps": "gon/s"},
 }
-# Suffixes of temperature columns, such as temp_k: (size of the unit in degC, its zero in degC). Raw counts
-# (temp_lsb) are converted with the slope and offset of their sensor (`temp_scale`).
+# Suffixes of temperature columns, such as temp_k, each with two numbers: the size of the unit in degC, and
+# the temperature in degC at which a reading in this unit is zero. Raw counts (temp_lsb) are converted with
+# the slope and offset of their sensor (`temp_scale`).
 TEMPERATURE_UNITS: Final[dict[str, tuple[float, float]]] = {
     "degc": (1.0, 0.0),
     "k": (1.0, -273.15),
@@ -91,8 +93,9 @@ TEMPERATURE_UNITS: Final[dict[str, tuple[float, float]]] = {
 }
 # Suffixes of time columns, such as time_us, each with the number of its units in one second.
 TICKS_PER_S: Final[dict[str, float]] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-# Unit in which summaries and pages show an effect or a residual, by SI unit: (factor, unit). The unit is
-# chosen so that typical values of MEMS sensors are of the order of one.
+# For each SI unit, the unit in which summaries and pages show an effect or a residual, as (factor, unit); the
+# shown value is the factor times the SI value. The unit is chosen so that typical values of MEMS sensors are
+# of the order of one.
 SHOWN: Final[dict[str, tuple[float, str]]] = {
     "rad": (1.0 / _DEG, "deg"),
     "rad/s": (1.0 / _DEG, "deg/s"),
@@ -118,7 +121,7 @@ SHOWN: Final[dict[str, tuple[float, str]]] = {
     "s^2/rad^2": (1e6 * _DEG**2, "% per (100 deg/s)^2"),
     "m": (1e3, "mm"),
 }
-# Unit in which tables show a value, by SI unit: (factor, unit). It is the unit that datasheets use.
+# For each SI unit, the unit in which tables show a value, as (factor, unit). It is the unit of datasheets.
 DATASHEET: Final[dict[str, tuple[float, str]]] = {
     **SHOWN,
     "lsb/(m/s^2)": (_G, "lsb/g"),
@@ -128,7 +131,8 @@ DATASHEET: Final[dict[str, tuple[float, str]]] = {
     "rad/s/s/sqrt(Hz)": (3600.0 * 60.0 / _DEG, "deg/h/sqrt(h)"),
     "m/s^2/s/sqrt(Hz)": (1e6 * 60.0 / _G, "ug/sqrt(h)"),
 }
-# Matches the sensitivities, which are shown in other units than other dimensionless parameters.
+# Matches the names of the entries of a sensitivity matrix. Tables show these entries in ppm (diagonal) and in
+# mrad (off-diagonal), unlike other dimensionless parameters.
 _SENSITIVITY: Final = re.compile(r"(?:accel|gyro)_sensitivity_([xyz])([xyz])")
 _DIAGONAL: Final = (1e6, "ppm")
 _OFF_DIAGONAL: Final = (1e3, "mrad")

@@ -44,19 +44,19 @@ class Calibration(SensorModel):
     accelerometer, gyroscope  the two triads, raw unit -> SI; gyroscope is None for an accelerometer alone
     frame                     the body frame: "symmetric", "triangular", or "given" by another program
     accel_unit, gyro_unit     raw units of the recordings: SI units or "lsb"
-    gravity_mps2              local gravity in the calibration, m/s^2
+    gravity_mps2              local gravity that the calibration assumed, m/s^2
     effects                   effects from the catalogue and user-defined effects, with their values
     user_effects              definitions of the user-defined effects
-    axes                      the `axes` with which the recordings were read
+    axes                      axis remapping of the recordings, the argument `axes` of `imucal.read`
     references                sources and standard deviations of local gravity and of the clock
     covariance                (P, P) of the parameters in `covariance_names`, or None
-    noise                     noise figures; each name ends with the unit
+    noise                     noise figures by name, such as noise densities; each name ends with the unit
     temperature_range_degc    lowest and highest temperature of the recordings, or None
     fit                       report on the estimation: rest detection, convergence, tests of the residuals
     calibration_set, control_set   figures of merit on the calibration recordings and on the control
                                    recordings
-    verdict          `good`, `incomplete` or `poor`; limits that a user sets have no influence on it; None if
-                     it is not known
+    verdict          `good`, `incomplete` or `poor`; None if it is not known. Acceptance limits of a user do
+                     not change this verdict
     reasons          why the verdict is not good
     """
 
@@ -85,7 +85,7 @@ class Calibration(SensorModel):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """All parameters with the standard deviations of the covariance.
+        """All parameters, with their standard deviations from the covariance.
 
         The 21 parameters of the triads come first, in their fixed order (nine for an accelerometer alone).
         The parameters of each effect follow, named <effect>_<parameter>; the shape of an effect (a time
@@ -110,7 +110,9 @@ class Calibration(SensorModel):
 
     @property
     def left_in_data(self) -> tuple[str, ...]:
-        """Names of the effects that no correction removes: errors of the stand, and effects of the attitude.
+        """Names of the effects that no correction removes.
+
+        They are errors of the stand, and effects that depend on the attitude of the unit.
 
         The Earth's rate is one of these effects, because it is a true angular rate and not an error of the
         gyroscope.
@@ -179,14 +181,14 @@ class Calibration(SensorModel):
         return correct_recording(self, as_recording(recording), start_s=start_s)
 
     def __repr__(self) -> str:
-        """A line with serial number, raw units, number of effects, and figures of the calibration."""
+        """A line with serial number, raw units, number of effects, and figures of merit."""
         count = len(self.effects)
         parts = [
             f"accelerometer in {self.accel_unit}" + (" alone" if self.gyroscope is None else ""),
             *([] if self.gyroscope is None else [f"gyroscope in {self.gyro_unit}"]),
             f"{count or 'no'} effect{'s' if count != 1 else ''}",
         ]
-        # In a file that another program has written, a figure may be something other than a number.
+        # In a file that another program has written, the value of a figure of merit may not be a number.
         for name, figures in (("control set", self.control_set), ("calibration set", self.calibration_set)):
             known = {key: value for key, value in (figures or {}).items() if isinstance(value, (int, float))}
             if text := figures_text(known):
@@ -235,8 +237,8 @@ class Calibration(SensorModel):
     def load(path: str | os.PathLike[str], *, user_effects: Sequence[UserEffect] = ()) -> Calibration:
         """Read a calibration file.
 
-        user_effects  definitions of the user-defined effects in the file; without them the calibration can
-                      be inspected but not applied
+        user_effects  definitions of the user-defined effects in the file; without these definitions the
+                      calibration can be inspected but not applied
 
         Raises InputError if the file cannot be read, and FormatError that names a wrong field if it is not a
         calibration.

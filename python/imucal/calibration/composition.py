@@ -7,10 +7,10 @@ T, b and e are the sensitivity, the bias and the effects of a calibration, and x
 calibration has corrected. `_moved` expresses e1 as a function of the true values, or refuses an effect for
 which this is impossible.
 
-The second calibration has estimated the errors that remain after the first correction. They include the
-errors of the first calibration's parameters. So the bias and sensitivity of the result have the uncertainty
-of the second calibration alone. Effects of the first calibration that the second does not estimate keep their
-uncertainty.
+The second calibration has estimated the errors that remain after the first correction. These errors include
+the errors of the first calibration's parameters. So the bias and sensitivity of the result have the
+uncertainty of the second calibration alone. Effects of the first calibration that the second does not
+estimate keep their uncertainty.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from imucal.recording.axes import UNCHANGED, Axes
 
 __all__ = ["compose"]
 
-# Fields of the sensor model.
+# Fields of a Calibration that form its sensor model. Composition computes them from both sensor models.
 MODEL: Final = (
     "accelerometer",
     "gyroscope",
@@ -50,8 +50,8 @@ MODEL: Final = (
     "user_effects",
     "axes",
 )
-# Effects whose parameters form a matrix. In a composition, the sensitivity of the second calibration
-# transforms this matrix of the first calibration.
+# Effects whose parameters form a matrix. If the first calibration has such an effect, composition transforms
+# its matrix with the sensitivity of the second calibration.
 G_SENSITIVITY: Final = "gyro_g_sensitivity"
 ANGULAR_ACCELERATION: Final = "gyro_angular_acceleration"
 # Effect with one parameter, a time delay, which a composition does not change.
@@ -177,7 +177,7 @@ def _along(triad: Triad, axes: FloatArray) -> Triad:
 
 
 def _definitions(first: SensorModel, second: SensorModel) -> tuple[UserEffect, ...]:
-    """The user-defined effects of both models. Raises InputError if two different effects have one name."""
+    """The user-defined effects of both models. Raises InputError if different effects have the same name."""
     found = {effect.name: effect for effect in first.user_effects}
     for effect in second.user_effects:
         other = found.setdefault(effect.name, effect)
@@ -226,7 +226,7 @@ def _is_neutral(accel2: Triad, gyro2: Triad, sensors: set[str]) -> bool:
 def _together(first: list[EffectValues], second: tuple[EffectValues, ...]) -> tuple[EffectValues, ...]:
     """The sum of the effects of both models.
 
-    Raises InputError if their time constants differ.
+    Raises InputError if an effect of both models has different time constants.
     """
     found = {values.name: values for values in first}
     for values in second:
@@ -256,7 +256,8 @@ def _covariance(first: Calibration, second: Calibration) -> tuple[FloatArray | N
     to_second = jacobian(lambda model: _composed(first, model), second)
     covariance = to_second @ from_second @ to_second.T
     # Some parameters are estimated only in the calibration `first`, such as parameters of its effects or of
-    # its gyroscope. `places` are the indices of these parameters, and `alone` their names.
+    # its gyroscope. `places` are the indices of these parameters in `first.parameters`, and `alone` are their
+    # names.
     estimated = tuple(f"{values.name}_" for values in second.effects)
     base = base_count(first.frame, has_gyroscope=first.gyroscope is not None)
     both = base_count(first.frame, has_gyroscope=second.gyroscope is not None)

@@ -1,8 +1,9 @@
 """Check that a calibration file does not contradict itself.
 
 The file repeats the matrices as a table of parameters, the covariance as standard deviations, the raw units
-as units of the parameters, and the frame in words. The calibration that was read is written again, and each
-of these fields is compared with the field that is written. A tolerance allows for decimals rounded by hand.
+as units of the parameters, and the frame in words. The check converts the calibration that was read to a
+document again, and compares each of these fields of the file with the same field of the new document. A
+tolerance allows for numbers that were rounded by hand.
 """
 
 from __future__ import annotations
@@ -40,9 +41,9 @@ STD_ROUNDING: Final = 1e-3
 # Accepted difference between two copies of a parameter value in a file, as a fraction of its standard
 # deviation. A difference this small has no significant effect on corrected samples.
 SHARE_OF_STD: Final = 0.01
-# Accepted difference between two copies of a value in a file: of an entry of a sensitivity, relative to the
-# largest entry of the matrix, and of a bias, in its raw unit. It allows for rounding to nine decimals and
-# does not apply to values of effects.
+# Accepted difference between two copies of a value in a file, which allows for rounding to nine decimals. For
+# an entry of a sensitivity, the difference is relative to the largest entry of the matrix. For a bias, it is
+# in the raw unit. The limit does not apply to values of effects.
 DECIMALS_ROUNDING: Final = 1e-9
 # Largest accepted magnitude of a negative eigenvalue of the correlation matrix. Rounding the entries to seven
 # digits can cause negative eigenvalues, but of smaller magnitude.
@@ -52,9 +53,9 @@ CORRELATION_ROUNDING: Final = 1e-5
 def require_written_again(
     node: Node, written: Mapping[str, Any], parameters: Sequence[Parameter], frame: Frame
 ) -> None:
-    """Raise FormatError for the first field of the file that would change if it were written again.
+    """Raise FormatError for the first field that would change if the calibration were written again.
 
-    written      the document that the calibration gives when it is written again
+    written      the document of the calibration that was read
     parameters   the parameters of the calibration
     """
     origins = origins_of(written, parameters, frame)
@@ -108,7 +109,7 @@ def origins_of(
 
 
 def _places(written: Mapping[str, Any], frame: Frame) -> dict[str, tuple[str, str]]:
-    """The paths of the value and of the unit of each parameter, by its name."""
+    """For each parameter by name: the path of its value and the path of its unit in the document."""
     places = {}
     for sensor, key, entries in (
         ("accel", "accelerometer", ACCEL_ENTRIES[frame]),
@@ -131,7 +132,7 @@ def _places(written: Mapping[str, Any], frame: Frame) -> dict[str, tuple[str, st
 
 
 def require_covariance(node: Node, parameters: Sequence[str]) -> None:
-    """Raise FormatError unless this is a covariance matrix of the parameters, with rows in their order.
+    """Raise FormatError unless this is a covariance matrix whose rows have the order of the parameters.
 
     node         the field `covariance`, not null
     parameters   names of all parameters in their order
@@ -167,7 +168,7 @@ def require_covariance(node: Node, parameters: Sequence[str]) -> None:
 
 
 def _require_symmetric(node: Node, place: str, matrix: FloatArray) -> None:
-    """Raise FormatError for the first pair of entries that differ or give a correlation above 1."""
+    """Raise FormatError if entries (i, j) and (j, i) differ, or if a correlation is above 1 in magnitude."""
     size, other = np.abs(matrix), np.abs(matrix).T
     sigma = np.sqrt(np.diag(matrix))
     sigmas = sigma[:, None] * sigma

@@ -5,9 +5,9 @@
 
 T is the sensitivity of the sensor, and `seen` the value that still contains the effects.
 
-The compiled library iterates this sample by sample for the effects of the catalogue. The error of a
-user-defined effect is computed by a Python function of whole arrays. For user-defined effects, the iteration
-is therefore in this file; each step calls the library for the effects of the catalogue.
+For the effects of the catalogue, the compiled library performs this iteration sample by sample. The error of
+a user-defined effect is computed by a Python function of whole arrays. For user-defined effects, the
+iteration is therefore in this file; each step calls the library for the effects of the catalogue.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 __all__ = ["correct", "correct_recording", "empty_samples", "left_in_data", "takes_pieces"]
 
-# Convergence criterion: largest change of a sample in an iteration, relative to the magnitude of its terms.
+# Convergence criterion: largest change of a sample in an iteration, relative to the magnitude of the terms
+# whose sum is the corrected sample.
 # The value is 16 times the relative rounding error of float64.
 ROUNDING: Final = 16 * np.finfo(np.float64).eps
 # Maximum number of iterations for user-defined effects, which are evaluated on whole recordings.
@@ -139,7 +140,7 @@ def empty_samples(
 
 
 def left_in_data(model: SensorModel) -> tuple[str, ...]:
-    """Names of effects that no correction can remove: errors of the stand, and effects of the attitude."""
+    """Names of effects that no correction removes: errors of the stand, and effects of the attitude."""
     return tuple(
         effect.name
         for effect in model.catalogue_effects()
@@ -259,7 +260,7 @@ def _added(own: list[tuple[UserEffect, EffectValues]], state: State) -> tuple[Fl
 
 
 def _rounded_size(triad: Triad, raw: SampleArray) -> FloatArray:
-    """Magnitude of the terms whose rounding errors enter a corrected sample, (N, 3) in SI units."""
+    """Magnitude of the terms whose sum is a corrected sample, for its rounding error; (N, 3), SI units."""
     inverse = np.abs(np.linalg.inv(triad.sensitivity))
     # Counts are converted to float64 before the absolute value is taken, because the absolute value of -32768
     # overflows int16.

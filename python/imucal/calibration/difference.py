@@ -83,7 +83,7 @@ class Difference:
     false_alarm       probability that two calibrations of an unchanged unit have the verdict `moved`
     chi2, dof, p_value   joint test of all parameters with a standard deviation; without such parameters, chi2
                          and p_value are None
-    notes             remarks about the pair
+    notes             remarks about the two calibrations, such as different body frames
     serial_numbers, provenances   of the first calibration, and of the second
     """
 
@@ -172,8 +172,8 @@ def diff(before: Calibration, after: Calibration, *, sigmas: float = SIGMAS) -> 
     If only one calibration has an effect, the values of the effect count as exactly zero in the other
     calibration, and its shape (a time constant) is not compared. Parameters that the file of another program
     does not state are not compared either. Calibrations with different body frames or axes are compared in
-    the symmetric frame. Raises InputError for different raw units, and for effects that have no form in the
-    symmetric frame.
+    the symmetric frame. Raises InputError for different raw units, and for effects that cannot be expressed
+    in the symmetric frame.
     """
     if not (math.isfinite(sigmas) and sigmas > 0):
         raise InputError(f"sigmas is {sigmas}: a positive number is needed")

@@ -1,4 +1,4 @@
-"""Figures of a calibration on a set of recordings: their text, and the criterion for a poor verdict."""
+"""Figures of merit of a calibration on a set of recordings, and the figures that give the verdict `poor`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FIGURE_TEXT: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Figures of a calibration on a set of recordings.
+    """Figures of merit of a calibration on a set of recordings.
 
     chi2_per_dof               chi2 per degree of freedom of the residuals at the rests and after the moves,
                                relative to their noise; None if samples could not be corrected
@@ -42,7 +42,7 @@ class Figures:
 
 
 def figures_text(figures: object, units: Units = datasheet) -> str:
-    """The figures in words, with their units.
+    """The figures of merit as text, with their names and units.
 
     figures   Figures, HeldOut, or a mapping from a file
     """
@@ -57,7 +57,7 @@ def figures_text(figures: object, units: Units = datasheet) -> str:
 
 
 def poor_figures(name: str, figures: Figures, *, has_gyroscope: bool = True) -> list[str]:
-    """Reasons why these figures make a verdict poor; empty if they do not.
+    """Reasons why these figures of merit give the verdict `poor`; empty if they do not.
 
     name           the set of recordings: "calibration set" or "control set"
     has_gyroscope  whether the set must contain moves; an accelerometer alone has no moves
@@ -81,7 +81,7 @@ def saved_reasons(
     *,
     has_gyroscope: bool = True,
 ) -> list[str]:
-    """Reasons for a poor verdict that follow from the figures in a calibration file; may be empty."""
+    """Reasons for the verdict `poor` from the figures of merit in a calibration file; may be empty."""
     return [
         reason
         for name, fields in (("calibration set", calibration_set), ("control set", control_set))

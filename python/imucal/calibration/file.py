@@ -1,8 +1,8 @@
 """The file of a calibration, schema imucal.calibration/1.
 
 Every number is written with full precision, so reading returns the same bits. A user-defined effect is stored
-with names, units and values. If its field is a formula, the file contains the formula. If its field is Python
-code, the user passes the definition again when reading the file.
+with names, units and values. If a formula defines the effect, the file contains the formula. If a Python
+function defines the effect, the user passes the definition again when reading the file.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ OTHERS: Final = (
 def document_of(
     model: SensorModel, parameters: Sequence[Parameter], others: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The fields of the file.
+    """The fields of the calibration file.
 
     parameters  the parameters of the model, with standard deviations
     others      the fields of a Calibration that SensorModel does not have, by name
@@ -225,7 +225,7 @@ def require_consistent(node: Node, model: SensorModel, written: Mapping[str, Any
     """Raise FormatError if the document contradicts itself.
 
     model     the calibration that was read
-    written   its document
+    written   the document that this calibration gives
     """
     require_written_again(node, written, model.parameters, model.frame)
     effects = {
@@ -268,7 +268,7 @@ def _require_reference_temperature(node: Node) -> None:
 
 
 def _effect(node: Node, user_effects: Mapping[str, UserEffect]) -> tuple[EffectValues, Effect | UserEffect]:
-    """An effect with its numbers, and its definition."""
+    """The values of an effect in the file, and the definition of this effect."""
     name = node.get("name").text()
     known = {effect.name: effect for effect in catalogue()}
     effect: Effect | UserEffect
@@ -304,7 +304,7 @@ def _number(node: Node, parameter: EffectParameter) -> float:
 def _stored_definition(node: Node) -> UserEffect:
     """The definition of a user-defined effect from a file.
 
-    It is complete for a formula, and lacks the field for Python code.
+    If a formula defines the effect, the definition is complete. Otherwise it lacks the Python function.
     """
     name, sensor = node.get("name").text(), node.get("sensor").text()
     parameters = tuple(

@@ -1,7 +1,8 @@
 """Conversion of a calibration to another body frame, or to the columns of a recording before axis remapping.
 
-Two body frames differ by one rotation Q: T' = T Q^T for both triads (docs/model.md (2)). Residuals and the
-norm of the force are the same in both frames. The covariance is propagated.
+Two body frames differ by one rotation Q. If T is the sensitivity of a sensor in one frame, T' = T Q^T is its
+sensitivity in the other frame (docs/model.md (2)). Residuals and the norm of the force are the same in both
+frames. The covariance is propagated linearly.
 """
 
 from __future__ import annotations
@@ -54,8 +55,8 @@ INVARIANT: Final = frozenset({"gyro_time_offset", "earth_rate"})
 def in_frame(calibration: Calibration, frame: Frame) -> Calibration:
     """The calibration in the frame "symmetric" or "triangular", with its covariance.
 
-    Raises InputError for effects that are defined along the axes of their frame, such as nonlinear scales,
-    and for left-handed accelerometer axes.
+    Raises InputError for effects that are defined along the axes of their body frame, such as nonlinear
+    scales, and for left-handed accelerometer axes.
     """
     if calibration.frame == frame:
         return calibration
@@ -120,7 +121,7 @@ def is_added(model: SensorModel, values: EffectValues) -> bool:
 def rotated_effect(model: SensorModel, values: EffectValues, rotation: FloatArray) -> EffectValues:
     """An effect in another body frame, v' = rotation v.
 
-    Raises InputError if it cannot be expressed in that frame.
+    Raises InputError if the effect cannot be expressed in the other frame.
     """
     if values.name in VECTORS or is_added(model, values):
         rows = values.values.reshape(-1, 3) @ rotation.T

@@ -36,10 +36,10 @@ class SensorModel:
     accelerometer, gyroscope  the two triads, raw unit -> SI; gyroscope is None for an accelerometer alone
     frame                     the body frame: "symmetric", "triangular", or "given" by another program
     accel_unit, gyro_unit     raw units of the recordings: SI units or "lsb"
-    gravity_mps2              local gravity in the calibration, m/s^2
+    gravity_mps2              local gravity that the calibration assumed, m/s^2
     effects                   effects from the catalogue and user-defined effects, with their values
     user_effects              definitions of the user-defined effects
-    axes                      the `axes` with which the recordings were read
+    axes                      axis remapping of the recordings, the argument `axes` of `imucal.read`
     """
 
     accelerometer: Triad
@@ -99,7 +99,7 @@ class SensorModel:
         return ("accelerometer",) if self.gyroscope is None else ("accelerometer", "gyroscope")
 
     def both(self) -> tuple[Triad, Triad]:
-        """(accelerometer, gyroscope); InputError `sensor_missing` for an accelerometer alone."""
+        """The triads (accelerometer, gyroscope). Raises InputError `sensor_missing` without a gyroscope."""
         if self.gyroscope is None:
             raise InputError(
                 "this operation needs a gyroscope, and the calibration has none [sensor_missing]: calibrate "
@@ -168,7 +168,7 @@ class SensorModel:
         )
 
     def require_raw_units(self, recording: Recording) -> None:
-        """Raise InputError for a recording whose raw units or axes differ from the ones of this model.
+        """Raise InputError for a recording whose raw units or axes differ from those of this model.
 
         A sensor that the model or the recording lacks is not compared.
         """

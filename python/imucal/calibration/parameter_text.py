@@ -20,7 +20,7 @@ Units: TypeAlias = Callable[[str, str], Scale]
 SIGMA_DIGITS: Final = 2
 # Number of significant digits of a printed value without a standard deviation.
 VALUE_DIGITS: Final = 7
-# A value is printed without an exponent if its standard deviation is in this range.
+# A value is printed without an exponent if its standard deviation, in the printed unit, is in this range.
 PLAIN: Final = (1e-6, 1e6)
 
 

@@ -38,7 +38,7 @@ SENSITIVITY: Final[dict[tuple[str, str], tuple[float, float]]] = {
 # Largest accepted bias by raw unit. In counts it is 2^33. Counts of 32 bits are below 2^32, and the factor of
 # two allows for an offset.
 BIAS: Final = {**{unit: most["bias"] for unit, most in LARGEST.items()}, "lsb": 2.0**33}
-# Largest accepted noise density and random walk. The keys are the units in the names of these figures.
+# Largest accepted noise densities and random walks. The keys are the units in the names of the noise figures.
 NOISE: Final = {
     "mps2": LARGEST["m/s^2"]["noise_density"],
     "radps": LARGEST["rad/s"]["noise_density"],
@@ -141,7 +141,7 @@ def require_gravity(node: Node) -> float:
 def require_temperature_range(node: Node) -> tuple[float, float] | None:
     """The lowest and the highest temperature, degC.
 
-    Raises FormatError if their order is reversed or one is impossible.
+    Raises FormatError if the order of the two temperatures is reversed, or if one of them is impossible.
     """
     if node.value is None:
         return None

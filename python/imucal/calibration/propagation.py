@@ -2,7 +2,7 @@
 
     p' = F(p),    covariance' = J covariance J^T,    J = dF/dp
 
-p are the parameters of the given calibration, and p' those of the calibration that the function F returns.
+p are the parameters of the given calibration. p' are the parameters of the calibration that F returns.
 """
 
 from __future__ import annotations
@@ -92,7 +92,10 @@ def jacobian(function: Callable[[SensorModel], SensorModel], model: SensorModel)
 
 
 def known_covariance(calibration: Calibration) -> FloatArray | None:
-    """The covariance of all parameters, zero for time constants of effects; None if it is incomplete."""
+    """The covariance of all parameters; None if it is incomplete.
+
+    Time constants of effects that the covariance does not contain have rows and columns of zeros.
+    """
     if calibration.covariance is None:
         return None
     names = [parameter.name for parameter in calibration.parameters]

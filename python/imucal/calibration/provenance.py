@@ -20,7 +20,8 @@ class Imported:
     formula   correction that the other program computes
     files     the files
     missing   parts that the files do not state: "covariance", "temperature", "noise", "gravity", or triads
-              and parameters such as "gyroscope", "accel_bias" or "gyro_scale", which have neutral values here
+              and parameters such as "gyroscope", "accel_bias" or "gyro_scale", which get the values of a
+              perfect sensor in the calibration
     notes     further remarks about the file
     """
 
@@ -46,12 +47,12 @@ class Imported:
 class Provenance:
     """Origin of a calibration.
 
-    files           files of the calibration recordings, and those of a calibration of the accelerometer that
-                    was the prior
+    files           files of the calibration recordings. If a calibration of the accelerometer was a prior,
+                    the files of its recordings are included
     control_files   files of the control recordings
     imucal_version  version of the package that made the calibration
     date            ISO 8601, UTC
-    operator        who made it
+    operator        name of the person who made the calibration
     imported        origin of a calibration of another program, or None
     composed_of     files of the two calibrations from which this one was composed; empty if it was not
                     composed

@@ -108,7 +108,7 @@ class References:
     def of_file(node: Node) -> References:
         """The references in a calibration file; older files and files of other programs may lack them.
 
-        Raises FormatError if normal gravity at the place differs from gravity in the file.
+        Raises FormatError if gravity in the file differs from normal gravity at its latitude and height.
         """
         if "references" not in node.mapping():
             return References("given")

@@ -1,4 +1,4 @@
-"""Checks of the sections of a calibration file on its figures of merit, its fits, and its origin."""
+"""Checks of three sections of a calibration file: figures of merit, report on the fits, and origin."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ TOGETHER: Final = (
     ("joint", "noise_alone", "bias_instability_radps", "tremor_deg", "effects"),
 )
 SCALES: Final = ("norms", "moves", "inside", "stand")
-# Number of noise floors of a recording: one per axis of both sensors.
+# Number of noise floors of a recording: one per axis of both sensors. A noise floor is the standard deviation
+# of a sample at rest.
 NOISE_FLOORS: Final = 6
 MODELS: Final = ("full", "orthogonal", "bias")
 PRIOR_SOURCES: Final = ("given", "unit", "default")
@@ -79,7 +80,8 @@ def require_fit(
 ) -> None:
     """Raise FormatError if a number of the section `fit` contradicts another number or the covariance.
 
-    effects             for each effect by its name: the values of its linear parameters by their full names
+    effects             for each effect, by name: its linear parameters (all but a time constant) with their
+                        values, by full name
     names, covariance   the covariance, and the names of its parameters
     """
     fit = node.mapping()
@@ -131,7 +133,7 @@ def _require_report(node: Node) -> None:
 
 
 def _require_scales(node: Node) -> None:
-    """Raise FormatError unless `inflation` of the joint fit is the largest of its `scales`."""
+    """Raise FormatError unless the field `inflation` of the joint fit is the largest value in `scales`."""
     scales = node.get("scales")
     known = [scales.get(name) for name in SCALES if scales.get(name).value is not None]
     for scale in known:
@@ -222,7 +224,7 @@ def _require_statistic(
 
 
 def _require_threshold(node: Node) -> None:
-    """Raise FormatError for a threshold of rest detection outside its reported stable range."""
+    """Raise FormatError for a threshold of rest detection outside the stable range that the file reports."""
     numbers = {}
     for name in ("factor", "stable_from", "stable_to", "window_s"):
         item = node.get(name)

@@ -34,7 +34,8 @@ __all__ = [
 
 Frame: TypeAlias = Literal["symmetric", "triangular", "given"]
 FRAMES: Final[tuple[Frame, ...]] = ("symmetric", "triangular", "given")
-# Row and column of the free entries of the sensitivity, in the order of the parameters.
+# For each body frame, row and column of the free entries of the accelerometer's sensitivity, in the order of
+# the parameters.
 ACCEL_ENTRIES: Final[dict[str, tuple[str, ...]]] = {
     "symmetric": ("xx", "yy", "zz", "xy", "xz", "yz"),
     "triangular": ("xx", "yy", "zz", "yx", "zx", "zy"),

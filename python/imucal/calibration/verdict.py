@@ -20,7 +20,7 @@ Verdict: TypeAlias = Literal["good", "incomplete", "poor"]
 # The verdicts, the best first.
 VERDICTS: Final[tuple[Verdict, ...]] = ("good", "incomplete", "poor")
 
-# Words for the kinds of residuals.
+# Description of each kind of residual.
 RESIDUALS: Final = {
     "norms": "the norm of gravity at the rests",
     "moves": "the gravity direction after the moves",
@@ -42,7 +42,7 @@ class ResidualFit:
     ratio               root of chi2 per degree of freedom; 1 if noise explains the residuals
     degrees_of_freedom  number of residuals minus the number of parameters that they determine
     p_value             probability of a larger ratio from noise alone
-    exceeds_noise       whether the ratio exceeds 2 and is significant, so that the verdict is incomplete
+    exceeds_noise       whether the ratio exceeds 2 and is significant, which gives the verdict `incomplete`
     """
 
     kind: str
@@ -79,10 +79,10 @@ def saved_verdict(
     *,
     has_gyroscope: bool = True,
 ) -> tuple[Verdict, tuple[str, ...]]:
-    """The verdict of a calibration file with its reasons; `poor` if the figures in the file make it poor."""
+    """The verdict in a calibration file, or `poor` if its figures of merit require it, with the reasons."""
     poor = tuple(saved_reasons(calibration_set, control_set, has_gyroscope=has_gyroscope))
     if not poor:
         return verdict or "good", tuple(reasons)
-    # A file states the same reason with its code after it.
+    # In a file, the code of a reason follows its text, so only the beginnings are compared.
     new = (text for text in poor if not any(reason.startswith(text) for reason in reasons))
     return "poor", (*new, *reasons)

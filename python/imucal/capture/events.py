@@ -31,7 +31,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A recorded pose: number from 1, interval of its rest, s, and up direction in the body frame, (3,)."""
+    """A recorded pose: number from 1, start and end of its rest, s, up direction in the body frame, (3,)."""
 
     number: int
     start_s: float
@@ -41,7 +41,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Row:
-    """For a group of parameters: largest predicted standard deviation before and after a pose, as text."""
+    """For a group of parameters: its largest predicted standard deviation before and after a pose (text)."""
 
     group: str
     before: str

@@ -49,7 +49,7 @@ class CaptureFile:
         if self.path.suffix.lower() != ".csv":
             raise InputError(f"{path}: a capture is written as .csv: change the extension")
         self._header = (",".join(self.columns) + "\n").encode()
-        # Position in the file after each row.
+        # For each row, the position in the file of the end of the row, bytes.
         self._ends: list[int] = []
         self.existing, self.age_s = np.zeros((0, len(self.columns))), 0.0
         marker = marker_of(path)
@@ -128,7 +128,7 @@ class CaptureFile:
         marker_of(self.path).unlink(missing_ok=True)
 
     def _continue(self) -> None:
-        """Read the rows of the file, and remove a line that was incomplete when the command ended."""
+        """Read the rows of the file, and remove the last line if it was incomplete when the command ended."""
         with self.path.open("rb") as file:
             content = file.read()
         if not content.startswith(self._header):
@@ -164,7 +164,7 @@ class CaptureFile:
 
 
 def _require_same(path: Path, marker: Path, document: Mapping[str, Any]) -> None:
-    """Raises InputError unless the file is an unfinished recording of the same unit."""
+    """Raises InputError unless the file is an unfinished recording whose marker file has the same fields."""
     if not marker.exists():
         raise InputError(
             f"{path} exists: give another file; an unfinished recording is continued, a finished is not"

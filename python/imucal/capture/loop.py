@@ -37,7 +37,7 @@ SILENT_AGAIN_S: Final = 10.0
 # Shortest time between two messages about damaged data, s of the computer's clock.
 DAMAGED_AGAIN_S: Final = 2.0
 UNIT_SILENT: Final = "check the cable, the supply and the connection of the unit"
-# Names of the counters of damaged or lost data, each with the text of the message about these data.
+# Names of the counters of damaged or lost data, each with the text that a message uses for these data.
 DAMAGED: Final = {
     "lines_damaged": "lines do not have the expected columns",
     "packets_damaged": "packets are damaged",

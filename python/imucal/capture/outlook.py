@@ -33,8 +33,8 @@ class Outlook:
     worst    largest standard deviation of the parameters of each group; None if a parameter of the group is
              not determined
     missing  description of the missing motion; None if the recording determines all parameters
-    before   the field `worst` of the outlook before the last pose was recorded
-    absent   groups of a sensor that the recording does not have
+    before   the field `worst` of the prediction before the last pose was recorded
+    absent   groups of parameters that belong to a sensor that the recording does not have
     """
 
     worst: Mapping[str, Size | None] = field(default_factory=dict)
@@ -89,9 +89,9 @@ class Outlook:
 
 
 def outlook_of(recording: Recording, gravity_mps2: float, before: Outlook | None = None) -> Outlook:
-    """The standard deviations of the parameters that a calibration from this recording would have.
+    """The standard deviations that the parameters of a calibration from this recording would have.
 
-    before   the outlook of the recording without its last pose
+    before   the prediction for the recording without its last pose
     """
     earlier = {} if before is None else before.worst
     absent = () if recording.angular_rate is not None else ("gyro_sensitivity", "gyro_bias")

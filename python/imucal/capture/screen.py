@@ -121,7 +121,7 @@ class CaptureScreen(App[None]):
         self._capture.commands.put("finish")
 
     def action_stop(self) -> None:
-        """End the recording, which the same command can continue."""
+        """Interrupt the recording; the same command can continue it later."""
         self._capture.commands.put("stop")
 
     def _record(self) -> None:

@@ -7,10 +7,10 @@ The engine needs no terminal, and its clock is the time of the samples.
         for event in session.feed(rows): ...
         session.snapshot
 
-A round has as many poses as there are requested directions. A pose counts under two conditions. The compiled
-library detects a rest of at least `hold_s`, and the up direction at this rest differs from those of the last
-pose and of all earlier poses of the round. The counted poses depend on the samples only, so a recording can
-be continued from its file.
+The requested poses are repeated in rounds. A round has as many poses as there are requested up directions. A
+pose counts if two conditions hold: the compiled library detects a rest of at least `hold_s`, and the up
+direction at this rest differs from that of the last pose and from those of all earlier poses of the round.
+The counted poses depend on the samples only, so a recording can be continued from its file.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ __all__ = ["Order", "Session"]
 
 # Interval at which the recording so far is evaluated, s of the samples' time.
 EVERY_S: Final = 0.25
-# A recording of up to this number of samples is evaluated every `EVERY_S`. The evaluation takes a small share
-# of a processor. For longer recordings, the interval grows in proportion to the number of samples.
+# A recording of up to this number of samples is evaluated every `EVERY_S`, which takes a small share of the
+# time of a processor. For longer recordings, the interval grows in proportion to the number of samples.
 SAMPLES_OF_EVERY: Final = 200_000
 # Default number of poses without targets, and minimum number of poses with targets. Nine is the number of
 # parameters of an accelerometer.
@@ -298,12 +298,12 @@ class Session:
 
     @property
     def _round(self) -> list[Pose]:
-        """The poses of the current round, which has as many poses as there are listed directions."""
+        """The poses of the current round; a round has one pose for each requested up direction."""
         start = len(self.poses) // len(self._directions) * len(self._directions)
         return self.poses[start:]
 
     def _of(self, rest: Held) -> Pose | None:
-        """The pose that was taken in this rest."""
+        """The pose that was recorded during this rest; None if the rest does not count as a pose."""
         return next((p for p in self.poses if p.start_s < rest.end_s and rest.start_s < p.end_s), None)
 
     def _same(self, up: FloatArray) -> Pose | None:
@@ -390,7 +390,7 @@ class Session:
         )
 
     def _first(self, what: str) -> bool:
-        """Whether no message of the kind `what` was sent about the current rest yet. Marks it as sent."""
+        """Whether no message of the kind `what` was sent in the current rest. Marks the kind as sent."""
         if what in self._said:
             return False
         self._said.add(what)

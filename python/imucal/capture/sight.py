@@ -96,7 +96,7 @@ def _force(recording: Recording) -> FloatArray:
 def _steadiness(recording: Recording, time_s: FloatArray, seen: _core.Inspection) -> float:
     """Square root of (threshold of the rest detection / statistic of the last window); at most 1.
 
-    The statistic is the mean over the axes of (standard deviation in the window / that of the noise)^2.
+    The statistic is the mean over the axes of (standard deviation in the window / noise at rest)^2.
     """
     if seen.threshold is None:
         return 0.0

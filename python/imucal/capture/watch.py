@@ -20,7 +20,7 @@ __all__ = ["Watch"]
 # except `stuck_axis` before `RESTS_OF_STUCK` rests.
 SAID_WARNINGS: Final = ("accel_saturation", "gyro_saturation", "samples_missing", "samples_duplicated")
 # Codes of the findings that are reported again when the number of affected samples has grown. All other
-# errors are reported again every `REMINDED_S`, s.
+# errors that persist are reported again at intervals of `REMINDED_S`, s.
 GROWING: Final = ("accel_saturation", "gyro_saturation", "samples_missing", "samples_duplicated")
 REMINDED_S: Final = 20.0
 # Minimum number of rests before an axis can be reported as stuck. With fewer rests, the unit may not have
@@ -84,7 +84,7 @@ class Watch:
         self._clipped: str | None = None
 
     def forget_gaps(self) -> None:
-        """Do not report the next gap in the samples, because undo or an interruption has caused it."""
+        """Do not report the next gap in the samples, which an undo or an interruption has caused."""
         self._forgets_gap = True
         self._clipped = None
 
@@ -251,7 +251,7 @@ def _fastest_dps(recording: Recording, time_s: FloatArray, start_s: float, end_s
 
 
 def _bias(sight: Sight, recording: Recording, time_s: FloatArray) -> FloatArray:
-    """Mean reading of the gyroscope at the last rest; zero without one."""
+    """Mean reading of the gyroscope at the last rest; zero if there is no rest."""
     if not sight.rests:
         return np.zeros(3)
     first, end = np.searchsorted(time_s, [sight.rests[-1].start_s, sight.rests[-1].end_s + 1e-9])

@@ -167,7 +167,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     gc.set_threshold(OBJECTS_BETWEEN_SEARCHES)
     with standing_streams(), as_interrupts() as ended:
         try:
-            # A context of its own, so that nothing of a command remains for the next one.
+            # The command runs in a copy of the context, so that the context variables that it sets do not
+            # affect the next command in the same process.
             code = copy_context().run(_run, list(sys.argv[1:] if arguments is None else arguments))
             sys.stdout.flush()
         except KeyboardInterrupt:
@@ -176,7 +177,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = _unwritable(error)
     if arguments is None:
         # Python searches all objects for reference cycles before the process ends, which takes 5 % of the
-        # processor time of a calibration. Frozen objects are left out.
+        # processor time of a calibration. This search skips frozen objects.
         gc.freeze()
     if code == INTERRUPTED:
         return _say(f"{ended.what}, no file is incomplete", ended.code)

@@ -3,8 +3,8 @@
 The library writes an option as the argument of a Python function, `min_rest_s=0.45` or `axes='frd'`. A
 command prints the same text with `--min-rest-s 0.45` and `--axes frd`.
 
-The library recommends axes relative to the axes of the recording. If the recording was read with `--axes`, a
-command prints the remapping that replaces this option.
+The library recommends an axis remapping relative to the axes of the recording. If the recording was read with
+`--axes`, a command prints the value with which the user must replace the given value of this option.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any, Final
 
 __all__ = ["AXES_GIVEN", "as_typed", "document_as_typed"]
 
-# The option --axes of the command that runs.
+# Value of the option --axes of the running command; None if the option is not given.
 AXES_GIVEN: Final[ContextVar[str | None]] = ContextVar("axes_given", default=None)
 
 # Arguments of Python functions, such as imucal.read, whose command line options have other names.

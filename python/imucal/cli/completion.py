@@ -71,17 +71,17 @@ def calibration_formats(incomplete: str) -> list[str]:
 
 
 def line_programs(incomplete: str) -> list[str]:
-    """Programs that determine all parameters; the shell completes file names."""
+    """Named programs that determine all parameters. The shell completes the names of program files."""
     return _starting(["optimal", "random"], incomplete)
 
 
 def plans(incomplete: str) -> list[str]:
-    """Programs that `imucal plan` accepts; the shell completes file names."""
+    """Named programs that `imucal plan` accepts. The shell completes the names of program files."""
     return _starting(["faces", "grid", "optimal", "random"], incomplete)
 
 
 def programs(incomplete: str) -> list[str]:
-    """Built-in motions; the shell completes file names."""
+    """Built-in motions of `imucal simulate`. The shell completes the names of program files."""
     return _starting(["faces", "grid", "random", "static", "tumble"], incomplete)
 
 

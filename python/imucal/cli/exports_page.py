@@ -18,7 +18,7 @@ class Export:
     """An export of a maker's program or an app.
 
     name     maker, program and kind of file
-    choose   export to choose in the program
+    choose   the kind of export that the user must select in the program
     command  command with which imucal reads the file
     remarks  data that are not read, and remarks about the data
     """

@@ -36,7 +36,8 @@ TRACEBACK: Final = "IMUCAL_TRACEBACK"
 # model='orthogonal'. WITH_MODEL lists the commands that have the option --model.
 OFFERED: Final = r"\bmodel='(\w+)'"
 WITH_MODEL: Final = ("calibrate", "gap")
-# An error whose message contains this text needs the noise of mean readings.
+# If the message of an error contains this text, the calibration needs the noise of the mean readings, and the
+# offered command contains the option --noise.
 NOISE_NEEDED: Final = "noise_mps2=..."
 
 
@@ -47,7 +48,7 @@ def message_of(error: BaseException) -> str:
 
 
 def command_offered(error: BaseException, arguments: Sequence[str]) -> str:
-    """The command that estimates fewer parameters, if the error offers a model; otherwise empty.
+    """The command that estimates fewer parameters, if the error proposes a smaller model; otherwise empty.
 
     arguments   arguments of the command that ended with the error
     """

@@ -1,6 +1,6 @@
-"""Options of several commands, each declared once, and groups of them.
+"""Options that several commands share, each declared once, and groups of such options.
 
-A group is a dataclass whose fields are options (`options_of`).
+A group of options is a dataclass whose fields are options (`options_of`).
 """
 
 from __future__ import annotations

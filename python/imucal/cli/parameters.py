@@ -4,8 +4,8 @@
                 output: Annotated[Path, option("--output", "-o", help="...")],
                 rate_hz: Annotated[float | None, option("--rate-hz", help="...")] = None) -> None: ...
 
-A parameter without a default is required. `bool` is a flag, `list[X]` an option that may be repeated, and an
-`Enum` one of its values.
+A parameter without a default is required. A parameter of type `bool` is a flag. A parameter of type `list[X]`
+may be given several times. A parameter whose type is an `Enum` accepts the values of the `Enum`.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ __all__ = ["Files", "Reading", "reading_options"]
 Files = Annotated[list[Path], argument(metavar="REC...", help="Recordings of one unit.")]
 
 T = TypeVar("T")
-# Heading of these options in the help.
+# Heading of the reading options in the help.
 _PANEL = "Files of other programs"
 
 
@@ -103,7 +103,7 @@ class Reading:
             return use(iter([self.one(paths)]))
 
     def each(self, paths: Sequence[Path]) -> list[Recording]:
-        """The recordings in these files. If each sensor has a separate file, files are read in pairs."""
+        """The recordings in these files. If each sensor has its own file, two files make one recording."""
         from imucal.io import files_per_recording
 
         size = files_per_recording(self.format, paths)

@@ -24,7 +24,7 @@ ROUNDING: Final = 1e-6
 
 @dataclass(frozen=True)
 class Origin:
-    """Origin of a value that a document repeats, and the difference from it that counts as rounding.
+    """Origin of a value that a document repeats, and the difference between both that counts as rounding.
 
     place      the field or fields of the document that the value repeats, for messages
     absolute   absolute difference of two numbers that counts as rounding

@@ -34,7 +34,7 @@ def plain(value: Any) -> Any:
 
 
 def without_nan(value: Any) -> Any:
-    """`value` as plain values with NaN and infinity replaced by None, for reports with undefined figures."""
+    """`value` as plain values, with None for NaN and infinity, for reports in which a number is undefined."""
     if type(value) in _AS_THEY_ARE:
         return None if type(value) is float and not math.isfinite(value) else value
     return _without_nan(plain(value))

@@ -30,7 +30,7 @@ class UserEffect:
 
     name        must not be in the catalogue; parameters are called `<name>_<parameter>` in all results
     sensor      "accelerometer" (the effect adds a specific force) or "gyroscope" (it adds an angular rate)
-    parameters  in the order of the last index of the array that `field` returns
+    parameters  the parameters, in the order of the last index of the array that `field` returns
     field       function of the State that returns an array (N, 3, p): the error of each of N samples on the
                 three axes, per unit of each of the p parameters. None if the calibration was loaded from a
                 file without the definition
@@ -91,7 +91,7 @@ class UserEffect:
         return
 
     def required_field(self) -> Callable[[State], ArrayLike]:
-        """The field.
+        """The function that computes the error of the effect per unit of each parameter.
 
         Raises InputError if the effect was loaded from a file, because files do not contain functions.
         """
@@ -103,7 +103,7 @@ class UserEffect:
         return self.field
 
     def columns(self, state: State) -> FloatArray:
-        """The field evaluated at each sample, (N, 3, p).
+        """The error per unit of each parameter (the field of the effect) at each sample, (N, 3, p).
 
         Raises InputError if the definition is missing, if the function returns another shape, or if it
         returns values that are not finite at a sample with finite rate and force.

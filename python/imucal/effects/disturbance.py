@@ -1,7 +1,8 @@
-"""Disturbances without a field: coloured noise, and faults of the data or of the stand.
+"""Disturbances: coloured noise, and faults of the data or of the stand.
 
-A simulation can include disturbances, and a search for missing effects can report them. Disturbances cannot
-be compensated, so they are not part of a calibration.
+Unlike an effect, a disturbance is not a function of the true state of the unit. A simulation can include
+disturbances, and a search for missing effects can report them. Disturbances cannot be compensated, so they
+are not part of a calibration.
 """
 
 from __future__ import annotations

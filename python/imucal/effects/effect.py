@@ -45,12 +45,12 @@ class Alias:
 
 @dataclass(frozen=True)
 class Effect:
-    """One row of the catalogue.
+    """One effect of the catalogue.
 
     sensor      "accelerometer", "gyroscope" or "encoder"
     parameters  in the order of the columns of the field
-    plain       number of parameters of the plain form, which has only the first ones. The full form has all
-                parameters; the numbers of further forms are multiples of this number
+    plain       number of parameters of the plain form, which has only the first parameters of the effect. The
+                full form has all parameters. The number of parameters of every form is a multiple of `plain`
     shape       the positive parameter on which the field depends nonlinearly, such as a time constant; None
                 if the field is linear in all parameters
     needs       inputs of the field other than rate and force: "angular_acceleration", "attitude",
@@ -79,7 +79,9 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class EffectValues:
-    """Values of an effect: `values` (p,) in the order of its parameters, and its shape if it has one.
+    """Values of an effect: `values` (p,) in the order of the parameters, and the value of the shape, or None.
+
+    The shape is the parameter on which the field depends nonlinearly, such as a time constant.
 
     Raises InputError if a value is not finite, or if the shape is not positive.
     """

@@ -99,7 +99,7 @@ class Formula:
 
     @property
     def prefix(self) -> str:
-        """The sensor in names of effects and parameters."""
+        """The prefix that stands for the sensor in names of effects and parameters."""
         return "gyro" if self.sensor == "gyroscope" else "accel"
 
     @property
@@ -162,7 +162,7 @@ def parse_formula(text: str, columns: Collection[str]) -> Formula:
 
 @dataclass(frozen=True)
 class _Reader:
-    """Checks one expression, and splits it into its terms, one per parameter."""
+    """Checks the expression of a formula, and splits it into terms, one per parameter."""
 
     text: str
     columns: Collection[str]

@@ -21,8 +21,8 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 __all__ = ["FormulaEffect", "formula_effects", "sizes_of"]
 
 UNITS: Final = {"gyroscope": "rad/s", "accelerometer": "m/s^2"}
-# Assumed typical rms error of an effect, rad/s and m/s^2: 0.05 deg/s and 1 mg, as for the warm-up effects of
-# the catalogue.
+# Assumed typical rms error that a formula adds to a sensor, rad/s and m/s^2: 0.05 deg/s and 1 mg, the typical
+# sizes of the warm-up effects in the catalogue.
 TYPICAL: Final = {"gyroscope": 8.7e-4, "accelerometer": 9.8e-3}
 # Assumed angular rate of a typical rotation, rad/s. If gyroscope samples are in counts of unknown scale, they
 # are scaled to this rate before typical sizes of effects are computed.
@@ -223,14 +223,15 @@ def _value(node: ast.expr, inputs: Mapping[str, FloatArray]) -> Any:
 
 
 def _typical_sizes(effect: FormulaEffect, states: Sequence[State]) -> list[float]:
-    """Sizes of the parameters with which each term has the standard deviation `TYPICAL` over the states."""
+    """The size of each parameter that gives its term the standard deviation `TYPICAL` over the states."""
     return sizes_of(effect, [effect.columns(state) for state in states])
 
 
 def sizes_of(effect: FormulaEffect, fields: Sequence[FloatArray]) -> list[float]:
-    """Sizes of the parameters with which each term has the standard deviation `TYPICAL` over the recordings.
+    """The size of each parameter that gives its term the standard deviation `TYPICAL` over the recordings.
 
-    `fields` contains, for each recording, the field evaluated at its samples, (N, 3, p).
+    The term is the parameter times the expression that multiplies it. `fields` contains, for each recording,
+    the field (the derivatives with respect to the parameters) at its samples, (N, 3, p).
 
     Raises InputError if the factor of a parameter is constant.
     """
@@ -248,7 +249,7 @@ def sizes_of(effect: FormulaEffect, fields: Sequence[FloatArray]) -> list[float]
 
 
 def _rough_state(recording: Recording) -> State:
-    """The approximate state from uncorrected samples.
+    """The approximate true state, computed from uncorrected samples.
 
     Counts are scaled such that the median force is standard gravity and the largest rate is `TURN_RADPS`.
     """

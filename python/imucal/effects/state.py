@@ -30,7 +30,8 @@ class State:
     temperature_degc      (N,)    degC
     auxiliary             name -> (N,), further columns of the recording
     rotation_wxyz         (N, 4)  attitude quaternion, maps a vector from body to world
-    stand_rad             (N, 3)  angles of the stand's motors, rad; true ones in a simulation, else measured
+    stand_rad             (N, 3)  angles of the stand's motors, rad: true angles in a simulation, otherwise
+                                  measured angles
     stand_rate_radps      (N, 3)  derivatives of these angles, rad/s; zero if not known
     stand_direction       (N, 3)  sign of the last motion of each motor; 0 before the first motion and if
                                   not known

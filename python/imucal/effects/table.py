@@ -13,7 +13,7 @@ __all__ = ["catalogue", "catalogue_by_name", "find", "has_parameter", "not_known
 
 
 def catalogue() -> tuple[Effect, ...]:
-    """All effects of the catalogue, in the order of their families."""
+    """All effects of the catalogue. Effects with related causes, such as temperature, follow each other."""
     return tuple(catalogue_by_name().values())
 
 
@@ -54,8 +54,8 @@ def find(name: str) -> Effect:
 def has_parameter(effect: str, name: str) -> bool:
     """Whether a parameter belongs to an effect.
 
-    For effects of the catalogue, a comparison of the beginnings is not sufficient, because the name of one
-    effect may begin with the name of another.
+    For effects of the catalogue, it is not sufficient that the name of the parameter begins with the name of
+    the effect, because the name of one effect may begin with the name of another.
     """
     row = catalogue_by_name().get(effect)
     if row is None:

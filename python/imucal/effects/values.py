@@ -1,7 +1,7 @@
 """Parsing of the values of effects in arguments, on the command line and in files.
 
 {"gyro_g_sensitivity": 1e-4}                                   all parameters equal
-{"gyro_bias_drift": [1e-6, 0, 0]}                              one value per parameter, as in the catalogue
+{"gyro_bias_drift": [1e-6, 0, 0]}                              one value per parameter, in catalogue order
 {"gyro_bias_warmup": {"values": [1e-3, 0, 0], "shape": 100.0}}
 {"gyro_bias_warmup": "typical"}                                the typical size in MEMS sensors
 {"gyro: k * w * abs(f_z)": [1e-4, 0, 0]}                       a formula, one value per parameter

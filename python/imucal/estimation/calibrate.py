@@ -82,7 +82,7 @@ def calibrate(
     control            recordings that are not fitted and only used to evaluate the result
     gravity_mps2       local gravity, m/s^2. The estimated accelerometer sensitivities are inversely
                        proportional to it. None: normal gravity at `latitude_deg` and `height_m`, or standard
-                       gravity 9.80665 without them
+                       gravity 9.80665 if no latitude is given
     gravity_sigma_mps2 standard deviation of local gravity, m/s^2, to include in the standard deviations of
                        the accelerometer scales. None: with `latitude_deg` the standard deviation of normal
                        gravity, otherwise zero
@@ -123,8 +123,9 @@ def calibrate(
     calibration        calibration of the accelerometer, such as that of an accelerometer alone. Its nine
                        parameters with their covariance are a prior, so that the recordings need only the
                        moves for the gyroscope. A gyroscope in this calibration is not used. The recordings
-                       update the accelerometer, so a calibration that was made from the file of one of them
-                       is refused. The verdict of the result is not better than that of this calibration
+                       update the accelerometer, so a prior calibration that was made from the file of one of
+                       these recordings is refused. The verdict of the result is not better than the verdict
+                       of the prior calibration
     folds              number of additional fits for cross-validation. Each of these fits excludes one part of
                        the rests and moves, and predicts the excluded part
     max_iterations     maximum number of iterations of the joint fit. The fit is repeated with new weights,

@@ -79,7 +79,7 @@ class Evaluation:
     findings      warnings about the recordings
     verdict       `good`, `incomplete` or `poor`
     reasons       why the verdict is not good
-    residuals     for each kind of residual, its rms compared with noise
+    residuals     for each kind of residual, its rms and the rms expected from noise alone
     judgement     the checks of the calibration and these figures against limits; None without limits
     serial_number, provenance   serial number and provenance of the calibration
     recordings    name and files of each recording
@@ -256,7 +256,7 @@ def _not_stated(calibration: Calibration) -> Iterator[str]:
 
 
 def _seen_by_the_fit(calibration: Calibration, recordings: Sequence[Recording]) -> Iterator[Finding]:
-    """Findings for files that are also among the calibration recordings, recognised by their hash."""
+    """Findings for recordings with a file that the fit has also used; files are recognised by their hash."""
     for recording in recordings:
         seen = len(calibration.provenance.seen_in(recording.sources))
         if seen:
@@ -278,7 +278,8 @@ def _seen_by_the_fit(calibration: Calibration, recordings: Sequence[Recording]) 
 def _extrapolated(calibration: Calibration, recordings: Sequence[Recording]) -> Iterator[Finding]:
     """Findings for recordings with temperatures outside the range of the calibration."""
     known_degc = calibration.temperature_range_degc
-    # The temperatures of recordings are looked at only if the calibration depends on them.
+    # The temperatures of the recordings are compared only if an effect of the calibration depends on the
+    # temperature.
     if known_degc is None or not calibration.temperature_effects:
         return
     low, high = known_degc

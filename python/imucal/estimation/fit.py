@@ -39,8 +39,9 @@ class FitReport:
     iterations                 number of iterations
     termination                why the fit stopped: "converged", or a reason that makes the verdict poor:
                                "stalled" (no step decreases chi2 although the gradient is not zero),
-                               "iteration_limit", "not_finite", "weights_not_settled" or "fields_not_settled"
-                               (of a user-defined effect)
+                               "iteration_limit", "not_finite", "weights_not_settled" (the weights of the
+                               residuals still changed), or "fields_not_settled" (the errors per unit of the
+                               parameters of a user-defined effect still changed)
     """
 
     chi2: float | None
@@ -106,8 +107,8 @@ class RestThreshold:
     """How the rests of one recording were detected.
 
     factor                 threshold of rest detection. A window is at rest if (variance of its samples /
-                           noise variance), averaged over the axes, is below it; approximate if hand-held
-                           rests follow a rest on a table; see (11) in docs/model.md
+                           noise variance), averaged over the axes, is below this threshold. The value is
+                           approximate if hand-held rests follow a rest on a table; see (11) in docs/model.md
     stable_from, stable_to range of thresholds that give the same number of rests
     window_s               length of a window, s
     noise_floor            (6,) standard deviation of a sample at rest, gyroscope x, y, z, accelerometer x, y,
@@ -125,10 +126,11 @@ class RestThreshold:
 class Fit:
     """The course of an estimation.
 
-    accelerometer, gyroscope  the two-stage fits, whose results are the start values of the joint fit;
-                              gyroscope is None for an accelerometer alone
-    joint                     the joint fit; None without a joint fit, and `noise_alone`,
-                              `bias_instability_radps`, `tremor_deg` and `effects` are then empty
+    accelerometer, gyroscope  the fit of the accelerometer, and the following fit of the gyroscope. Their
+                              results are the start values of the joint fit; gyroscope is None for an
+                              accelerometer alone
+    joint                     the joint fit of all parameters. Without a joint fit it is None, and
+                              `noise_alone`, `bias_instability_radps`, `tremor_deg` and `effects` are empty
     noise_alone               test whether noise alone explains the residuals
     bias_instability_radps    (3,) bias instability of the gyroscope, rad/s, from the profile of the unit or
                               estimated from the rates at the rests; None if it is negligible
@@ -176,7 +178,8 @@ class Fit:
     def to_dict(self) -> dict[str, Any]:
         """The section `fit` of documents.
 
-        Fields of the joint fit or of held parameters are absent if there are none.
+        Fields about the joint fit are absent without a joint fit, and fields about held parameters are absent
+        if no parameter is held.
         """
         document: dict[str, Any] = plain(self)
         if self.priors is None:
@@ -228,7 +231,7 @@ class Diagnosis:
 
     code        "traded_off" (strongly correlated parameters), "flat" (standard deviation above the usual
                 size of the parameter) or "at_bound" (time constant too long or too short for the recordings)
-    parameters  their names
+    parameters  names of these parameters
     value       the number on which the diagnosis is based, for example a correlation
     message     description of the problem
     way_out     the motion to add

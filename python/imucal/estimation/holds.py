@@ -30,7 +30,7 @@ FORM: Final = "give NAME, NAME=VALUE, or NAME=VALUE+-SIGMA, such as accel_misali
 
 
 def holds_of(hold: Hold) -> tuple[HoldTuple, ...]:
-    """The parameters to hold, as the compiled library expects them. Raises InputError for an invalid form."""
+    """The priors of the held parameters for the compiled library. Raises InputError for an invalid form."""
     if isinstance(hold, str):
         hold = [hold]
     if isinstance(hold, Mapping):
@@ -61,9 +61,10 @@ def _of_mapping(name: str, given: Any) -> HoldTuple:
 def profile_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[tuple[str, list[float]], ...]:
     """Spread between units, from the profile of `unit`, in the symmetric frame, by group of parameters.
 
-    The spread of a profile describes the off-diagonal entries of the sensitivity in the frame of the package.
-    In the symmetric frame, an entry of the accelerometer is the mean of two of these entries, and half of
-    their difference is added to the entry of the gyroscope.
+    The spread in a profile describes the off-diagonal entries of the sensitivity in the frame of the sensor's
+    package, its housing. In the symmetric frame, an off-diagonal entry of the accelerometer is the mean of
+    the entries (i, j) and (j, i) in the frame of the package. Half of the difference of these two entries is
+    added to the entry of the gyroscope.
     """
     if unit is None:
         return ()

@@ -45,7 +45,7 @@ class FoundRest:
 
 @dataclass(frozen=True, slots=True)
 class PredictedSigma:
-    """Standard deviation of a parameter, predicted before any fit; None if it cannot be determined."""
+    """Predicted standard deviation of a parameter; None if the recording does not determine the parameter."""
 
     name: str
     std: float | None
@@ -160,7 +160,7 @@ def only_moves_determine(names: Sequence[str]) -> str:
 
 
 def _found(rest: FoundRest, of_calibration: Sequence[FittedRest]) -> FoundRest:
-    """The rest; if the calibration excludes it, with the reason of the exclusion."""
+    """The rest, with the reason why the calibration excludes it; without a reason if it does not."""
     middle = 0.5 * (rest.start_s + rest.end_s)
     for own in of_calibration:
         if own.start_s is not None and own.end_s is not None and own.start_s <= middle <= own.end_s:

@@ -2,8 +2,8 @@
 
 A prior must be independent of the recordings. The fit updates the accelerometer with the rests of the
 recordings, so a prior from one of these recordings would count its rests twice, and the standard deviations
-would be too small. A fit of the gyroscope with a fixed accelerometer would count no data twice, but there is
-no such fit.
+would be too small. A fit of the gyroscope with a fixed accelerometer would count no data twice, but this
+library does not have such a fit.
 """
 
 from __future__ import annotations

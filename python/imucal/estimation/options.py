@@ -36,7 +36,7 @@ class Options:
     effects      for each effect of the catalogue to estimate: its name, and the number of parameters of its
                  form
     user_fields  user-defined effects, evaluated at each sample of each recording
-    partly       names of the effects with `:seen`, whose parameters have a prior
+    partly       names of the effects that were requested as NAME:seen, so that their parameters have a prior
     accelerometer   nine parameters of a calibrated accelerometer in the symmetric frame, and their
                     covariance, as a prior
     hold         names, means and standard deviations of the held parameters or groups
@@ -90,7 +90,11 @@ def wander_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[Wander, Wande
 def asked_for(
     effects: Sequence[str | UserEffect], recordings: Sequence[Recording]
 ) -> tuple[tuple[tuple[str, int], ...], tuple[str, ...], tuple[UserEffect, ...]]:
-    """Effects of the catalogue (name, parameters of the form), names with `:seen`, and user-defined effects.
+    """The requested effects as three tuples.
+
+    The first tuple contains, for each effect of the catalogue, its name and the number of parameters of the
+    requested form. The second contains the names that were requested as NAME:seen. The third contains the
+    user-defined effects, including formulas.
 
     recordings  the recordings on which formulas among the effects are evaluated
     """

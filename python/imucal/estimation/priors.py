@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 
 __all__ = ["HeldParameter", "PriorShare", "Priors"]
 
-# A note lists the parameters without a prior of which more than this share of the variance comes from the
-# priors of held parameters.
+# A note lists each parameter that is not held if more than this share of its variance comes from the priors
+# of the held parameters.
 NOTED_SHARE: Final = 0.1
 SOURCES: Final = {"given": "given", "unit": "of the unit's profile", "default": "default for MEMS sensors"}
 
 
 @dataclass(frozen=True, slots=True)
 class HeldParameter:
-    """A held parameter with its prior and its estimate, symmetric body frame.
+    """A held parameter, which has a prior, and its estimate, in the symmetric body frame.
 
     name           such as accel_misalignment_xy: accel_ or gyro_, then bias, scale or misalignment, then the
                    axes
@@ -69,7 +69,8 @@ class Priors:
 
     model                  "full", "orthogonal" or "bias"
     held                   the held parameters
-    shares                 for each parameter of the calibration, the share of its variance from the priors
+    shares                 for each parameter of the calibration, the share of its variance that comes from
+                           the priors
     gravity_direction_deg  error of a measured gravity direction due to the uncertainty of the priors, deg (1
                            sigma)
     rotation_deg           error of a measured rotation by 90 deg due to the uncertainty of the priors, deg (1

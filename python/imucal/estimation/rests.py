@@ -18,7 +18,7 @@ class Rest:
     """One rest.
 
     recording            name of the recording
-    first, end           samples [first, end) of the recording
+    first, end           index of the first sample of the rest, and index after its last sample
     start_s, end_s       times of the first and last sample of the rest, s; None in a table of means
     epochs               number of epochs, the parts of a long rest with a separate mean and temperature each;
                          1 if the rest is not split
@@ -85,8 +85,8 @@ class Move:
 class FittedRest(Rest):
     """One rest of a calibration recording.
 
-    chi2, degrees_of_freedom   of the residuals of this rest in a fit without it; None if no joint fit used
-                               the rest
+    chi2, degrees_of_freedom   of the residuals of this rest in a fit without this rest; None if no joint fit
+                               used the rest
     p_value                    probability of a larger chi2 under the null hypothesis of noise only
     """
 
@@ -99,8 +99,8 @@ class FittedRest(Rest):
 class FittedMove(Move):
     """One move of a calibration recording.
 
-    chi2, degrees_of_freedom   of the residuals of this move in a fit without it; None if no joint fit used
-                               the move
+    chi2, degrees_of_freedom   of the residuals of this move in a fit without this move; None if no joint fit
+                               used the move
     p_value                    probability of a larger chi2 under the null hypothesis of noise only
     """
 

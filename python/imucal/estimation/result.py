@@ -51,7 +51,8 @@ class CalibrationResult:
     verdict          `good`, `incomplete` or `poor`: the worst of the verdicts on the calibration recordings,
                      on the control recordings and against limits
     reasons          why the verdict is not good
-    residuals        for each kind of residual of the calibration recordings, its rms compared with noise
+    residuals        for each kind of residual of the calibration recordings, its rms and the rms expected
+                     from noise alone
     diagnosis        parameters that the recordings determine only poorly
     judgement        the checks against limits; None without limits
     accelerometer_of   origin of the calibration of the accelerometer that was given as a prior, or None

@@ -35,7 +35,7 @@ class UserEffectSource:
     effects     the definitions
     recordings  the calibration recordings
     control     the control recordings, which are not fitted
-    given       a calibration for comparison; None to compare with the fit without effects
+    given       a calibration with which the fit is compared; None to compare it with the fit without effects
     """
 
     effects: tuple[UserEffect, ...]
@@ -61,11 +61,11 @@ class UserEffectSource:
     def brief_means(
         self, before: _core.Estimate, after: _core.Estimate, of_control: bool
     ) -> tuple[list[RateAndForce], list[RateAndForce], list[UserField]]:
-        """Means over 0.1 s, corrected by each of two calibrations, and the fields of the user effects.
+        """Means of samples over 0.1 s after correction by two calibrations, and fields of the user effects.
 
-        The first calibration is the given one, or `before` if none is given. The second one is `after`. The
-        fields of the user-defined effects are evaluated at the means that the second calibration has
-        corrected.
+        The first calibration is `self.given`, or `before` if no calibration was given. The second calibration
+        is `after`. The fields of the user-defined effects are evaluated at the means that the second
+        calibration has corrected.
         """
         recordings = [_brief(recording) for recording in (self.control if of_control else self.recordings)]
         better = self._calibration(after)

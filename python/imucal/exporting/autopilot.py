@@ -124,6 +124,7 @@ def _thermal(values: EffectValues, sensitivity: FloatArray) -> Thermal:
 
 
 def _effect(sensor: str, thermal: Thermal, diagonal: FloatArray) -> EffectValues:
-    # The effect of a triad with this diagonal sensitivity: the thermal terms in raw units, divided by it.
+    # For a triad with this diagonal sensitivity, the effect is the thermal terms in raw units, divided by the
+    # sensitivity.
     numbers = np.linalg.solve(diagonal, np.column_stack((thermal.linear, thermal.square, thermal.cube)))
     return EffectValues(THERMAL[sensor], np.asarray(numbers.T.ravel(), dtype=np.float64))

@@ -15,7 +15,7 @@ PREFIX: Final = "imucal"
 
 
 def guarded(content: Sequence[str], prefix: str, what: str) -> list[str]:
-    """The content inside an include guard that contains a hash of the content.
+    """The lines of a C header: the content inside an include guard that contains a hash of the content.
 
     Including two different calibrations with the same prefix is a compile error; an ordinary include guard
     would silently drop the second. `what` is the kind of file, so that a prefix can serve one file of each

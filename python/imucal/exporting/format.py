@@ -46,7 +46,7 @@ Layout: TypeAlias = Callable[[Sequence[str], str], str]
 class Written:
     """The body of a file, and the part of the calibration that it represents.
 
-    lost       description, with its size, of each part of the calibration that the file does not contain
+    lost       for each part of the calibration that the file does not contain, a description with its size
     same_as    calibration whose correction equals the one that the other program computes from the file; None
                for a format that describes noise only
     frame      body frame of the corrected samples

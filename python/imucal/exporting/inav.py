@@ -112,7 +112,7 @@ def write(
 
 
 def _require_resolution(calibration: Calibration, accel_lsb_per_g: float, gyro_lsb_per_dps: float) -> None:
-    """Raise InputError for raw counts with another resolution than those of the sensor's driver in INAV."""
+    """Raise InputError for raw counts whose resolution differs from that of the sensor's driver in INAV."""
     gyro = calibration.gyroscope
     for triad, unit, per_si, driver, what, option in (
         (

@@ -52,9 +52,9 @@ def inverse(triad: Triad) -> FloatArray:
 def along_columns(calibration: Calibration, *, with_body: bool = False) -> Calibration:
     """The calibration for raw samples in the columns of the recordings, before axis remapping (`axes`).
 
-    Firmware and other programs correct such samples. The body frame of the corrected samples stays the same;
-    with `with_body` it is also along the columns. The result has no covariance, because the known covariance
-    is for the parameters after axis remapping.
+    Firmware and other programs correct such samples. The body frame of the corrected samples stays the same.
+    With `with_body`, the axes of the body frame also follow the columns. The result has no covariance,
+    because the known covariance is for the parameters after axis remapping.
     """
     if calibration.axes == UNCHANGED:
         return calibration
@@ -181,7 +181,8 @@ def per_axis(sensitivity: FloatArray) -> FloatArray:
 def misalignment(sensor: str, sensitivity: FloatArray) -> tuple[str, ...]:
     """Description of the omitted misalignment with its largest angle; empty if there is none.
 
-    Raises InputError if an axis points closer to another axis of the body frame than to its own.
+    Raises InputError if a sensor axis points closer to another axis of the body frame than to the axis of the
+    same name.
     """
     _require_along_axes(sensor, sensitivity)
     largest = np.abs(sensitivity / np.diag(sensitivity)[:, None] - np.eye(3)).max()

@@ -16,7 +16,7 @@ EXTRA: Final = "needs Dask: pip install 'imucal-rs[fleet]'"
 # Number of tasks per worker thread that are submitted in advance, so that no thread has to wait for its next
 # task.
 PER_THREAD: Final = 3
-# Timeout of the connection to a scheduler, s. It is sufficient even for a busy network.
+# Timeout of the connection to a scheduler, s. This time is sufficient even on a busy network.
 CONNECT_S: Final = 30
 # Timeout of the restart of a worker, s.
 RESTART_S: Final = 30
@@ -109,7 +109,8 @@ class DaskPool:
 
         The scheduler gives the other tasks of this process to other workers.
         """
-        # A worker that runs without Dask's nanny process cannot be restarted. Its thread then stays occupied.
+        # A worker that runs without Dask's nanny process cannot be restarted. The unfinished job then
+        # continues to occupy a thread of this worker.
         with suppress(Exception):
             self._client.restart_workers(list(self._client.who_has([future])[future.key]), timeout=RESTART_S)
 

@@ -149,8 +149,8 @@ class Fleet(Judging):
     def same_recordings(self, **selection: str | None) -> list[list[str]]:
         """Serial numbers of units whose calibrations are equal to the last bit, one list per calibration.
 
-        These units have the same recording: a file was copied, or a serial number is wrong. Two recordings of
-        one unit never have equal results, because their noise differs.
+        Such units have the same recording, because a file was copied or a serial number is wrong. Even two
+        recordings of one unit never have equal results, because the noise in the recordings differs.
         """
         where, arguments = _selected(selection)
         with self._reading() as connection:
@@ -205,7 +205,11 @@ class Fleet(Judging):
             return measurements(connection, where, arguments, covariances=covariances)
 
     def documents(self, **selection: str | None) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Serial number and document (`calibration`, `judgement`, `gap`) of each selected calibration."""
+        """Serial number and JSON document of each selected calibration.
+
+        A document has the keys `calibration` (the calibration file), `judgement` (its checks against limits)
+        and `gap` (the result of the search for missing effects).
+        """
         where, arguments = _selected(selection)
         with self._reading() as connection:
             yield from documents(connection, where, arguments)

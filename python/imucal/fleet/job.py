@@ -42,8 +42,8 @@ __all__ = [
 
 # Prefix of the key of a job whose files cannot be read. Such a key contains the paths instead of a hash.
 UNREAD: Final = "unread:"
-# Arguments of `calibrate` that cannot be options of a run: each job sets its control recordings and its
-# serial number, and all calibrations of a store have the default frame.
+# Arguments of `calibrate` that cannot be options of a run, because each job sets its own control recordings
+# and serial number, and all calibrations of a store have the default frame.
 OF_A_JOB: Final = ("control", "serial_number", "frame")
 
 

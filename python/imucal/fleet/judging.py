@@ -87,7 +87,7 @@ class Judging(ABC):
         return grr(measured, by=by, tolerances=widths)
 
     def outliers(self, **selection: str | None) -> OutlierResult:
-        """Units that are outliers in the space of all parameters and figures."""
+        """Units that are outliers in the space of all parameters and figures of merit."""
         return outliers(self.measurements(covariances=True, **selection))
 
     def gap(

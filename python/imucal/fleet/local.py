@@ -20,7 +20,7 @@ __all__ = ["Done", "Ended", "LocalPool", "Pool", "processors"]
 
 @dataclass(frozen=True)
 class Ended:
-    """Placeholder for an answer if the process ended without one.
+    """Takes the place of an answer if the process ended without an answer.
 
     how   how the process ended: "by SIGSEGV" or "with exit code 3"; empty if it is not known
     """
@@ -78,7 +78,7 @@ def processors() -> int:
 
 
 class LocalPool:
-    """Processes on this computer. A thread for each process sends work and waits for the answers.
+    """Processes on this computer. One thread per process sends work to it and waits for the answers.
 
     bound   whether each process is bound to one processor, so that processes do not compete; only for a
             computer without other load

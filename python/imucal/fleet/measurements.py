@@ -26,12 +26,13 @@ class Measurements:
 
     serials       (n,) serial numbers; a unit that was measured several times has several rows
     dates         (n,) datetime64[s], UTC; NaT where not known
-    stations      (n,) and also operators, batches, roles, verdicts: text, empty if not known
+    stations      (n,) text, empty if not known; operators, batches, roles and verdicts have the same form
     names, units  names and units of the p parameters, such as gyro_bias_x and rad/s
     values_si     (n, p) values of the parameters, SI units
     sigmas_si     (n, p) standard deviations of the parameters, SI units
     covariances   (n, p, p), or None if they were not requested
-    figures       figures by name, (n,) each: gravity_direction_rms_deg, chi2_per_dof, temperature_degc, ...
+    figures       figures of merit and the temperature by name, (n,) each: gravity_direction_rms_deg,
+                  chi2_per_dof, temperature_degc, ...
     """
 
     serials: TextArray
@@ -107,5 +108,6 @@ class Measurements:
         return dated.where(np.argsort(dated.dates, kind="stable"))
 
 
-# Arrays of `Measurements` with one value per row. The others also have an axis of parameters or of figures.
+# Arrays of `Measurements` with one value per row. The arrays of values, standard deviations and covariances
+# also have an axis of parameters, and `figures` is a dictionary of arrays.
 PER_ROW = ("serials", "dates", "stations", "operators", "batches", "roles", "verdicts")

@@ -43,7 +43,7 @@ class Naming:
     def jobs(self, files: Iterable[str], *, with_lone_controls: bool = True) -> list[Job]:
         """The jobs of files: all files of a unit in one folder form one job.
 
-        InputError for a file without serial number.
+        Raises InputError for a file without serial number.
         """
         groups: dict[tuple[str | None, ...], tuple[list[str], list[str]]] = {}
         for file in files:

@@ -24,26 +24,26 @@ __all__ = [
     "measured_of",
 ]
 
-# Codes of failures that may be absent in a later run, because a file was missing or was changed during the
-# run.
+# Codes of failures that may not occur again in a later run, because their cause was a file that was missing
+# or was changed during the run.
 TRANSIENT: Final = ("file_missing", "file_changed")
-# Compression level of the stored documents. Level 1 takes a fifth of the time of level 6, and its output is
-# larger by a tenth.
+# Compression level of zlib for the stored documents. Level 1 takes a fifth of the time of level 6, and its
+# output is larger by a tenth.
 LEVEL: Final = 1
 
 
 @dataclass(frozen=True)
 class Measured:
-    """The data of a calibration that the store contains.
+    """The part of a calibration result that the store contains.
 
     names      names of the parameters, each with its unit
     values, sigmas   values and standard deviations, float64, in the order of `names`; NaN if a sigma is not
                      known
     covariance   upper triangle by rows, float64; None if it is not known
-    figures      figures of the calibration recordings, and with the prefix `control_` those of the control
-                 recordings
-    document     the calibration file, its checks against limits, and the result of the search for an effect
-                 that the calibration does not include, compressed
+    figures      figures of merit on the calibration recordings, and with the prefix `control_` those on the
+                 control recordings
+    document     compressed JSON with the calibration file, its checks against limits, and the result of the
+                 search for an effect that the calibration does not include
     """
 
     reasons: tuple[str, ...]
@@ -132,7 +132,7 @@ def measured_of(result: CalibrationResult, gap: Any = None) -> Measured:
 
 
 def document_of(document: bytes, covariance: bytes | None) -> dict[str, Any]:
-    """The decompressed JSON document of a stored result, with `calibration`, `judgement` and `gap`."""
+    """The decompressed JSON document of a stored result; keys: `calibration`, `judgement` and `gap`."""
     content: dict[str, Any] = json.loads(zlib.decompress(document))
     stored = content["calibration"]["covariance"]
     if stored is not None and stored["matrix"] is None and covariance is not None:

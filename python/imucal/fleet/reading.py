@@ -26,7 +26,7 @@ ROWS_AT_ONCE: Final = 10_000
 # Python's garbage collector runs. If all rows were fetched at once, the collector would take a third of the
 # reading time.
 BLOBS_AT_ONCE: Final = 500
-# Columns of a table of measurements that precede the columns of figures and parameters.
+# Columns of a table of measurements that precede the columns of figures of merit and parameters.
 ABOUT_COLUMNS: Final = (
     *(
         "serial",
@@ -46,7 +46,7 @@ ABOUT_COLUMNS: Final = (
 )
 NUMBERS: Final = ("seconds", *TEMPERATURES, *FIGURES)
 TEXTS: Final = ("serial", "date", "station", "operator", "batch", "role", "verdict")
-# Columns that contain the float64 values of all parameters or figures of a row as one blob.
+# Columns that contain the float64 values of all parameters or figures of merit of a row as one blob.
 PACKED: Final = ("parameter_values", "sigmas", "figure_values")
 # SQL condition of each argument that selects rows.
 CONDITIONS: Final = {
@@ -92,7 +92,7 @@ def batches_of(
 ) -> Iterator[pa.RecordBatch]:
     """Batches of the current rows (the last calibration of each recording), also of those without a result.
 
-    The columns are texts, figures, and parameters with their standard deviations.
+    The columns are texts, figures of merit, and parameters with their standard deviations.
     """
     import pyarrow as pa
 
@@ -205,7 +205,7 @@ def _common(sets: Sequence[Sequence[tuple[str, ...]]]) -> tuple[tuple[str, ...],
 
 
 def _names(connection: sqlite3.Connection, kinds: np.ndarray[Any, Any]) -> dict[int, Any]:
-    """The lists of parameter or figure names, by the identifiers `kinds` of the lists."""
+    """Lists of names of parameters or figures of merit: those with the identifiers `kinds`, by identifier."""
     rows = connection.execute(
         "SELECT id, names FROM names WHERE id IN (SELECT value FROM json_each(?))",
         [json.dumps(np.unique(kinds).tolist())],
@@ -256,8 +256,8 @@ def _filled(
     """The numbers in the blobs as a table, (n, c), with one row per blob and one column per name in `names`.
 
     kinds   for each blob, the identifier of the list that names its numbers
-    own     these lists by identifier, in the order of the numbers in a blob. The table has NaN for a name
-            that is not in the list of a blob
+    own     for each identifier, the names of the numbers in the order in which a blob has them. The table has
+            NaN if a blob has no number with a name
     """
     place = {name: index for index, name in enumerate(names)}
     found = np.full((len(blobs), len(names)), np.nan)

@@ -1,9 +1,10 @@
 """Computation of the jobs of a fleet that are not in the store.
 
-An outcome is stored before it is counted. If a process ends without an answer, its task is divided in halves,
-down to single jobs. A single job is tried again while no other job runs. If its process ends without an
-answer each time, the job gets the verdict poisoned. Repeated attempts are needed, because a process may also
-be killed from outside, by a person or for lack of memory.
+A task is a group of jobs that one process computes. An outcome is stored before it is counted. If a process
+ends without an answer, its task is divided in halves until single jobs remain. A single job is tried again
+while no other job runs. If the process ends without an answer in every attempt, the job gets the verdict
+`poisoned`. Repeated attempts are needed, because a process may also be killed from outside, by a person or
+for lack of memory.
 """
 
 from __future__ import annotations

@@ -4,9 +4,9 @@
                 |
              options
 
-A job is one recording of a unit, or several that are calibrated together, with the options of its run. The
-row of a job contains its outcome: a verdict, or the reason why there is none. The version of the tables is
-SQLite's `user_version`.
+A job is one recording of a unit, or several recordings that are calibrated together, with the options of the
+run. The row of a job contains its outcome: a verdict, or the reason why there is none. The version of the
+tables is SQLite's `user_version`.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ BASE_NAMES: Final = (
     *(f"gyro_sensitivity_{entry}" for entry in _PAIRS),
 )
 _SETS: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg", "rests", "moves")
-# Figures of the calibration recordings, and, with the prefix `control_`, figures of the control recordings.
+# Figures of merit on the calibration recordings, and, with the prefix `control_`, on the control recordings.
 FIGURES: Final = (*_SETS, *(f"control_{name}" for name in _SETS))
 # Columns with the temperature range of the recordings.
 TEMPERATURES: Final = ("temperature_low_degc", "temperature_high_degc")
@@ -109,7 +109,7 @@ def _first(connection: sqlite3.Connection) -> None:
 
 
 def _second(connection: sqlite3.Connection) -> None:
-    """Version 2: adds the figures of a result as one blob, which is read faster than separate columns."""
+    """Version 2: adds the figures of merit as one blob, which is read faster than separate columns."""
     connection.execute("ALTER TABLE results ADD COLUMN figure_names INTEGER REFERENCES names (id)")
     connection.execute("ALTER TABLE results ADD COLUMN figure_values BLOB")
     columns = (*TEMPERATURES, *FIGURES)
@@ -128,7 +128,7 @@ def _second(connection: sqlite3.Connection) -> None:
 
 
 def packed_figures(figures: Mapping[str, float | None]) -> tuple[str, bytes]:
-    """Names of figures as a JSON list, and their values as float64; NaN for a figure without a value."""
+    """Names of figures of merit as a JSON list, and their values as float64; NaN for a missing value."""
     values = np.array([np.nan if value is None else value for value in figures.values()], dtype="<f8")
     return json.dumps(list(figures)), values.tobytes()
 
@@ -200,7 +200,7 @@ def connect_reading(path: str | os.PathLike[str]) -> sqlite3.Connection:
 def disk_error(path: str | os.PathLike[str], error: sqlite3.Error, stored: str = "") -> InputError:
     """The error for a store that cannot be read or written.
 
-    stored   text for the message on the number of outcomes that are already in the store
+    stored   part of the message that states how many outcomes are already in the store
     """
     reason, name = str(error), os.fspath(path)
     if "locked" in reason:

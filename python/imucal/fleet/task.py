@@ -19,7 +19,8 @@ from imucal.recording.recording import Recording
 
 __all__ = ["FILE_MISSING", "TIME_LIMIT", "Task", "failure_of"]
 
-# Code of an error without a finding, by the class of the exception.
+# Code of the failure of a job, by the class of the exception; used if neither the exception nor one of its
+# findings has a code.
 CODES = (
     (NotEnoughMotionError, "not_enough_motion"),
     (FormatError, "format"),

@@ -1,8 +1,8 @@
 """Candidate effects that depend on auxiliary columns of the recordings, such as a supply voltage.
 
 If a bias follows a recorded column, and the search does not use this column, the bias looks like a random
-walk. The biases of both sensors are therefore always tested against each column, as `gyro: k * (supply_v -
-3.3)`.
+walk. The biases of both sensors are therefore always tested against each column, for example by the formula
+`gyro: k * (supply_v - 3.3)`.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ __all__ = ["column_effects", "usable_columns"]
 # effects of the catalogue describe. A supply voltage stays below this share because of its own noise.
 EXPLAINED: Final = 0.95
 # Maximum number of columns that become candidates. The number is limited because an effect needs more
-# evidence if there are more candidates. The columns are selected of which time, temperature, force and rate
-# explain the smallest share.
+# evidence if there are more candidates. The selected columns are those whose variance is explained least by
+# time, temperature, force and rate.
 MOST_COLUMNS: Final = 6
 # Maximum number of samples of a recording from which the share EXPLAINED of a column is computed.
 SAMPLES: Final = 4000

@@ -41,8 +41,8 @@ class Suggestion:
 
     words             description of the motion
     program           program for the stand
-    temperature       temperature profile for `imucal simulate --temperature`; None to keep that of the
-                      recordings
+    temperature       temperature profile for `imucal simulate --temperature`; None to keep the temperature of
+                      the recordings
     answers           phrase, such as "several rates". If the catalogue's advice on how to distinguish two
                       effects contains this phrase, the motion follows the advice
     on_its_own        whether the search must use the new recording alone, without the present recordings

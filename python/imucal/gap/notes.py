@@ -302,7 +302,11 @@ def not_confirmed_of(analysis: _core.GapAnalysis) -> dict[str, Any] | None:
 
 
 def _filtered(found: Sequence[float]) -> str:
-    """A text on a gyroscope that is filtered and not only delayed, with the second derivative of the rate."""
+    """A text for a gyroscope that is not only delayed but also filtered.
+
+    The filter shows as a dependence of the readings on the second derivative of the rate; the text states its
+    coefficient.
+    """
     tau_s, k_s2, sigma_s2 = found
     words = (
         f"the gyroscope is late by {1e3 * tau_s:.3g} ms on average, but it is not only delayed: the second "

@@ -22,9 +22,9 @@ class Gap(GapFields):
     verdict            nothing_missing, named, ambiguous, stochastic, unknown or data_fault. With the verdict
                        named, residuals may still remain, which `remainder` describes
     effects            accepted effects, or faults of the data: name, sensor, parameters (name, value, std,
-                       unit), log_bayes_factor (nats), statistic, dof, p_value, and closed: by kind of
-                       residual on control or held-out data, the share of the excess chi2 (chi2 beyond noise)
-                       that the effect removes
+                       unit), log_bayes_factor (nats), statistic, dof, p_value, and closed. The field closed
+                       is the share of the excess chi2 (chi2 beyond noise) that the effect removes, for each
+                       kind of residual on control or held-out data
     ambiguous_with     names of effects that explain the residuals as well as the accepted effects do
     resembles          for the verdict unknown: up to three effects with the largest log Bayes factors
     generic            block (the bias or scale that varies), kernel (the pattern) and description of a
@@ -43,10 +43,10 @@ class Gap(GapFields):
     gap                figure of merit on control or held-out data: metric (its name), before and after (its
                        values without and with the effects), floor (the value from noise alone) and closed,
                        (before - after) / (before - floor). If a given calibration was evaluated on control
-                       recordings, `before` is its figure and `refitted` the figure of the fit without
-                       effects; otherwise `refitted` is None
-    where              residuals of the fit without effects: channels, depends, rests, moves, turns_about
-                       (docs/gap.md); None if faults of the data prevented a fit
+                       recordings, `before` is the value for this calibration, and `refitted` the value for
+                       the fit without effects; otherwise `refitted` is None
+    where              residuals of the fit without effects, with the keys channels, depends, rests, moves and
+                       turns_about (see docs/gap.md); None if faults of the data prevented a fit
     corrected_error    predicted rms error of the corrected signals after averaging over 1 s:
                        angular_rate_rms_radps and specific_force_rms_mps2, each with before, after, factor
                        (before / after), and factor_low and factor_high (95 % interval); None if no effect was

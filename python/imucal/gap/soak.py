@@ -231,8 +231,8 @@ class _Search:
         self.of_fold = [np.flatnonzero(folds == fold) for fold in range(FOLDS)]
         self.known: dict[tuple[str, float | None], FloatArray] = {}
         self.cubic = Form(((self.prefix, 9),))
-        # The residuals of each axis are divided by those of the cubic model, so that all axes have similar
-        # weights.
+        # The residuals of each axis are divided by the rms residual of the cubic model, so that all axes have
+        # similar weights.
         self.scale = np.sqrt((self._held_out(self.cubic) ** 2).mean(axis=0))
         self.scale = np.maximum(self.scale, np.finfo(np.float64).tiny)
 

@@ -51,7 +51,7 @@ class SoakedSensor:
     unit           "rad/s" or "m/s^2"
     terms          terms of the model, empty if the reading does not depend on temperature
     constant       (3,), the reading at the reference temperature
-    mean           (N, 3), the mean reading in each of N epochs
+    mean           (N, 3), the mean reading in each of N epochs (consecutive parts of the recording)
     fitted         (N, 3), the reading that the model gives for each epoch
     cubic          (N, 3), the reading that a cubic polynomial in the temperature, fitted for comparison,
                    gives
@@ -110,7 +110,7 @@ class SoakedSensor:
 class Soak:
     """The result of `imucal.soak`.
 
-    time_s, temperature_degc  (N,), mean time and temperature of the epochs
+    time_s, temperature_degc  (N,), mean time and temperature of the epochs, see `SoakedSensor`
     """
 
     name: str

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 __all__ = ["TemperatureLoop", "temperature_loops"]
 
-# Duration over which residuals at rest are averaged, s, and minimum number of these means in a recording.
+# Duration over which residuals at rest are averaged, s. A sensor has a loop only if there are at least
+# LEAST_EPOCHS of these means. A rest is used for the accelerometer only if it has at least LEAST_EPOCHS
+# means.
 EPOCH_S: Final = 10.0
 LEAST_EPOCHS: Final = 8
 SENSORS: Final = {"gyroscope": "gyro_bias_temperature", "accelerometer": "accel_bias_temperature"}
@@ -32,8 +34,8 @@ class TemperatureLoop:
     sensor         "gyroscope" (residuals in rad/s) or "accelerometer" (in m/s^2)
     degc           (K,) temperature
     direction      (K,) 1 heating, -1 cooling, values in between while the temperature reverses
-    before, after  (K, 3) mean residual without and with the effects; for the accelerometer minus the mean
-                   over the rest
+    before, after  (K, 3) mean residual without and with the effects; for the accelerometer, the mean over the
+                   whole rest is subtracted
     """
 
     sensor: str
@@ -46,8 +48,8 @@ class TemperatureLoop:
 def temperature_loops(gap: Gap, recordings: Recording | Sequence[Recording]) -> tuple[TemperatureLoop, ...]:
     """The residuals of each sensor that has a temperature effect; empty without such an effect.
 
-    Residuals of the accelerometer are relative to the mean of their rest, because the true force is not
-    known. They are therefore used only from rests with at least `LEAST_EPOCHS` means.
+    Residuals of the accelerometer are relative to the mean over their rest, because the true force is not
+    known. For the accelerometer, only rests with at least `LEAST_EPOCHS` means are therefore used.
     """
     named = [str(effect["name"]) for effect in gap.effects if effect["parameters"]]
     found = []

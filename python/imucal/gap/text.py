@@ -34,8 +34,8 @@ WITHOUT_AXIS: Final = {"move_direction": "direction after moves", "move_force": 
 LEAST_TIMES_NOISE: Final = 0.05
 # Names in texts of variables that explain residuals, if they differ from the names in JSON documents.
 EXPLAINED_BY: Final = {"gravity": "gravity direction"}
-# Figures of the control recordings or held-out data in texts: name, factor that converts the figure, and
-# unit.
+# Figures of merit on control or held-out data that texts state: name, factor to the unit in the text, and
+# this unit.
 VERIFIED: Final = {
     "gravity_direction_rms_deg": (FIGURE_TEXT["gravity_direction_rms_deg"][0], 1.0, "deg"),
     "gravity_norm_rms_mps2": (FIGURE_TEXT["gravity_norm_rms_mps2"][0], *SHOWN["m/s^2"]),
@@ -44,9 +44,9 @@ VERIFIED: Final = {
 MOST_CHANNELS: Final = 4
 # An improvement factor is printed if the lower end of its 95 % interval is at least this value.
 LEAST_IMPROVEMENT: Final = 1.05
-# The summary states only one improvement: that of the figure on control or held-out data, or that of the kind
-# of residual that improves most. Both are measured in multiples of the noise. The first is chosen if it
-# exceeds this share of the second.
+# The summary states only one improvement: that of the figure of merit on control or held-out data, or that of
+# the kind of residual that improves most. Both are measured in multiples of the noise. The first is chosen if
+# it exceeds this share of the second.
 LEAST_SHARE_OF_CONTROL: Final = 0.1
 
 
@@ -98,8 +98,8 @@ def sentences(gap: GapFields) -> Iterator[str]:
         yield (
             f"{where}: {words} {before:.4g} before{refitted}, {after:.4g} after, "
             f"noise floor {floor:.3g}{f' {unit} rms' if unit else ''}: "
-            # If the figure is worse with the effects, the closed share is negative. Such a difference is
-            # within the scatter of the two figures.
+            # If the figure of merit is worse with the effects, the closed share of the gap is negative. Such
+            # a difference is within the scatter of the two values.
             + (
                 "the difference is not significant"
                 if figure["closed"] < 0
@@ -183,8 +183,8 @@ def _finding(gap: GapFields) -> str:
     )
     figure = _by_the_effects(gap.gap)
     row = max(gap.where["channels"], key=_drop) if gap.where else None
-    # If the control figures hardly improve, the effect acts during moves or on the stand. The improvement of
-    # a kind of residual is then printed instead.
+    # If the figures of merit on control data hardly improve, the effect acts during moves or on the stand.
+    # The improvement of a kind of residual is then printed instead.
     if (
         figure is not None
         and verified is not None
@@ -198,7 +198,7 @@ def _finding(gap: GapFields) -> str:
         closed = min(100.0, 100 * figure["closed"])
         change = f"{factor * before[name]:.2g} -> {factor * after[name]:.2g} {unit} rms"
         return f"{names} {explain} {closed:.0f} % of the gap; {set_name} {words}: {change}"
-    # Without a figure from control or held-out data, the sentence does not claim an improvement.
+    # Without a figure of merit on control or held-out data, the sentence does not claim an improvement.
     if row is None or row["times_noise_after"] is None:
         return f"{names} {'is' if len(gap.effects) == 1 else 'are'} part of the model"
     excess, left = (max(0.0, row[name] ** 2 - 1.0) for name in ("times_noise", "times_noise_after"))

@@ -128,9 +128,9 @@ def _faults(faults: Sequence[Finding]) -> tuple[dict[str, Any], ...]:
 
 
 def _closed(question: Question, analysis: _core.GapAnalysis) -> dict[str, Any]:
-    """Figure of merit on control or held-out data, and the share of its excess over noise that disappears.
+    """Figure of merit on control or held-out data, and the share of its excess over noise that is removed.
 
-    With a given calibration and control recordings, `before` is the figure of the given calibration.
+    With a given calibration and control recordings, `before` is the value for the given calibration.
     """
     metric, before, after, floor = analysis.unseen
     refitted: float | None = None

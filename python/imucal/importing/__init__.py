@@ -213,7 +213,7 @@ def _calibration(
         user_effects=found.user_effects,
         noise=found.noise,
         temperature_range_degc=found.temperature_range_degc,
-        # The verdict is incomplete, because the calibration is usable but its residuals are not known.
+        # The verdict is `incomplete`, because the calibration is usable but its residuals are not known.
         verdict="incomplete",
         reasons=(
             f"this is a calibration of {reader.program}, which imucal has not evaluated on any recording"

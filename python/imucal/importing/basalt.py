@@ -1,4 +1,4 @@
-"""Basalt: calib_accel_bias (9) and calib_gyro_bias (12) of calibration.json.
+"""Basalt: the arrays calib_accel_bias (9 numbers) and calib_gyro_bias (12 numbers) of calibration.json.
 
     corrected = raw + S raw - b
 

@@ -4,10 +4,10 @@
     rate  = R_IMUtoGYRO^T D_w (raw_gyro - Tg force - b_g)
 
 R_IMUtoACC and R_IMUtoGYRO are rotations, Tg is the g-sensitivity, and b_a and b_g are the biases. D_a and D_w
-are triangles of Ta^-1 and Tw^-1: the lower ones in the models `kalibr` and `calibrated`, the upper ones in
-the model `rpng`. So the g-sensitivity in the body frame is T^-1 Tg, with the T of the gyroscope. Sources:
-print_and_load_state in VioManagerOptions.h, print in StateOptions.h, and Propagator.cpp of rpng/open_vins.
-`imucal.exporting.openvins` writes these files.
+are the triangular parts of Ta^-1 and Tw^-1: the lower parts in the models `kalibr` and `calibrated`, the
+upper parts in the model `rpng`. So the g-sensitivity in the body frame is T^-1 Tg, where T is the sensitivity
+of the gyroscope. Sources: print_and_load_state in VioManagerOptions.h, print in StateOptions.h, and
+Propagator.cpp of rpng/open_vins. `imucal.exporting.openvins` writes these files.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from imucal.importing.source_format import Content, Found, Reader, Wanted, corre
 __all__ = ["OPENVINS"]
 
 MATRICES: Final = ("Tw", "R_IMUtoGYRO", "Ta", "R_IMUtoACC", "Tg")
-# Function that keeps the triangle of an inverse matrix, lower or upper, that OpenVINS uses with each value of
-# the field `model`.
+# For each value of the field `model`: the function that keeps the triangular part, lower or upper, of an
+# inverse matrix that OpenVINS uses with this model.
 TRIANGLES: Final = {"kalibr": np.tril, "calibrated": np.tril, "rpng": np.triu}
 
 

@@ -55,7 +55,10 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
 
 
 def _thermal(parameters: Parameters, sensor: str, n: int) -> Cubic | None:
-    """The thermal terms of sensor n: of the slot with the sensor's device ID, or of slot n without IDs."""
+    """The thermal terms of sensor n; None if PX4 does not apply any to this sensor.
+
+    The terms are in the slot that has the device ID of the sensor, or in slot n if the file has no IDs.
+    """
     letter = LETTERS[sensor]
     if parameters.number(f"TC_{letter}_ENABLE", 0.0) != 1:
         return None

@@ -57,12 +57,14 @@ TIME: Final = (
 )
 # Words in names of secondary time columns, which are used only if there is no other time column.
 NOT_TIME: Final = {"zone", "step", "delta", "dt", "diff", "ntp", "gps"}
-# The last words of names of time columns whose values are counted, or are in a unit that is not read.
+# Last words in names of time columns whose values count ticks, frames or samples, or have a unit that is not
+# read.
 COUNTED: Final = {
     *("tick", "ticks", "jiffies", "cycle", "cycles", "frame", "frames", "sample", "samples", "clk"),
     *("min", "mins", "minute", "minutes", "h", "hr", "hrs", "hour", "hours", "d", "day", "days"),
 }
-# Words in brackets that are remarks on a column and no units, beside the words for sensors and times.
+# Words in brackets that are remarks on a column and not units. Words for sensors and times in brackets also
+# count as remarks.
 REMARKS: Final = {
     *("x", "y", "z", "axis", "sensor", "body", "device", "frame", "imu", "board", "phone", "watch", "mems"),
     *("calibrated", "uncalibrated", "cal", "uncal", "calib", "corrected", "compensated", "filtered"),

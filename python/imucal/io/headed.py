@@ -47,7 +47,8 @@ __all__ = [
     "with_corrections",
 ]
 
-# Ticks per second of SampleTimeFine of an MTi, from the MT low-level communication protocol.
+# Ticks per second of SampleTimeFine, the time column of Xsens MTi sensors, from the MT low-level
+# communication protocol.
 TICKS_100US: Final = 1e4
 
 
@@ -151,7 +152,10 @@ def require_agreement_of_names(name: str, pairs: Sequence[tuple[str, str]]) -> N
 def _require_agreement(
     name: str, header: Header, stated: Sequence[tuple[str, str, str]], way_out: str, *, check_axes: bool
 ) -> None:
-    """As `require_agreement`; `stated` has the name, the name with its unit, and the canonical name."""
+    """Raises InputError as described in `require_agreement`.
+
+    stated  for each column: its name in the file, this name with its unit, and the assigned canonical name
+    """
     roles = {
         column: (what, axis)
         for what, triads in (("accel", header.accel), ("gyro", header.gyro))
@@ -239,8 +243,8 @@ def certain_time(
     if has_rate:
         return None, None
     if header.stamp is not None and np.any(head.numbers(header.stamp[0]) > 0):
-        # The seconds and nanoseconds of the message are joined to one time stamp in ns. It is used instead of
-        # the time at which the message was received.
+        # The seconds and nanoseconds of the message are joined to one time stamp in ns. This time stamp is
+        # used instead of the time at which the message was received.
         return (header.stamp[0], "time_ns"), None
     time = time_of(header, head)
     return None if time is None else time

@@ -60,7 +60,7 @@ class Header:
     stamp        names of two columns with the seconds and the nanoseconds of a time stamp of ROS, or None
     temperature  name of a column of temperature and its canonical name, or None
     program      the program or app that writes such files, with the units of its manual, or None
-    unread       the text in the place of a unit, of each column whose name states a unit that is not read
+    unread       for each column whose name states a unit that is not read: the text of this unit
     mixed        the triads whose columns state different units
     """
 
@@ -154,7 +154,8 @@ def header_of(
     header = Header(times=times, stamp=stamp, temperature=temperature, program=program, unread=unread)
     if not _has(groups, "gyro"):
         _index_axes(names, described, groups)
-    # Triads without any unit in their names. Only these have the units of the program that wrote the file.
+    # Triads without any unit in their names. Only these triads get the units in the manual of the program
+    # that wrote the file.
     without_units = set()
     for (what, _), found in groups.items():
         if len(found) != 3:

@@ -1,9 +1,9 @@
-"""Detection of text tables with the samples of several units (IMUs), of which a column names one in each row.
+"""Detection of text tables that contain the samples of several units (IMUs).
 
-The column may contain addresses, for example. If such a table were read as the recording of one unit, its
-samples and its sampling rate would be wrong. A column may also contain labels that do not name a unit, such
-as classes of a motion. In this case the samples of two consecutive rows with different labels differ no more
-than those of two consecutive rows with the same label.
+In such a table, a column names the unit of each row, for example by its address. If the table were read as
+the recording of one unit, the samples and the sampling rate would be wrong. A column may also contain labels
+that do not name a unit, such as classes of a motion. In this case, samples of two consecutive rows with
+different labels differ no more than samples of two consecutive rows with the same label.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from imucal.io.text import Text
 
 __all__ = ["refuse_interleaved"]
 
-# Largest number of units (IMUs) in one table.
+# Largest number of different labels in a column for the labels to count as names of units (IMUs).
 MOST_UNITS: Final = 8
 # A column can name units if the table has at least LEAST_ROWS rows, and if the label in at least the share
 # LEAST_CHANGES of the rows differs from the label in the previous row.

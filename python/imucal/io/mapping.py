@@ -15,7 +15,9 @@ def column_list(columns: str | Sequence[str]) -> list[str]:
 
 
 def mapping_of(columns: str | Sequence[str]) -> dict[str, str] | None:
-    """The file's name of each canonical name: {"time_s": "t"} for "time_s=t". None for a list without `=`.
+    """For each canonical name, the column name in the file: {"time_s": "t"} for "time_s=t".
+
+    None for a list without `=`.
 
     Raises InputError if only some names have a `=`, or a canonical name is given twice.
     """

@@ -22,8 +22,8 @@ from imucal.io.table import Table
 __all__ = ["cleaned_columns", "without_blank_rows"]
 
 # Rows with a wrong number of fields or with a field that is not a number, for example after an error on a
-# serial line, are skipped. The file is refused if the number of either, divided by the number of valid rows,
-# exceeds this ratio.
+# serial line, are skipped. The file is refused if the number of rows with either error, divided by the number
+# of valid rows, exceeds this ratio.
 MOST_GARBLED: Final = 0.01
 # Lines of text between the rows are skipped. The file is refused if their number, divided by the number of
 # valid rows, exceeds this ratio.
@@ -65,7 +65,8 @@ def _filled(rows: Any) -> Any:
 class _LeftOut:
     """The skipped lines with a wrong number of fields.
 
-    Each has its index among all lines, its content, and whether it is a line of text.
+    lines   for each skipped line: its index among all lines, its content, and whether it is a line of text
+    width   number of fields of a valid row
     """
 
     lines: list[tuple[int, str, bool]]

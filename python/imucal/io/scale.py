@@ -56,7 +56,7 @@ RATES_HZ: Final = (5.0, 40_000.0)
 # Whole numbers can be accelerations in mg if their median magnitude is in this range. Gravity is 1000 mg, and
 # biases of MEMS sensors reach 50 mg.
 MG: Final = (900, 1100)
-# Numbers that can be mg can also be counts of 0.01 m/s^2 (BNO055), of which 981 are 1 g. The unit is
+# Numbers that can be mg can also be counts of 0.01 m/s^2 (BNO055), in which 1 g is 981 counts. The unit is
 # ambiguous if their median magnitude is in the first range (whole numbers) or in the second range (all other
 # numbers).
 MG_OR_CM_PER_S2: Final = ((900, 1030), (971, 991))
@@ -68,7 +68,8 @@ UNSTEADY: Final = 0.5
 REPEATED: Final = 0.25
 # Largest share of time steps that may be negative in a column of time.
 MOST_BACKWARDS: Final = 0.1
-# The sensor can be at rest only if the standard deviation of the accelerometer's samples is below this, g.
+# The sensor can be at rest only if the standard deviation of the accelerometer's samples is below this number
+# of g.
 STILL_G: Final = 0.02
 # Number of consecutive samples in a block. The noise is estimated from the blocks with the least variation.
 BLOCK: Final = 20
@@ -268,9 +269,10 @@ def is_whole(values: FloatArray) -> bool:
 
 
 def _noise(values: FloatArray) -> tuple[float, float]:
-    """Two standard deviations of the noise per sample, from the standard deviations of short blocks.
+    """Two estimates of the standard deviation of the noise per sample, from short blocks of samples.
 
-    The first is their 10 % quantile, and the second their smallest value that is not zero.
+    The first estimate is the 10 % quantile of the standard deviations of all blocks. The second estimate is
+    the smallest standard deviation of a block that is not zero.
     """
     steps = np.diff(values, axis=0)
     steps = steps[np.isfinite(steps).all(axis=1)]

@@ -168,7 +168,10 @@ def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
 
 
 def how_read(sensor: Sensor, what: str, units: Units, unit: str, source: str) -> str:
-    """The start of a message on columns and units. It says whether `source` or gravity gave the unit."""
+    """The start of a message on columns and units.
+
+    It states whether the unit is given by `source` or was inferred from the size of gravity.
+    """
     if stated_unit(sensor, what, units) is not None:
         return f"columns and units were read from {source}"
     return f"columns were read from {source}; the unit {unit} follows from the size of gravity"

@@ -32,7 +32,8 @@ RATE: Final = (
     r"(?i)(?:(?<![a-z])(?<!baud )(?<!baud_)(?:rate|sps)|(?:^\W*|sampl\w*[ _])fr[eé][qck]\w*)"
     r"(?: *[(\[]hz[)\]])?[\W_]{0,4}(\d+(?:\.\d+)?)"
 )
-# A name of a temperature. Its values are probably in degC if their median is in this range.
+# Matches the name of a temperature column. Its values are probably in degC if their median is in the range
+# PLAUSIBLE_DEGC.
 TEMPERATURE: Final = r"(?i)temp(?:erature)?(?![a-z])"
 PLAUSIBLE_DEGC: Final = (-60.0, 130.0)
 
@@ -161,7 +162,7 @@ def columns_suggested(
 def time_suggested(
     names: Sequence[str], cells: Mapping[str, Sequence[str]], numbers: Callable[[str], Any]
 ) -> str:
-    """A sentence that proposes the time column of these columns; empty if no name is that of a time.
+    """A sentence that proposes the time column of these columns; empty if no column has the name of a time.
 
     Arguments as for `columns_suggested`.
     """

@@ -1,8 +1,8 @@
 """Spellings of units in headers of text files, and the corresponding suffixes of canonical names.
 
-The sizes of the units are in `imucal.units.COLUMN_UNITS`. A text in the place of a unit that is no unit of
-this module is never taken for a missing unit: `split_unread` returns it, and the file is not read without
-help.
+The sizes of the units are in `imucal.units.COLUMN_UNITS`. If a name has, in the place of a unit, a text that
+is not a unit of this module, the unit does not count as missing. `split_unread` returns this text, and the
+file is read only if the user states the units of its columns.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ _SPELLINGS: Final[dict[tuple[str, str], str]] = {
     "nounits unitless noname",
 }
 _UNIT: Final = {word: unit for unit, words in _SPELLINGS.items() for word in words.split()}
-# Characters that occur in units in several forms.
+# Characters of units that have several forms, and the form that replaces them.
 _CHARACTERS: Final = str.maketrans(
     {"µ": "u", "μ": "u", "²": "2", "⁻": "-", "¹": "1", "˚": "°", "∘": "°", "\\": None}
 )
@@ -83,7 +83,8 @@ _ENDING: Final = (
     r"sec|secs|seconds|millis|micros|nanos|milliseconds|microseconds|nanoseconds))$"
 )
 _ENDING_UNIT: Final = {"mps": ("accel", "mps2"), "mss": ("accel", "mps2")}
-# Matches a number before a unit at the end of a name, as in "Gyr x 0.1 dps". One digit numbers a sensor.
+# Matches a number before a unit at the end of a name, as in "Gyr x 0.1 dps". A single digit does not match,
+# because it is the number of a sensor.
 _MULTIPLE: Final = r"(?<![A-Za-z\d.])(?:\d*\.\d+|[1-9]\d+)[_ ]?$"
 # Matches the last words of a name that state a quantity per time, such as "inch/s²", or a unit with several
 # meanings.
@@ -121,7 +122,7 @@ def split_unread(name: str) -> tuple[str, str]:
     """A column name without a unit that is not read, and this unit, as in ("Acc x", "inch/s²").
 
     The unit is "" if the name has no text in the place of a unit. Remarks such as (with gravity), [x8004] and
-    (z-axis) are no units. Only for names in which `split_unit` finds no unit.
+    (z-axis) are no units. The function is only for names in which `split_unit` finds no unit.
     """
     for match in reversed(list(re.finditer(_BRACKETS, name))):
         text = match[1].strip()

@@ -107,7 +107,7 @@ def _sample_size(start: bytes) -> int | None:
 
 
 def _sample_offsets(content: bytes, size: int) -> NDArray[np.int64]:
-    """Offsets of the packets with a whole sample that another packet, or the end of the file, follows."""
+    """Offsets of packets with a whole sample that are followed by a packet or by the end of the file."""
     data = np.frombuffer(content, np.uint8)
     is_start = (data[:-1] == SAMPLE[0]) & (data[1:] == SAMPLE[1])
     at = np.flatnonzero(is_start)

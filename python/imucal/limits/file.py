@@ -167,7 +167,7 @@ def _is_permitted(parameter: str, effects: Sequence[str]) -> bool:
 
 
 def _possible(parameter: str, unit: str) -> tuple[float, float]:
-    """The range of possible values of a bias or a sensitivity; unlimited for an effect."""
+    """The range of possible values of a bias or sensitivity; unlimited for a parameter of an effect."""
     sensor = "accelerometer" if parameter.startswith("accel") else "gyroscope"
     if re.fullmatch("(accel|gyro)_bias_[xyz]", parameter):
         return -BIAS[unit], BIAS[unit]

@@ -24,7 +24,7 @@ NEAR_SIGMAS: Final = 2.0
 
 @dataclass(frozen=True)
 class Check:
-    """One value with its limit.
+    """The check of one value against its limit.
 
     what       a parameter, "std of" a parameter, a figure of a set of recordings, or "effects not allowed"
     value      in `unit`; None if it does not exist
@@ -52,7 +52,7 @@ class Check:
 
     @property
     def used(self) -> float:
-        """How much of the permitted deviation the value uses; infinite without a value.
+        """The share of the permitted deviation that the value uses; infinite without a value.
 
         Checks are sorted by this number. In a range it is 0 in the middle and 1 at the ends. For a maximum
         alone it is value / maximum. For a minimum alone it is 0 if the check passes, and minimum / value if
@@ -184,7 +184,7 @@ class Judgement:
         return tuple(dict.fromkeys(check.reason for check in self.failed))
 
     def applied(self, verdict: Verdict, reasons: Sequence[str]) -> tuple[Verdict, tuple[str, ...]]:
-        """The verdict after the checks, with all reasons. The arguments are those before the checks."""
+        """The verdict and all reasons after the checks, from the verdict and the reasons before them."""
         return verdict if self.passed else "poor", (*self.reasons, *reasons)
 
     @property

@@ -99,7 +99,7 @@ class ParameterLimit:
 
 @dataclass(frozen=True)
 class FigureLimit:
-    """A maximum of a figure of a set of recordings, or a minimum number of its rests or moves.
+    """A maximum of a figure of merit on a set of recordings, or a minimum number of its rests or moves.
 
     of      "calibration_set", "control_set" or "held_out"
     figure  one of `FIGURES[of]`

@@ -25,7 +25,7 @@ KALIBR: Final = {
 
 
 def kalibr_yaml(noise: NoiseResult, *, rostopic: str = ROSTOPIC) -> str:
-    """Kalibr's imu.yaml: continuous-time figures in SI units, the largest of the three axes.
+    """Kalibr's imu.yaml: continuous-time noise figures in SI units, each the largest of the three axes.
 
     A random walk that is not detected is written as the upper end of its 95 % band, with a comment, because
     Kalibr does not accept zero. If only one sensor was recorded, only its two lines are written. Raises

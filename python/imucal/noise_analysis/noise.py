@@ -94,7 +94,7 @@ class AxisNoise:
 
 @dataclass(frozen=True)
 class Departure:
-    """Change of the mean of one axis: its size and standard deviation, m/s^2, rad/s or lsb.
+    """Change of the mean of one axis: size and standard deviation of the change, m/s^2, rad/s or lsb.
 
     gain  twice the increase of the log-likelihood when this change is added to a model with random noise only
     """
@@ -141,9 +141,9 @@ class NoiseResult:
                       recording does not have
     accel_unit, gyro_unit   units of the samples; None for a sensor that the recording does not have
     start_s, end_s    start and end of the rest that was used, s
-    steps             steps of the means in the used part of the rest, which increase the noise figures
+    steps             steps of the means in the used part of the rest; they increase the noise figures
     cut_steps         steps of the means in the part of the rest that was not used
-    drifts            drifts of the means in the used part of the rest, which increase the noise figures
+    drifts            drifts of the means in the used part of the rest; they increase the noise figures
     findings          findings about the recording
     """
 
@@ -171,7 +171,7 @@ class NoiseResult:
         return tuple(self.axes[f"{sensor}_{axis}"] for axis in "xyz")
 
     def has(self, sensor: str) -> bool:
-        """Whether there are figures of "accel" or "gyro"."""
+        """Whether there are noise figures of the sensor "accel" or "gyro"."""
         return f"{sensor}_x" in self.axes
 
     @property

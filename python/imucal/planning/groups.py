@@ -40,7 +40,8 @@ class PlannedParameter:
 def is_of(name: str, group: str) -> bool:
     """Whether a parameter is in a group.
 
-    A prefix is not sufficient, because the name of an effect may begin with that of a group.
+    It is not sufficient that the name of the parameter begins with the name of the group, because the name of
+    an effect may also begin with the name of a group.
     """
     if group in GROUPS:
         return re.fullmatch(f"{group}_[xyz]+", name) is not None

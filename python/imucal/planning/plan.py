@@ -137,7 +137,7 @@ def plan(
 
 
 def _within(planned: Plan, minutes: float | None, *, reached: bool) -> Plan:
-    """The plan with the allowed duration. `reached` is whether the plan meets the targets."""
+    """The plan with its allowed duration; the argument `reached` is whether the plan meets the targets."""
     planned = dataclasses.replace(planned, allowed_minutes=minutes)
     return dataclasses.replace(planned, reached=reached and is_within(planned))
 
@@ -185,7 +185,7 @@ class _Planner:
             return self._search(minutes_allowed, None, self.proposals)
         sigma = sigma_of(targets, self._parameters(minutes_allowed))
         if self.limits.axis_count < 3 or any(axis and axis.in_si()[2] for axis in self.limits.axes):
-            # If no program of this stand determines a parameter, its target is removed.
+            # If no program of this stand determines a parameter, the target of this parameter is removed.
             trial, _ = self._search(minutes_allowed, None, FEW_PROPOSALS)
             determined = self._prospect(self._run(trial)).predicted_sigma
             base = [math.inf if std is None else s for s, std in zip(sigma, determined, strict=False)]

@@ -119,7 +119,7 @@ def is_within(plan: Plan) -> bool:
 
 
 def not_reached(plan: Plan) -> str:
-    """What a plan that is not `reached` fails, and what to change."""
+    """Text for a plan that misses a target or the allowed duration: what it misses, and what to change."""
     relax = "allow more time (--minutes), or relax the targets (--target)"
     if is_within(plan):
         return f"targets not reached: {relax}"

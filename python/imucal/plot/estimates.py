@@ -172,7 +172,10 @@ def _words(p: Parameter) -> str:
 
 
 def _position(check: Check) -> float:
-    """Position of a check on the axis: `Check.used`, negative for a value in the lower half of a range."""
+    """Position of a check on the axis: the used share of the permitted deviation (`Check.used`).
+
+    The position is negative for a value in the lower half of its permitted range.
+    """
     if check.value is not None and check.low is not None and check.high is not None:
         return check.used if 2 * check.value >= check.low + check.high else -check.used
     return check.used

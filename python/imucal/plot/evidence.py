@@ -1,4 +1,4 @@
-"""Plots of a search for a missing effect: residuals, evidence of the candidates, figures before and after."""
+"""Plots of a search for a missing effect: residuals, evidence of the candidates, and figures of merit."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ INTERVAL_95: Final = 1.96
 
 MG: Final = SHOWN["m/s^2"][0]
 LAW_MARKERS: Final = ("circle", "triangle-up", "square")
-# Factor and title of the variables of formulas, in the units of datasheets.
+# For each variable of formulas: factor to the unit of datasheets, and title of its axis.
 VARIABLES: Final = {
     "w": (1.0 / DEGREE_RAD, "rate about the axis, deg/s"),
     "w_norm": (1.0 / DEGREE_RAD, "magnitude of the rate, deg/s"),
@@ -45,7 +45,7 @@ FIGURES: Final = {
     "gravity_norm_rms_mps2": "|f| − g at rest, rms, mg",
     "gravity_direction_rms_deg": "direction error per move, rms, deg",
 }
-# Names of the kinds of residuals in figures; the axis is appended.
+# Names of the kinds of residuals in plots; the body axis is appended.
 CHANNELS: Final = {
     "rest_norm": "|f| − g at rest",
     "rest_rate": "rate at rest about",
@@ -196,20 +196,25 @@ def _in_shown_units(variable: str, values: FloatArray) -> tuple[FloatArray, str]
 
 
 def shown(name: str, figures: Mapping[str, Any]) -> float | None:
-    """The figure `name`, converted to the unit in its title in `FIGURES`; None if the figure is not known."""
+    """The figure of merit `name`, in the unit that its title in `FIGURES` states; None if it is not known."""
     value: float | None = figures.get(name)
     return value if value is None or not name.endswith("_mps2") else MG * value
 
 
 def figure_sets(gap: Gap) -> dict[str, Mapping[str, Any]]:
-    """Figures before and after, by name of the set. Sets that the fit has not used come first."""
+    """Figures of merit before and after the effects were added, by name of the set of recordings.
+
+    Sets that the fit has not used come first.
+    """
     return {word: getattr(gap, of) for of, word in SETS.items() if getattr(gap, of) is not None}
 
 
 def before_and_after(gap: Gap) -> Figure:
-    """Figures of the control, held-out and calibration sets, before and after the effects were added.
+    """Plot of the figures of merit of the control, held-out and calibration sets.
 
-    Raises InputError if there are no figures, ImucalError without plotly.
+    The plot shows the values before and after the effects were added.
+
+    Raises InputError if there are no figures of merit, ImucalError without plotly.
     """
     sets = figure_sets(gap)
     if not sets:

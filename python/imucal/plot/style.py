@@ -75,7 +75,7 @@ def styled(figure: Figure, height: int) -> Figure:
         "uirevision": "kept",
         **axes,
     }
-    # One assignment takes a tenth of the time of an update of each axis.
+    # Assigning the whole layout at once takes a tenth of the time of updating each axis separately.
     figure.layout = _merged(layout, style)
     return figure
 

@@ -29,7 +29,9 @@ def evenly(count: int, most: int = MOST) -> list[int]:
 
 
 def thinned(importance: FloatArray, most: int = MOST) -> list[int]:
-    """At most `most` indices, increasing: one half of the most important items, the other evenly spaced.
+    """At most `most` indices, increasing.
+
+    One half are the indices of the most important items, and the other half are evenly spaced.
 
     importance  (K,); NaN counts as the lowest importance
     """

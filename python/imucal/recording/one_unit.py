@@ -109,7 +109,7 @@ def _is_same_run(one: Recording, other: Recording) -> bool:
 
 
 def _changes(recording: Recording, end: int | None = None) -> NDArray[Any]:
-    """The samples before index `end` that differ from the previous sample, one row each with all channels."""
+    """The samples before index `end` that differ from the previous sample; one row per sample, all axes."""
     there = (recording.specific_force, recording.angular_rate)
     rows = np.hstack([samples[:end] for samples in there if samples is not None])
     is_new = np.ones(len(rows), dtype=bool)

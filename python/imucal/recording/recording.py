@@ -1,6 +1,6 @@
 """A recording: the measurements of one unit, with one sample per row.
 
-1. Time is in seconds. A triad is either in SI units (m/s^2, rad/s) or in raw counts ("lsb").
+1. Time is in seconds. Each sensor is either in SI units (m/s^2, rad/s) or in raw counts ("lsb").
 2. An accelerometer at rest reads +g on the axis that points up.
 3. Values are kept as recorded. The checks, not this type, detect NaN, gaps and saturation.
 """
@@ -161,10 +161,10 @@ class Recording:
         return html_of(self)
 
     def said(self, samples: int, duration_s: float) -> str:
-        """A one-line description.
+        """A one-line description of the recording.
 
-        The arguments are the number of samples and the duration to state. If this object is only the first
-        piece of a recording, they may be those of the whole recording.
+        The arguments are the number of samples and the duration that the description states. If this object
+        is only the first piece of a recording, the caller may pass the numbers of the whole recording.
         """
         extras = [
             *(["temperature"] if self.temperature_degc is not None else []),
@@ -244,11 +244,12 @@ class Recording:
         )
 
     def without_copies(self) -> Recording:
-        """The recording without copies: samples that repeat time stamp and values of the previous sample.
+        """The recording without copies.
 
-        A warning among the findings reports the number of copies. If other consecutive samples have equal
-        time stamps but different values, no sample is removed: the time stamps are then too coarse, and equal
-        samples may be coincidences.
+        A copy is a sample that repeats the time stamp and all values of the previous sample. A warning among
+        the findings reports the number of copies. If other consecutive samples have equal time stamps but
+        different values, no sample is removed: the time stamps are then too coarse, and equal samples may be
+        coincidences.
         """
         is_copy = np.zeros(len(self), dtype=bool)
         # The times are compared first. The samples are compared only at rows with equal times, which are

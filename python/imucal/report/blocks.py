@@ -24,7 +24,10 @@ MOST_RECORDINGS = 3
 
 
 def propagated_tab(judged: Evaluation) -> Tab:
-    """Tab with the plots of propagated gravity, figures 2 to 4 of the paper, for each control recording."""
+    """Tab with the plots of propagated gravity for each control recording.
+
+    The plots are those of figures 2 to 4 of the paper that docs/model.md cites.
+    """
     content: list[Shown | str] = [
         paragraph(
             "The gyroscope propagates gravity from the first rest of the run to every later rest, so its "

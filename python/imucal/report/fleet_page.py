@@ -219,7 +219,8 @@ def _parameters(
 def _of_spread(spread: Spread, scale: Scale) -> list[str]:
     """Mean, spread and noise as text.
 
-    The mean has the decimals of two significant digits of its standard deviation, the others two digits.
+    The mean is rounded to the second significant digit of its standard deviation. Spread and noise are
+    rounded to two significant digits.
     """
     stds = [scale.factor * std for std in (spread.mean_std, spread.spread, spread.noise)]
     shown = [scale.shown(spread.mean), *stds[1:]]

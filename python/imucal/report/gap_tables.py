@@ -34,7 +34,10 @@ def effects_table(gap: Gap) -> str:
 
 
 def gap_figures_table(gap: Gap) -> str:
-    """HTML table with the figures of all sets before and after the effects were added; empty without sets."""
+    """HTML table with the figures of merit of all sets of recordings, without and with the effects.
+
+    Empty without sets.
+    """
     known = figure_sets(gap)
     header = ["", *(f"{name}, {when}" for name in known for when in ("before", "after"))]
     rows = [

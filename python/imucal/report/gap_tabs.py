@@ -1,4 +1,4 @@
-"""Contents of the tabs of a search report: residuals, laws, evidence, and figures before and after.
+"""Contents of the tabs of a search report: residuals, laws, evidence, and figures of merit.
 
 A law is a formula for residuals that no effect of the catalogue describes. The gap is the part of the
 residuals that exceeds their noise. Rivals are effects that explain the residuals about as well as the found
@@ -164,7 +164,7 @@ def evidence(gap: Gap) -> Iterator[Shown | str]:
 
 
 def change(gap: Gap) -> Iterator[Shown | str]:
-    """The share of the gap that each effect closes, and the figures before and after."""
+    """The share of the gap that each effect closes, and the figures of merit without and with the effects."""
     if plot.waterfall_steps(gap):
         yield Shown(
             "waterfall",

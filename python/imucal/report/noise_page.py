@@ -54,7 +54,7 @@ def write_noise_page(path: str | Path, noise: NoiseResult) -> None:
 
 
 def noise_table(noise: NoiseResult) -> str:
-    """Every figure with its 95 % confidence interval."""
+    """Every noise figure with its 95 % confidence interval."""
     rows = [
         [f"{name} {kind.replace('_', ' ')}", *_cells(figure)]
         for name, axis in noise.axes.items()

@@ -1,4 +1,4 @@
-"""HTML that notebooks show for a result: verdict and tables. Figures come from `imucal.plot`."""
+"""HTML that notebooks show for a result: verdict and tables. Plots come from `imucal.plot`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def of_calibration(calibration: Calibration) -> str:
 
 @html_of.register
 def of_calibration_result(result: CalibrationResult) -> str:
-    """Verdict, figures, checks against limits, parameters, and notes."""
+    """Verdict, figures of merit, checks against limits, parameters, and notes."""
     sets = {
         "control, uncalibrated": result.control_before,
         "control, calibrated": result.control_set,
@@ -60,7 +60,7 @@ def of_calibration_result(result: CalibrationResult) -> str:
 
 @html_of.register
 def of_evaluation(judged: Evaluation) -> str:
-    """Verdict, figures, and checks against limits."""
+    """Verdict, figures of merit, and checks against limits."""
     checks = "" if judged.judgement is None else checks_table(judged.judgement)
     sets = {"uncalibrated": judged.before, "calibrated": judged.figures}
     return _lead(sentences.of_evaluation(judged)) + figures_table(sets) + checks
@@ -111,7 +111,7 @@ def _range(values: Any) -> list[str]:
 
 @html_of.register
 def of_gap(gap: Gap) -> str:
-    """Verdict, effects added to the model, figures before and after, and notes."""
+    """Verdict, effects added to the model, figures of merit without and with the effects, and notes."""
     return _lead(sentences.of_gap(gap)) + effects_table(gap) + gap_figures_table(gap) + item_list(gap.notes)
 
 

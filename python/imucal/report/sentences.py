@@ -32,7 +32,7 @@ NO_NAME = {
 
 
 def of_calibration(result: CalibrationResult) -> Verdict:
-    """Whether the calibration is good, and by how much it improves the figures of control recordings."""
+    """Whether the calibration is good, and by how much it improves figures of merit on control recordings."""
     beside = f"{result.used.removesuffix(' used')} are used."
     if result.control is None:
         beside += " There is no control recording to verify it: give one with --control."
@@ -135,7 +135,7 @@ def _judged(result: CalibrationResult | Evaluation | NoiseResult, good: str, bes
 
 
 def _better(judged: Evaluation) -> str:
-    """A sentence on the most informative figure before and after calibration; empty if no figure is known."""
+    """A sentence on the most informative figure of merit before and after calibration; empty without any."""
     uncalibrated = judged.before.gravity_direction_rms_deg
     calibrated = judged.figures.gravity_direction_rms_deg
     if uncalibrated is None or calibrated is None:

@@ -99,7 +99,7 @@ def shown_name(name: str, scale: Scale) -> str:
 
 
 def figures_table(columns: Mapping[str, object]) -> str:
-    """Figures of sets of recordings, one column per set; sets that are None are omitted."""
+    """Figures of merit, one column per set of recordings; sets that are None are omitted."""
     sets = {name: plain(figures) for name, figures in columns.items() if figures is not None}
     keys = [key for key in FIGURES if any(key in figures for figures in sets.values())]
     rows = [[FIGURES[key], *(_figure(key, figures.get(key)) for figures in sets.values())] for key in keys]

@@ -26,8 +26,8 @@ from imucal.rig.stand import Stand, stand_of
 __all__ = ["Motion", "Program", "Static", "Step", "Tumble"]
 
 SCHEMA: Final = "imucal.program/1"
-# Names of the fields of a program. In a program file it has the field `schema`, and in a truth file the field
-# `kind` instead.
+# Names of the fields of a program. A program file has the field `schema`. A program in a truth file has the
+# field `kind` instead.
 PROGRAM_FIELDS: Final = ("schema", "kind", "steps", "stand")
 STEP_FIELDS: Final = ("turn_deg", "move_s", "hold_s")
 
@@ -60,7 +60,9 @@ class Program:
     def random(
         *, seed: int, moves: int = 45, max_rate_dps: float = 120.0, move_s: float = 2.0, hold_s: float = 5.0
     ) -> Program:
-        """The paper's gyroscope program: random rotations of all motors, each between two rests.
+        """The gyroscope program of the paper that docs/model.md cites.
+
+        It consists of random rotations of all motors, each between two rests.
 
         max_rate_dps  largest mean rate of each motor over a rotation, deg/s
         """
@@ -70,7 +72,7 @@ class Program:
 
     @staticmethod
     def grid(*, step_deg: float = 20.0, move_s: float = 1.0, hold_s: float = 5.0) -> Program:
-        """The paper's accelerometer program.
+        """The accelerometer program of the paper that docs/model.md cites.
 
         The poses are a grid in the angles of motor 3, over a full turn, and of motor 2, over half a turn.
         """

@@ -100,7 +100,7 @@ def fault_of(steps: Sequence[Timed]) -> Fault | None:
 
 
 def turned_too_far(angle_deg: float, most_deg: float) -> str:
-    """The reason why a motor does not turn to this angle."""
+    """The reason why a motor must not turn to this angle, as the end of a message."""
     return f"turns the motor to {angle_deg:.6g} deg from its start: give angles up to {most_deg:g} deg"
 
 

@@ -1,7 +1,7 @@
 """Limits of a stand: ranges, rates and accelerations of its motors, and forbidden zones.
 
 The limits come from a file (schema imucal.stand-limits/1, JSON Schema in the package) or from `NAMED`: the
-paper's stand, stands with fewer motors, and a hand.
+stand of the paper that docs/model.md cites, stands with fewer motors, and a hand.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ LARGEST: Final = {
     "min_rest_s": MAX_STEP_S,
     "minutes": MAX_DURATION_S / 60.0,
 }
-# Largest rate, deg/s, and acceleration, deg/s^2, of the paper's stand. The paper does not state the
-# acceleration. The value here is the acceleration in the paper's random program, in which a motor rotates by
-# up to 240 deg in 2 s.
+# Largest rate, deg/s, and acceleration, deg/s^2, of the stand in the paper that docs/model.md cites. The
+# paper does not state the acceleration. The value here is the acceleration in the random program of the
+# paper, in which a motor rotates by up to 240 deg in 2 s.
 PAPER_DPS: Final = 120.0
 PAPER_DPS2: Final = 480.0
 

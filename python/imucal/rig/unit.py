@@ -2,10 +2,11 @@
 
     measured = convert(sensitivity (true + effects) + bias + noise)
 
-A unit file (schema imucal.unit/1) has the figures of a datasheet, each with its unit and source. The noise
-density of a datasheet is one-sided and is given as `noise_density_one_sided`; `noise_density` is the
-two-sided density of the Allan deviation, which is smaller by a factor of sqrt(2). A figure that the source
-does not give is `null` and is simulated as perfect. The package contains the units `unit_names()`.
+A unit file (schema imucal.unit/1) has the figures of a datasheet, such as bias, noise density and range, each
+with its unit and source. The noise density of a datasheet is one-sided and is given as
+`noise_density_one_sided`; `noise_density` is the two-sided density of the Allan deviation, which is smaller
+by a factor of sqrt(2). A figure that the source does not give is `null` and is simulated as perfect. The
+package contains the units `unit_names()`.
 """
 
 from __future__ import annotations
@@ -132,10 +133,10 @@ class Sensor:
 class Unit:
     """An accelerometer and a gyroscope on one board, with their effects.
 
-    description, sources   description of the unit, and the sources of its figures
-    spread                 standard deviations of the figures over units of this kind, from the tolerances in
-                           the file, SI units: accel_bias, accel_scale, accel_misalignment, gyro_bias,
-                           gyro_scale and gyro_misalignment; one value, or one per axis
+    description, sources   description of the unit, and the sources of its datasheet figures
+    spread                 standard deviations of datasheet figures over units of this kind, from the
+                           tolerances in the file, SI units: accel_bias, accel_scale, accel_misalignment,
+                           gyro_bias, gyro_scale and gyro_misalignment; one value, or one per axis
     """
 
     accelerometer: Sensor = field(default_factory=Sensor)
@@ -160,8 +161,10 @@ class Unit:
     def random(profile: str | os.PathLike[str], seed: int) -> Unit:
         """A random unit within the tolerances of a profile; the same seed gives the same unit.
 
-        Every figure is drawn from a normal distribution around the perfect sensor. Its standard deviation is
-        a typical tolerance, or a third of a maximum tolerance. Off-diagonal entries of both sensitivities are
+        Every bias, scale, misalignment and effect with a tolerance is drawn from a normal distribution. The
+        mean is the value of a perfect sensor. The standard deviation is the tolerance if the datasheet states
+        it as typical, or a third of the tolerance if it is a maximum. Off-diagonal entries of both
+        sensitivities are
         drawn in the frame of the package and rotated to the body frame, in which the accelerometer's
         sensitivity is symmetric. Noise, quantisation and filters are taken from the profile.
 
@@ -349,8 +352,8 @@ def _draw(node: Node, seed: int) -> Unit:
     if not any(value is not None for value in spread.mapping().values()):
         raise InputError(f"{node.file} gives no spread: take its unit as it is, or another profile")
     random = np.random.default_rng(seed)
-    # A random number is drawn even for a figure without a tolerance. A missing tolerance therefore does not
-    # change the random numbers of the other figures.
+    # A random number is drawn even for a parameter without a tolerance. A missing tolerance therefore does
+    # not change the random numbers of the other parameters.
     drawn = {
         name: random.normal(size=size) * _deviation(spread, name, unit, size)
         for name, (size, unit) in DRAWN.items()
@@ -383,9 +386,9 @@ def _draw(node: Node, seed: int) -> Unit:
 
 
 def _deviation(spread: Node, name: str, unit: str, count: int) -> FloatArray:
-    """Standard deviation of a randomly drawn figure that has `count` numbers; 0 without a tolerance.
+    """Standard deviation of a randomly drawn parameter with `count` numbers; 0 without a tolerance.
 
-    All numbers have the same standard deviation, except that a figure of three numbers may have one per axis.
+    All numbers have the same standard deviation, but a parameter of three numbers may have one per axis.
     """
     tolerance = Figure.optional(spread, name, unit, per_axis=count == 3)
     if tolerance is None:

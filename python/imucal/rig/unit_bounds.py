@@ -1,4 +1,7 @@
-"""Checks that the figures of a unit file do not contradict each other and are possible for real sensors."""
+"""Checks of the datasheet figures in a unit file.
+
+The figures must not contradict each other, and they must be possible for real sensors.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +24,13 @@ __all__ = [
 ]
 
 FIGURE_FIELDS: Final = ("value", "unit", "source", "note", "limit")
-# Fields of a sensor in a unit file that are not figures with a value and a unit.
+# Fields of a sensor in a unit file that are not datasheet figures with a value and a unit.
 OTHERS: Final = ("part", "averaging")
-# Figures that cannot be zero.
+# Datasheet figures that cannot be zero.
 POSITIVE: Final = ("range", "resolution", "bits", "bandwidth", "filter", "output_rate")
-# Largest accepted figures, by SI unit of the sensor. The noise density is at most 50 mg/sqrt(Hz) or 6
-# deg/s/sqrt(Hz), fifty times that of the noisiest MEMS sensors. The bias is at most 10 g or 2000 deg/s. The
-# range is at most 10,000 g or 100,000 deg/s.
+# Largest accepted datasheet figures, by SI unit of the sensor. The noise density is at most 50 mg/sqrt(Hz) or
+# 6 deg/s/sqrt(Hz), fifty times the noise density of the noisiest MEMS sensors. The bias is at most 10 g or
+# 2000 deg/s. The range is at most 10,000 g or 100,000 deg/s.
 LARGEST: Final[dict[str, dict[str, float]]] = {
     "m/s^2": {"noise_density": 0.5, "bias": 98.0665, "random_walk": 1.0, "range": 98_066.5},
     "rad/s": {"noise_density": 0.1, "bias": 34.9066, "random_walk": 1.0, "range": 1_745.33},
@@ -36,7 +39,8 @@ LARGEST_HZ: Final = 1e6
 LARGEST_BITS: Final = 32.0
 # Largest accepted ratio of the noise in motion to the noise at rest.
 LARGEST_FACTOR: Final = 1e3
-# Two entries of a symmetric sensitivity may differ by this share of the largest entry, because of rounding.
+# The entries ij and ji of a symmetric sensitivity may differ by this share of the largest entry, because of
+# rounding.
 ENTRY_ROUNDING: Final = 1e-7
 # Accepted range of the sensitivity in SI units, in which 1 is perfect. A sensitivity outside this range means
 # that its unit is wrong.
@@ -44,14 +48,14 @@ SENSITIVITY: Final = (0.2, 5.0)
 # Accepted ratio of the specified measurement range to the range that the counts can represent. In some
 # sensors the counts can represent twice the specified range.
 SHARE_OF_COUNTS: Final = (0.45, 1.05)
-# Largest tolerance of a scale factor or a misalignment: 50 % and 30 deg.
+# Largest accepted tolerance of a scale factor (50 %) or a misalignment (0.5 rad, about 30 deg).
 LARGEST_TOLERANCE: Final = 0.5
-# Largest tolerance of an effect, as a multiple of its typical size.
+# Largest accepted tolerance of an effect, as a multiple of its typical size.
 LARGEST_EFFECT: Final = 1e5
 
 
 def require_sensor(node: Node, found: Mapping[str, Any], unit: str, sources: Collection[str]) -> None:
-    """Raise FormatError for figures of a sensor that contradict each other or are impossible.
+    """Raise FormatError for datasheet figures of a sensor that contradict each other or are impossible.
 
     found     the figures by name in SI units, without those that are null
     unit      SI unit of the measured quantity
@@ -99,11 +103,11 @@ def require_sensor(node: Node, found: Mapping[str, Any], unit: str, sources: Col
 def require_tolerance(
     node: Node, value: Any, name: str, typical: float | None, largest: Mapping[str, float]
 ) -> None:
-    """Raise FormatError if the tolerance of a randomly drawn figure is zero, negative or impossible.
+    """Raise FormatError if the tolerance of a randomly drawn parameter is zero, negative or impossible.
 
     value     the tolerance in SI units
-    typical   typical size of the effect, or None for another figure
-    largest   the largest accepted tolerance of other figures, by name
+    typical   typical size if the parameter is an effect, otherwise None
+    largest   the largest accepted tolerance of parameters that are no effects, by name
     """
     most = LARGEST_EFFECT * typical if typical is not None else largest.get(name, LARGEST_TOLERANCE)
     if not (np.asarray(value) > 0).all() or not (np.asarray(value) <= most).all():
@@ -114,7 +118,7 @@ def require_tolerance(
 
 
 def require_figure(node: Node, sources: Collection[str]) -> None:
-    """Raise FormatError if a figure of a unit file has an unknown field, or a source that the file lacks."""
+    """Raise FormatError if a datasheet figure has an unknown field, or a source that the file lacks."""
     require_fields(node, FIGURE_FIELDS, "a figure")
     if "source" in node.mapping():
         source = node.get("source").text()

@@ -1,4 +1,4 @@
-"""The setup of a simulated run. The same setup gives the same bytes."""
+"""The setup of a simulated run. Simulations of the same setup give the same bytes."""
 
 from __future__ import annotations
 
@@ -198,7 +198,7 @@ def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
 
 
 def _own_to_dict(own: UserEffect, values: EffectValues) -> dict[str, Any]:
-    """A user-defined effect for a truth file, with its formula if it is defined by one."""
+    """A user-defined effect for a truth file, with its formula if a formula defines it."""
     (item,) = effects_to_list([values])
     if isinstance(own, FormulaEffect):
         item |= {"formula": own.text, "columns": list(own.auxiliary)}

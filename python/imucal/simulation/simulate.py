@@ -130,7 +130,8 @@ def repeat(
 ) -> Simulation:
     """Repeat the run of a truth file: the same version of imucal writes the same bytes.
 
-    user_effects, auxiliary  arguments of the original run; a file cannot contain them
+    user_effects, auxiliary  the arguments of the original run, because a truth file does not contain Python
+                             functions and auxiliary columns
 
     Raises InputError if the definition of an effect is missing, FormatError for an invalid file.
     """
@@ -142,7 +143,7 @@ def repeat(
         repeated = run(setup, auxiliary, keep_temperature=keep_temperature)
     except InputError as error:
         # The error is attributed to the file only if no columns or effects were passed as arguments, because
-        # otherwise the arguments may be its cause.
+        # otherwise the arguments may have caused the error.
         if auxiliary or user_effects:
             raise
         raise FormatError(f"{node.file}: $.setup: {error}") from None

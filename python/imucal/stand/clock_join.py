@@ -1,9 +1,9 @@
 """Joins the clocks of the unit and of the host, and interpolates motor angles to the instants of the samples.
 
 Samples arrive with varying delays, but never early. Each sample is a point (unit time, host time of arrival).
-The relation between the clocks is the straight line below all points with the smallest sum of distances to
-the points. This line is an edge of the lower convex hull. Samples that were delayed at the start or while the
-computer was busy lie above the line and do not change it.
+Of all straight lines that lie below the points, the one with the smallest sum of distances to the points
+gives the relation between the clocks. This line is an edge of the lower convex hull of the points. Samples
+that were delayed at the start or while the computer was busy lie above the line and do not change it.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ __all__ = ["host_instants", "joined_angles"]
 # Largest relative difference between the rates of two clocks that is accepted without a check. Quartz
 # oscillators differ by less than 200 ppm.
 MAX_SLOPE: Final = 500e-6
-# A rate difference beyond `MAX_SLOPE` is accepted if both halves of the run confirm it: the difference in
-# each half is also beyond `MAX_SLOPE`, and differs from the whole run by at most this number. Rate
-# differences are so large if the clock of the unit is an RC oscillator, or if the unit sends no time and does
-# not sample at its nominal rate.
+# A rate difference beyond `MAX_SLOPE` is accepted if both halves of the run confirm it: the rate difference
+# in each half is also beyond `MAX_SLOPE`, and deviates from the rate difference over the whole run by at most
+# this number. Such large rate differences occur if the clock of the unit is an RC oscillator, or if the unit
+# sends no time and does not sample at its nominal rate.
 AGREEING_SLOPE: Final = 2e-3
 # Minimum duration of a run, s, for a rate difference beyond `MAX_SLOPE` to be accepted. A shorter run does
 # not determine the rate difference.

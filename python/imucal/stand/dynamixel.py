@@ -2,9 +2,9 @@
 
     python -m imucal.stand.dynamixel --port /dev/ttyUSB0 --baud 57600 --ids 1,2,3
 
-`--driver dynamixel` starts this program. The motors have Protocol 2.0 and the control table of the X series,
-and are in extended position mode, in which they count several turns. A motor that restarts during a run loses
-its count of turns, and its torque is off. The run ends with an error if the torque of a motor is off.
+`--driver dynamixel` starts this program. The motors use Protocol 2.0 and the control table of the X series.
+They are in extended position mode, in which they count several turns. A motor that restarts during a run
+loses its count of turns, and its torque is off. The run ends with an error if the torque of a motor is off.
 """
 
 from __future__ import annotations

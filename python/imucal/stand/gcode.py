@@ -33,8 +33,8 @@ ANGLE_DECIMALS: Final = 4
 FEED_DECIMALS: Final = 2
 # Lowest feed of GRBL, deg/min. GRBL raises lower feeds to this value.
 LEAST_FEED_DPM: Final = 1.0
-# Largest angle of a motor relative to its start, deg. It is the largest number with eight digits of which
-# four are decimals.
+# Largest accepted angle of a motor relative to its start, deg. It is the largest number with eight digits of
+# which four are decimals.
 MAX_ANGLE_DEG: Final = 9999.9999
 # Largest accepted rate, deg/s, and acceleration, deg/s^2, of a motor. The feed that corresponds to this rate,
 # in deg/min with two decimals, has eight digits.

@@ -168,7 +168,10 @@ class GrblDriver:
         self._session.port.close()
 
     def _wait_for(self, waiting: Waiting) -> Any:
-        """Wait until an exchange with the controller has ended, and return its result. Records nothing."""
+        """Block until an exchange with the controller has ended, and return its result.
+
+        Meanwhile no samples of the unit are recorded.
+        """
         while True:
             try:
                 self._receive()

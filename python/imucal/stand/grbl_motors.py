@@ -78,7 +78,7 @@ class Motors:
     # --- reports ---
 
     def take(self, report: Report) -> None:
-        """Take a status report of the controller. StoppedError if it shows that the position is lost."""
+        """Take a status report of the controller. Raises StoppedError if the position is lost."""
         self._latest = report
         self._check_offset(report)
         self._judge(report)

@@ -79,10 +79,11 @@ class Timeouts:
     """Timeouts of the driver, s.
 
     answer_s     longest time until a line or a query is answered
-    stall_s      longest time without a report of the controller, and from the line of a move to its motion
+    stall_s      longest time without a report of the controller, and longest time from the line that commands
+                 a move until the motors move
     reconnect_s  longest time until a lost port reappears
     pause_s      longest time until the user ends a feed hold or closes the safety door
-    boot_s       longest time until a controller reports that restarts when its port is opened
+    boot_s       longest time until the first report of a controller that restarts when its port is opened
     """
 
     answer_s: float = 2.0

@@ -63,7 +63,7 @@ class Prospect:
 
 
 def parse_target(text: str) -> ParameterLimit:
-    """Parse `gyro_bias_*=5e-5`: a parameter or a group, and its largest standard deviation in SI units.
+    """Parse `gyro_bias_*=5e-5`: a parameter or group of parameters, and its maximum standard deviation, SI.
 
     Raises InputError, with an example, for other text.
     """

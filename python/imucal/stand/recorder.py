@@ -112,7 +112,7 @@ def record(
     steps     number of steps of the program
     about     further fields for the header of the journal
     targets   largest permitted standard deviations of parameters. The run ends early when a calibration from
-              the samples received so far would have smaller ones
+              the samples received so far would have smaller standard deviations
     watch     function that is called with the state of the run in every iteration
     silent_s  time without samples, s, after which the unit counts as lost
     resume    contents of the journal of an interrupted run, which is continued

@@ -83,7 +83,7 @@ class SimulatedStand:
         return self._arrivals
 
     def poll(self) -> Status:
-        """The phase of the program at this time; finished once the last sample is read."""
+        """The state of the stand at this time: moving or holding; finished once the last sample is read."""
         now_s = self._now_s()
         phase = int(np.searchsorted(self._ends_s, now_s, side="right"))
         if phase >= len(self._ends_s):

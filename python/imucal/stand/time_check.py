@@ -1,12 +1,12 @@
 """Check of the times that a unit sends as text without a checksum, by comparison with the host clock.
 
 If a digit of a time is lost or changed on the line, the time is ahead of the host clock, or the next time is
-smaller. Therefore each row is held back until the next row arrives. A row continues an earlier row if the
-step between their times is possible for the host times at which they arrived. If the next row continues the
-row that is held back, this row is intact. If the next row only continues rows before it, the row that is held
-back is damaged. If later rows continue neither the row nor the rows before it, the unit has restarted. Times
-may lag behind the host clock by any duration, because rows can be delivered late, but they cannot be ahead of
-the host clock.
+smaller. Therefore each row is held back until the next row arrives. A row is said to continue an earlier row
+if the step between their times is possible for the host times at which they arrived. If the next row
+continues the held row, the held row is intact. If the next row does not continue the held row, but continues
+rows before it, the held row is damaged. If later rows continue neither the held row nor earlier rows, the
+unit has restarted. Times may lag behind the host clock by any duration, because rows can be delivered late,
+but they cannot be ahead of the host clock.
 """
 
 from __future__ import annotations

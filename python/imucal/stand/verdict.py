@@ -8,9 +8,10 @@ poor_calibration    a figure of merit of the calibration run is poor, or too man
                     as outliers
 poor_control        a figure of merit of the control run is poor
 incomplete_calibration, incomplete_control   residuals of the calibration or control run exceed their noise; a
-                    reason only if the verdict good is required
+                    reason only if the verdict `good` is required
 limit               a limit of the limits file is exceeded
-no_motion           all axes contain only noise: the stand did not move, or the data are frozen; no result
+no_motion           all axes contain only noise, because the stand did not move or the data are frozen; no
+                    result
 stand_mismatch      the attitude differs by several degrees from the stand's angles, because of a motor or the
                     mount; no result
 data_NAME           the check NAME has refused the recording
@@ -83,7 +84,7 @@ class Assessment:
     """The evaluation of a unit's recordings.
 
     reasons  reasons why the unit does not pass, the most serious first; empty if it passes. A calibration
-             with the verdict incomplete passes unless the verdict good is required
+             with the verdict `incomplete` passes unless the verdict `good` is required
     judged   whether the unit was judged; False if the reasons concern the stand or the run (no result)
     result   the calibration, None if there is none
     """

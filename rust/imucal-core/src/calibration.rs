@@ -65,8 +65,8 @@ impl<F: RealField + Copy> Calibration<F> {
         }
     }
 
-    /// Corrects one raw sample for which the other quantities (temperature, time, ...) are known. Returns the true
-    /// `(rate, force)` in the body frame, rad/s and m/s^2.
+    /// Corrects one raw sample for which the other quantities on which effects depend (temperature, time, ...) are
+    /// known. Returns the true `(rate, force)` in the body frame, rad/s and m/s^2.
     ///
     /// Both results are NaN if the effects are too large to be removed (see [`EffectSet::remove`]).
     pub fn correct_at(
@@ -175,7 +175,7 @@ mod tests {
         }
     }
 
-    /// The effects that act on a sensor of the unit.
+    /// The effects that act on a sensor of the unit, and not on the encoders of a stand.
     fn catalogue<F: RealField + Copy>() -> impl Iterator<Item = &'static Effect<F>> {
         Effect::catalogue().filter(|effect| effect.sensor != Sensor::Encoder)
     }
@@ -234,9 +234,9 @@ mod tests {
 
     #[test]
     fn a_pass_shrinks_the_error_by_the_slope_of_the_effect() {
-        // The slope of an effect is the derivative of its error with respect to the quantity that its sensor measures.
-        // For a gyroscope effect, the derivative with respect to force is omitted. The force converges first, because
-        // no accelerometer effect except a lever arm depends on rate.
+        // The slope of an effect is the derivative of the error that it adds with respect to the quantity that the
+        // sensor measures. For a gyroscope effect, the derivative with respect to force is omitted. The force converges
+        // first, because no accelerometer effect depends on the rate, except the lever-arm effect and the size effect.
         let step = 1e-6;
         let slope = |effect: &'static Effect<f64>, times: f64| {
             let (values, state) = (typical(effect, times), fast_state());

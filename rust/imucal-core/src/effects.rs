@@ -6,9 +6,10 @@
 //! ```
 //!
 //! An [`Effect`] has a name, a sensor, parameters theta with units and typical sizes, and a function, the field Phi.
-//! Phi is a 3 x p matrix: the derivatives of the error that the effect adds, in the body frame, with respect to its p
-//! parameters. The simulation adds `Phi theta` to the true quantity. The correction on the device subtracts `Phi theta`
-//! ([`EffectSet::remove`]). An estimator computes every Jacobian from Phi by the chain rule.
+//! Phi is a 3 x p matrix. It contains the derivatives of the error that the effect adds, in the body frame, with
+//! respect to the p parameters of the effect. The simulation adds `Phi theta` to the true quantity. The correction on
+//! the device subtracts `Phi theta` ([`EffectSet::remove`]). An estimator computes every Jacobian from Phi by the chain
+//! rule.
 //!
 //! Each family of effects has its own file. To add an effect, add its definition to the file of its family and a line
 //! to the family's list. The formula of the field is written only once: the columns of Phi and the product `Phi theta`
@@ -28,9 +29,10 @@
 //!
 //! # What the catalogue does not contain
 //!
-//! The catalogue does not contain noise, bias instability and random walks, because they have no field. It does not
-//! contain the geometry of the stand that moves the unit, or faults of the data such as saturation or lost samples.
-//! With the feature `catalogue` it contains errors of the encoders of a stand, whose fields are motor angles, rad. The
+//! The catalogue does not contain noise, bias instability and random walks. They are random and therefore have no
+//! field: no function of the state describes them. The catalogue also does not contain the geometry of the stand that
+//! moves the unit, or faults of the data such as saturation or lost samples. With the feature `catalogue`, the
+//! catalogue contains errors of the encoders of a stand. An encoder error is added to a motor angle, rad. The
 //! correction on the device ignores encoder errors, because a device has no stand.
 
 mod drift;
@@ -133,9 +135,9 @@ impl<F: RealField + Copy> Surroundings<F> {
     }
 }
 
-/// An effect of the catalogue. Its field Phi contains the derivatives of the error that it adds with respect to the
-/// parameters theta. Firmware refers to an effect by its constant, for example `Effect::GYRO_G_SENSITIVITY`. Without
-/// the feature `catalogue`, the constant contains no text.
+/// An effect of the catalogue. The field Phi of the effect contains the derivatives of the error that the effect adds
+/// with respect to its parameters theta. Firmware refers to an effect by its constant, for example
+/// `Effect::GYRO_G_SENSITIVITY`. Without the feature `catalogue`, the constant contains no text.
 #[derive(Clone, Copy, Debug)]
 pub struct Effect<F: RealField + Copy> {
     /// Number that identifies the effect in the binary form of a calibration. A number is never reused. It is 0 for an
@@ -144,7 +146,7 @@ pub struct Effect<F: RealField + Copy> {
     /// Sensor on which the effect acts.
     pub sensor: Sensor,
     /// Number of parameters of the plain form, which is the form with the fewest parameters. A form with n parameters
-    /// uses the first n of the parameters. n is a multiple of `plain`; the full form has n = `count`.
+    /// uses the first n parameters of the effect. n is a multiple of `plain`, and the full form has n = `count`.
     pub plain: usize,
     /// Number of parameters of the full form.
     pub count: usize,
@@ -285,7 +287,8 @@ impl<F: RealField + Copy> Effect<F> {
         }
     }
 
-    /// Whether the effect has a form with this number of parameters.
+    /// Whether the effect has a form with this number of parameters. The forms of an effect differ in the number of
+    /// terms of the field.
     pub fn has_form(&self, parameters: usize) -> bool {
         parameters > 0 && parameters <= self.count && parameters.checked_rem(self.plain) == Some(0)
     }

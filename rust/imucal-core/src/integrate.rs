@@ -8,7 +8,7 @@
 //!
 //! R is the rotation from the body frame to the world frame, and w0 and w1 are the rates at the two samples, in the
 //! body frame. The formula for phi is the Magnus series. For a rate in the world frame, the cross product would have
-//! the opposite sign. If the rate is smooth but not linear between the samples, the formula has an error of O(dt^3) per
+//! the opposite sign. If the true rate is smooth but not linear between the samples, phi has an error of O(dt^3) per
 //! step.
 
 use crate::{

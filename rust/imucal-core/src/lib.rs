@@ -19,7 +19,7 @@
 //! gyroscope.
 //!
 //! * [`sensor`] is the model of one triad.
-//! * [`calibration`] combines both triads and their effects.
+//! * [`calibration`] combines the triads of both sensors and the effects.
 //! * [`integrate`] integrates corrected rates to a rotation.
 //! * [`rest`] detects the intervals in which the unit is at rest.
 //! * [`stored`] reads a calibration from its binary form.
@@ -62,15 +62,15 @@
 //! * `std` (default) and `libm` select the implementation of mathematical functions such as square root and sine. On a
 //!   device without `std` use `default-features = false, features = ["libm"]`.
 //! * `catalogue` (default) adds the data and functions of the [`effects`] that only estimation, simulation and reports
-//!   need: names, units and texts, lookup by name, the field of each parameter, and the effects on the encoders of a
-//!   stand. A device does not need this feature. It refers to effects by constants such as
-//!   `Effect::GYRO_G_SENSITIVITY`, so that only the effects of its calibration take memory.
+//!   need: names, units and texts, lookup by name, the derivatives of an effect's error with respect to its parameters,
+//!   and the effects on the encoders of a stand. A device does not need this feature. It refers to effects by constants
+//!   such as `Effect::GYRO_G_SENSITIVITY`, so that only the effects of its calibration take memory.
 //!
 //! # Panics
 //!
 //! [`calibration::Calibration::correct`], [`integrate::Integrator::push`] and [`rest::RestDetector::push`] contain no
 //! panic at any optimisation level if debug assertions are off. A test verifies this: it links the functions with a
-//! panic handler that does not exist.
+//! panic handler that calls an undefined function, so linking fails if one of the functions can panic.
 #![no_std]
 
 #[cfg(test)]

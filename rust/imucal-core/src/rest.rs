@@ -8,10 +8,10 @@
 //! statistic = (1 / 6) sum_c (variance_c / noise_variance_c)  <  threshold
 //! ```
 //!
-//! The index c denotes the channel. Consecutive windows are one block apart. A rest consists of all blocks of
-//! consecutive still windows that overlap. The first and the last block of a rest may contain the end of one move or
-//! the start of the next, even if the statistic is below the threshold. These two blocks are trimmed and do not
-//! contribute to the means.
+//! The index c denotes the channel. Consecutive windows are one block apart. A rest consists of all blocks of still
+//! windows that overlap each other. The first and the last block of a rest may contain the end of one move or the start
+//! of the next, even if the statistic is below the threshold. These two blocks are trimmed and do not contribute to the
+//! means.
 //!
 //! Samples may be raw or corrected, in any unit. The noise variances must be in the square of this unit. The detector
 //! counts samples and does not know their times, so call [`RestDetector::finish`] at a gap in the data. Sample indices
@@ -64,15 +64,15 @@ pub struct RestDetector<F: RealField + Copy> {
     filling: BlockSums<F>,
     /// Number of complete blocks.
     blocks: usize,
-    /// Ring buffer with the sums of the last complete blocks, as many as a window has blocks. Further entries are not
-    /// used.
+    /// Ring buffer with the sums of the blocks of the last window. Only the first `window_blocks` entries are used.
     ring: [BlockSums<F>; MAX_WINDOW_BLOCKS],
     /// Index of the oldest block in the ring buffer. The next complete block replaces it.
     oldest: usize,
     open: Option<OpenRest<F>>,
 }
 
-/// A rest that may still become longer. `sums` contains all of its blocks except the first and the last.
+/// A rest that may still become longer. `sums` contains the sums over all blocks of the rest except the first and the
+/// last.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct OpenRest<F: RealField + Copy> {
     first_block: usize,
@@ -110,7 +110,8 @@ impl<F: RealField + Copy> RestDetector<F> {
         })
     }
 
-    /// Adds one sample. When a rest is complete, which is about one window after its end, the function returns it.
+    /// Adds one sample. When a rest is complete, the function returns it. A rest is complete about one window after its
+    /// end.
     #[inline]
     pub fn push(&mut self, rate: Vector3<F>, force: Vector3<F>) -> Option<Rest<F>> {
         self.filling.push(rate, force);

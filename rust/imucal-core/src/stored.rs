@@ -29,9 +29,9 @@ use nalgebra::{Matrix3, RealField, Vector3, convert};
 
 /// Version of the binary form that this crate reads.
 pub const VERSION: u8 = 1;
-/// Length of the form without effects, bytes.
+/// Length of the binary form of a calibration without effects, bytes.
 pub const SHORTEST: usize = 128;
-/// Maximum length of the form, bytes. A buffer of this size can contain any calibration.
+/// Maximum length of the binary form, bytes. A buffer of this size can contain any calibration.
 pub const LONGEST: usize = SHORTEST + MAX_EFFECTS * (8 + 4 * MAX_PARAMETERS);
 
 const MAGIC: [u8; 4] = *b"IMUC";
@@ -240,12 +240,12 @@ pub enum StoredError {
     Length,
     /// The bytes do not start with `IMUC`, for example because the memory is erased.
     Magic,
-    /// The form has a version that this crate does not read.
+    /// The binary form has a version that this crate does not read.
     Version {
-        /// The version of the form.
+        /// Version of the binary form.
         given: u8,
     },
-    /// The check sum is wrong, so the bytes are not the bytes that were written.
+    /// The check sum is wrong, so the bytes have changed since they were written.
     Crc,
     /// No effect in this version of the catalogue has this number.
     Effect {

@@ -30,8 +30,9 @@ pub(crate) struct RecordingColumns<'py> {
 }
 
 impl RecordingColumns<'_> {
-    /// The recordings in the form that the library uses, without a copy of the arrays. For functions that need both
-    /// sensors: raises InputError with the finding `sensor_missing` for a recording with only one sensor.
+    /// The recordings in the form that the library uses, without a copy of the arrays. This function is for callers
+    /// that need both sensors. It raises InputError with the finding `sensor_missing` for a recording with only one
+    /// sensor.
     pub(crate) fn views<'a>(py: Python<'_>, recordings: &'a [Self]) -> PyResult<Vec<Recording<'a>>> {
         let views = Self::views_of_any(py, recordings)?;
         let missing: Vec<_> = views.iter().filter_map(sensor_missing).collect();
@@ -83,7 +84,7 @@ pub(crate) struct MeanColumns<'py> {
 
 impl MeanColumns<'_> {
     /// The table in the form that the library uses, without a copy of the arrays. `noise_mps2` is the standard
-    /// deviation of all means; it is used if the table contains no standard deviations.
+    /// deviation of every mean. It is used if the table contains no standard deviations.
     pub(crate) fn view(&self, py: Python<'_>, noise_mps2: Option<f64>) -> PyResult<MeanReadings<'_>> {
         Ok(MeanReadings {
             name: &self.name,
@@ -127,13 +128,13 @@ pub(crate) struct UserFieldArrays<'py> {
     name: String,
     sensor: String,
     typical: Vec<f64>,
-    /// For each recording, an array (N, 3, p): the error of each of N samples on the three axes, per unit of each of
-    /// the p parameters of the effect.
+    /// For each recording, an array (N, 3, p): the derivatives of the error on the three axes with respect to the p
+    /// parameters of the effect, at each of the N samples.
     columns: Vec<PyReadonlyArray3<'py, f64>>,
 }
 
 impl UserFieldArrays<'_> {
-    /// The effect in the form that the library uses, without a copy of the arrays.
+    /// The effect as the type that the library uses, without a copy of the arrays.
     pub(crate) fn view(&self, py: Python<'_>) -> PyResult<UserField<'_>> {
         let sensor = match self.sensor.as_str() {
             "accelerometer" => Ok(Sensor::Accelerometer),

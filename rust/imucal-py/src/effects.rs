@@ -1,5 +1,5 @@
-//! The catalogue of effects for Python: definitions of the effects, evaluation of their fields, and conversion of
-//! effects with values.
+//! The catalogue of effects for Python: definitions of the effects, evaluation of their fields (the derivatives of an
+//! effect's error with respect to its parameters), and conversion of effects and their parameter values from Python.
 
 use imucal::calibrate::EffectChoice;
 use imucal::correct::temperature_history_of;
@@ -33,8 +33,8 @@ pub(crate) struct Effect {
     needs: Vec<&'static str>,
     formula: &'static str,
     observable: &'static str,
-    /// Other effects or causes with which this effect is easily confused; for each, the measurements that distinguish
-    /// it from this effect.
+    /// Other effects or causes with which this effect is easily confused. For each: its name, and the measurements that
+    /// distinguish it from this effect.
     aliases: Vec<(&'static str, &'static str)>,
 }
 
@@ -92,7 +92,7 @@ pub(crate) struct EffectArrays<'py> {
 }
 
 impl EffectArrays<'_> {
-    /// Converts the effects of a unit.
+    /// Converts the effects of a unit from Python to the set that the library uses.
     pub(crate) fn set(py: Python<'_>, effects: &[Self]) -> PyResult<EffectSet<f64>> {
         let mut set = EffectSet::none();
         for effect in effects {
@@ -123,7 +123,7 @@ pub(crate) struct StateArrays<'py> {
 }
 
 impl StateArrays<'_> {
-    /// The true state at each sample. `shape` is the time constant of the lag effects of temperature, s.
+    /// The true state at each sample. `shape` is the time constant with which the temperature lag is computed, s.
     fn states(&self, py: Python<'_>, shape: Option<f64>) -> PyResult<Vec<State<f64>>> {
         let rate = rows(py, &self.angular_rate, "angular_rate")?;
         let force = rows(py, &self.specific_force, "specific_force")?;
@@ -204,7 +204,8 @@ pub(crate) fn effect_field<'py>(
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let effect = find(name).to_python(py)?;
     let count = effect.parameters.len();
-    // This call only checks whether `shape` is given if and only if the effect has a shape. The zeros are not used.
+    // This call only checks that `shape` (the nonlinear parameter, for example a time constant) is given if and only if
+    // the effect has a shape. The zeros are not used.
     let checked = library::EffectValues::try_new(effect, &[0.0; MAX_PARAMETERS][..count], shape);
     checked.map_err(|error| Error::Input(error.to_string())).to_python(py)?;
     let states = state.states(py, shape)?;
@@ -220,11 +221,13 @@ pub(crate) fn effect_field<'py>(
     field.into_pyarray(py).reshape([states.len(), 3, count])
 }
 
-/// For each sample: the rate of the temperature, K/s, the direction of its last change, from -1 to 1, and its lag, K.
+/// For each sample: the rate of change of the temperature, K/s, the direction of the last temperature change, from -1
+/// to 1, and the lag of the temperature, K.
 type History<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
-/// The temperature history at each sample: the rate of change of the temperature, the direction of its last change, and
-/// its lag. The lag is the temperature after a low-pass with the time constant `tau_s` minus the temperature.
+/// The temperature history at each sample: the rate of change of the temperature, the direction of the last temperature
+/// change, and the lag. The lag is the output of a low-pass of the temperature with the time constant `tau_s` minus the
+/// temperature.
 #[pyfunction]
 pub(crate) fn temperature_history<'py>(
     py: Python<'py>,
@@ -244,7 +247,8 @@ pub(crate) fn temperature_history<'py>(
     Ok((array(|own| own.rate_kps), array(|own| own.direction), array(|own| own.gyroscope_lag_k)))
 }
 
-/// The effects for pairs of a name and the number of parameters of the form.
+/// Looks up the effects of the catalogue for `candidates`. Each candidate consists of the name of an effect and a
+/// number of parameters, because some effects can be used with different numbers of parameters.
 pub(crate) fn choices(candidates: &[(String, usize)]) -> Result<Vec<EffectChoice>, Error> {
     candidates.iter().map(|(name, parameters)| choice(name, *parameters)).collect()
 }

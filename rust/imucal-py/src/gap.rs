@@ -21,7 +21,7 @@ use crate::options::CalibrateOptions;
 use crate::results::{EffectEstimate, Evaluation, Outcome};
 use crate::user_effects::PythonEffects;
 
-/// Evidence for an effect: comparison of the model with the effect and the model without it; see `imucal::gap::Score`.
+/// Evidence for an effect, from a comparison of the models with and without the effect; see `imucal::gap::Score`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct EffectScore {
     name: String,
@@ -62,14 +62,15 @@ pub(crate) struct SessionStep {
     gyroscope_radps: Option<[f64; 3]>,
     p_value: f64,
     temperature_change_k: Option<f64>,
-    /// Two values of chi2 per degree of freedom of the control recordings under the model without effects. The first
-    /// uses the biases of the calibration, the second uses biases estimated from the control recordings.
+    /// Two values of chi2 per degree of freedom of the control recordings under the model without effects: with the
+    /// biases of the calibration, and with biases estimated from the control recordings.
     chi2: (f64, f64),
 }
 
-/// Name of an effect, and two measures of the residuals that it causes at its typical size. The first measure lists,
-/// for each kind of residual, its name and the rms of residual / standard deviation from noise. The second measure is
-/// the share of chi2 that disappears if the parameters of the model without the effect are refitted to these residuals.
+/// Name of an effect, and two measures of the residuals that remain if a unit has an effect of typical size and the
+/// fitted model lacks this effect. The first measure lists, for each kind of residual, its name and the rms of residual
+/// / standard deviation from noise. The second measure is the share of the effect's chi2 that the fit of the other
+/// parameters removes.
 type Trace = (String, Vec<(&'static str, f64)>, f64);
 
 /// Result of a search for effects: the score of each candidate effect, the detection limits, and `generic`, a variation
@@ -79,26 +80,29 @@ pub(crate) struct Search {
     path: Vec<Py<EffectScore>>,
     ranking: Vec<Py<EffectScore>>,
     generic: Option<Py<GenericFinding>>,
-    /// Effects that fit the calibration data but do not improve the prediction of held-out rests and moves. For each,
-    /// its name, its log Bayes factor, the increase of the log predictive density of these rests and moves, and the
-    /// standard deviation of this increase. All numbers are in nats.
+    /// Effects that fit the calibration data but do not improve the prediction of held-out rests and moves. For each
+    /// effect: its name, its log Bayes factor, the increase of the log predictive density of these rests and moves due
+    /// to the effect, and the standard deviation of this increase. All numbers are in nats.
     not_predictive: Vec<(String, f64, f64, f64)>,
     /// For each effect that is not observable in the recordings: its name, and the data that would make it observable.
     not_observable: Vec<(String, String)>,
-    /// For each effect: its name, its detection limit (smallest detectable rms size per parameter), and the unit.
+    /// For each effect: its name, its detection limit (smallest detectable rms size per parameter), and the unit of
+    /// this limit.
     smallest_visible: Vec<(String, f64, String)>,
     traces: Vec<Trace>,
-    /// The kind of residual whose scatter exceeds noise most: its name, the ratio of its scatter to noise, and the
-    /// p-value of this ratio. None if no ratio is significant.
+    /// The kind of residual whose scatter exceeds noise most: the name of this kind, the ratio of its scatter to noise,
+    /// and the p-value of the ratio. None if no ratio is significant.
     scattering_rests: Option<(&'static str, f64, f64)>,
     is_hand_moved: bool,
 }
 
-/// Name of a rejected effect, followed by four possible reasons for its rejection, of which three are None. Reason 1 is
-/// the message of a failed fit with the effect. Reason 2 is chi2 per degree of freedom of unseen data without and with
-/// the effect. Reason 3 is the p-value of the effect's parameters. Reason 4 is that a pure delay does not describe the
-/// gyroscope. It contains the estimated delay (s), half of the variance of the impulse response of the gyroscope's
-/// filter (s^2), and the standard deviation of this half (s^2).
+/// Name of a rejected effect, followed by one entry for each of four possible reasons. The entries of the reasons that
+/// do not apply are None. Reason 1: the fit with the effect failed; the entry is the message. Reason 2: the effect
+/// makes the prediction of unseen data (data that the fit does not use) worse; the entry is chi2 per degree of freedom
+/// of these data without and with the effect. Reason 3: the parameters of the effect are not significant; the entry is
+/// their p-value. Reason 4: a pure delay does not describe the gyroscope; the entry contains the estimated delay (s),
+/// half of the variance of the time under the impulse response of the gyroscope's filter (s^2), and the standard
+/// deviation of this half (s^2).
 type RefusalTuple = (String, Option<String>, Option<[f64; 2]>, Option<f64>, Option<[f64; 3]>);
 
 /// A model fitted to the recordings of a unit, with its evaluation on the control recordings if there are any.
@@ -116,18 +120,19 @@ pub(crate) struct GapAnalysis {
     /// The fit with the accepted effects; None if no effect was accepted.
     after: Option<Py<GapFit>>,
     effects: Vec<Py<EffectScore>>,
-    /// For each accepted effect: its name, and the share of the excess chi2 of unseen data (chi2 beyond noise) that it
-    /// removes. The three shares are for the norms at rest, the gravity directions after moves, and the mean rates at
-    /// rest. A share is None if these residuals hardly exceed noise.
+    /// For each accepted effect: its name, and three shares of the excess chi2 of unseen data (chi2 beyond noise) that
+    /// the effect removes. The shares are for three kinds of residuals: norms of the specific force at rest, gravity
+    /// directions after moves, and mean rates at rest. A share is None if the residuals of its kind hardly exceed
+    /// noise.
     shares: Vec<(String, [Option<f64>; 3])>,
     /// Name of an accepted effect, name of a rival (an effect that explains nearly the same residuals), and the
-    /// estimated parameters of the rival in a fit in which it replaces the effect. The parameters are None if this fit
-    /// fails.
+    /// estimated parameters of the rival in a fit in which it replaces the effect. The estimated parameters are None if
+    /// this fit fails.
     rivals: Vec<(String, String, Option<Py<EffectEstimate>>)>,
     refused: Vec<RefusalTuple>,
-    /// Magnitude and its standard deviation, rad/s, of an estimated constant rate that is not attributed to the Earth:
-    /// the magnitude differs from the Earth's rate, or the recordings do not determine it. None if there is no such
-    /// rate.
+    /// Magnitude and its standard deviation, rad/s, of an estimated constant rate that is not attributed to the Earth,
+    /// because the magnitude differs from the Earth's rate or because the recordings do not determine the magnitude.
+    /// None if there is no such rate.
     not_the_earth: Option<(f64, f64)>,
     not_confirmed: Vec<Py<EffectScore>>,
     /// Names of effects that unseen data contradict, and chi2 per degree of freedom of these data without and with the
@@ -139,10 +144,11 @@ pub(crate) struct GapAnalysis {
     /// Name of the figure of merit on unseen data (data that the fit does not use), its values without and with the
     /// accepted effects, and the value that noise alone would cause.
     unseen: (&'static str, f64, f64, f64),
-    /// Three values of chi2 per degree of freedom on the same recordings: for the given calibration, for the fit
-    /// without effects, and for the fit with the accepted effects. None if no calibration was given.
+    /// Three values of chi2 per degree of freedom on the same recordings: for the calibration that the caller gave for
+    /// comparison, for the fit without effects, and for the fit with the accepted effects. None if no calibration was
+    /// given.
     chi2_of_given: Option<[f64; 3]>,
-    /// Residuals of the fit without effects by kind, rest and move.
+    /// Residuals of the fit without effects, grouped by kind of residual, by rest and by move.
     residuals: Fields,
     /// Predicted rms errors of the corrected angular rate and specific force; None if no effect was accepted.
     corrected_errors: Option<Fields>,
@@ -326,7 +332,8 @@ pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAn
 /// accelerometer reading (raw units), and whether the fit used the rest.
 type RestTuple = (usize, usize, f64, [Option<f64>; 3], bool);
 
-/// Findings about the mount of the unit on the stand in one recording: slips, or, if there are none, play of the mount.
+/// Findings about the mount of the unit on the stand in one recording: slips of the unit on the mount or, if there are
+/// no slips, play of the mount.
 #[pyfunction]
 pub(crate) fn mount_faults(
     py: Python<'_>,
@@ -360,8 +367,8 @@ pub(crate) fn stand_mismatch_deg(py: Python<'_>, recording: RecordingColumns<'_>
     Ok(py.detach(|| library::stand_mismatch_deg(&recordings[0])))
 }
 
-/// Residuals of the model without effects, divided by their standard deviation from noise, and their Jacobian; see
-/// `imucal::gap::Linearised`.
+/// Residuals of the model without effects, divided by their standard deviation from noise, and the Jacobian of these
+/// scaled residuals; see `imucal::gap::Linearised`.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct GapDesign {
     residual: Py<PyArray1<f64>>,

@@ -1,4 +1,4 @@
-//! `imucal._core`: Python bindings of the Rust library. They only convert types and contain no calculations.
+//! `imucal._core`: Python bindings of the Rust library. The bindings only convert types and contain no calculations.
 //!
 //! Arrays are passed as C-contiguous float64 without a copy, and the module `arrays` verifies them. The Python
 //! interpreter lock (GIL) is released during all calculations. The module `error` converts errors to the classes of
@@ -87,7 +87,7 @@ mod _core {
     const GRAVITY_ON_EARTH_MPS2: (f64, f64) =
         (library::calibrate::GRAVITY_ON_EARTH_MPS2[0], library::calibrate::GRAVITY_ON_EARTH_MPS2[1]);
 
-    /// Maximum number of iterations in which the effects are removed from a sample.
+    /// Maximum number of iterations with which the correction removes the effects from a sample.
     #[pymodule_export]
     const MAX_PASSES: usize = imucal_core::effects::MAX_PASSES;
 
@@ -104,7 +104,7 @@ mod _core {
     #[pymodule_export]
     const GAP_FOLDS: usize = library::gap::FOLDS;
 
-    /// Bias of the gyroscope on the axes x, y and z, and its standard deviations, in raw units.
+    /// Biases of the gyroscope on the axes x, y and z, and the standard deviations of these biases, in raw units.
     type RestBias = ([f64; 3], [f64; 3]);
     type Rows<'py> = Bound<'py, PyArray2<f64>>;
 
@@ -152,9 +152,9 @@ mod _core {
         Outcome::of_accelerometer(py, outcome, &recordings, &options)
     }
 
-    /// Calibrates an accelerometer from a table of mean readings. Returns the result, and the bias of the gyroscope
-    /// with its standard deviation (None without a gyroscope). `noise_mps2` is the standard deviation of all means; it
-    /// is used if the table contains no standard deviations.
+    /// Calibrates an accelerometer from a table of mean readings. Returns the result, and the biases of the gyroscope
+    /// with their standard deviations (None without a gyroscope). `noise_mps2` is the standard deviation of every mean.
+    /// It is used if the table contains no standard deviations.
     #[pyfunction]
     fn calibrate_means(
         py: Python<'_>,
@@ -170,7 +170,8 @@ mod _core {
     }
 
     /// Evaluates a calibrated accelerometer on recordings. The gyroscope columns are not used. `uncertainty` consists
-    /// of the covariance of the nine parameters of the accelerometer, by rows, and their body frame.
+    /// of the covariance of the nine parameters of the accelerometer, by rows, and the name of the body frame in which
+    /// these parameters are defined.
     #[pyfunction]
     fn evaluate_accelerometer(
         py: Python<'_>,
@@ -209,7 +210,8 @@ mod _core {
 
     /// Evaluates a calibration on recordings. If the calibration has user-defined effects, `corrected` contains the
     /// recordings after correction by the caller, because the library cannot correct user-defined effects.
-    /// `uncertainty` consists of the covariance of the parameters of both triads, by rows, and their body frame.
+    /// `uncertainty` consists of the covariance of the parameters of both triads, by rows, and the name of the body
+    /// frame in which these parameters are defined.
     #[pyfunction]
     fn evaluate(
         py: Python<'_>,
@@ -266,8 +268,9 @@ mod _core {
         py.detach(check).to_python(py)
     }
 
-    /// The reason why figures of merit make a verdict poor; None if they do not. `set` states the recordings of these
-    /// figures: `"calibration set"` or `"control set"`. If `has_gyroscope` is false, no moves are required.
+    /// The reason why these figures of merit give the verdict `poor`; None if they do not. `set` states which
+    /// recordings the figures of merit refer to: `"calibration set"` or `"control set"`. If `has_gyroscope` is false,
+    /// no moves are required.
     #[pyfunction]
     #[pyo3(signature = (set, rests, moves, chi2_per_dof, has_gyroscope = true))]
     fn poor_figures(

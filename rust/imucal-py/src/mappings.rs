@@ -1,5 +1,5 @@
-//! Conversion of parts of a result to mappings, which are written to JSON documents unchanged. Values that are not
-//! finite become None. The library uses NaN for a value that does not exist.
+//! Conversion of parts of a result to mappings, which are written to JSON documents unchanged. The library uses NaN for
+//! a value that does not exist. Such values, and all other values that are not finite, become None.
 
 use imucal::Termination;
 use imucal::calibrate;
@@ -185,7 +185,8 @@ impl<'a> Move<'a> {
     }
 }
 
-/// The threshold of rest detection for one recording, and the range of thresholds that detect the same number of rests.
+/// The threshold of rest detection for one recording, and the range of thresholds with which the same number of rests
+/// is detected.
 #[derive(IntoPyObject)]
 pub(crate) struct Threshold {
     factor: Option<f64>,
@@ -208,7 +209,7 @@ impl From<&rests::Threshold> for Threshold {
     }
 }
 
-/// Report of a fit: chi2 of its residuals, number of iterations, and why the iteration ended.
+/// Report of a fit: chi2 of its residuals, number of iterations, and the reason why the iterations ended.
 #[derive(IntoPyObject)]
 pub(crate) struct FitReport {
     chi2: Option<f64>,
@@ -253,7 +254,7 @@ impl From<calibrate::ResidualScales> for ResidualScales {
     }
 }
 
-/// The residuals of one kind, compared with noise. `rms` and `noise` are in the unit `unit`, as datasheets use it.
+/// The residuals of one kind, compared with noise. `rms` and `noise` are in `unit`, a unit that datasheets use.
 #[derive(IntoPyObject)]
 pub(crate) struct GroupMisfit {
     kind: &'static str,
@@ -281,7 +282,7 @@ impl From<&verdict::GroupMisfit> for GroupMisfit {
     }
 }
 
-/// Parameters that the recordings determine only poorly, with the motion to add.
+/// Parameters that the recordings determine only poorly, and the motion that would determine them better.
 #[derive(IntoPyObject)]
 pub(crate) struct Diagnosis {
     code: &'static str,

@@ -43,14 +43,14 @@ pub(crate) struct AxisNoise {
 }
 
 /// Change of the mean reading of one axis of a unit at rest. The values are: index of the axis (0 to 2 for the
-/// accelerometer, 3 to 5 for the gyroscope); size of the change; its standard deviation; and increase of 2 ln L if the
-/// change is modelled, where L is the likelihood.
+/// accelerometer, 3 to 5 for the gyroscope); size of the change; its standard deviation; and the increase of 2 ln L by
+/// a model with this change, where L is the likelihood of the samples.
 type Departure = (usize, f64, f64, f64);
 /// A step of the mean readings: its time (s), the index of the first sample after the step, and the change of each
 /// affected axis.
 type Step = (f64, usize, Vec<Departure>);
-/// A slow drift of the mean reading of one axis: its start (s), its end (s), its time constant (s, None for a change at
-/// a constant rate), and the change.
+/// A slow drift of the mean reading of one axis: its start (s), its end (s), its time constant (s; None for a change at
+/// a constant rate), and the total change of the mean.
 type Drift = (f64, f64, Option<f64>, Departure);
 
 fn departure(axis: &library::Departure) -> Departure {
@@ -138,7 +138,7 @@ pub(crate) fn identify_noise(
     })
 }
 
-/// One series of samples, or a two-dimensional array in any memory order, each column of which is one series.
+/// One series of samples, or a two-dimensional array in any memory order. Each column of the array is one series.
 #[derive(FromPyObject)]
 pub(crate) enum Series<'py> {
     One(PyReadonlyArray1<'py, f64>),

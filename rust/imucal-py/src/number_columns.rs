@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 /// Reads the columns of a text table that contains only numbers. The text is passed in blocks of bytes.
 #[pyclass]
 pub(crate) struct NumberColumns {
-    /// None after a block that contains anything but plain numbers, and after `finish`.
+    /// None after a block with anything other than plain numbers, and after a call of `finish`.
     table: Option<Library>,
 }
 

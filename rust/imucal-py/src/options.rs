@@ -42,27 +42,30 @@ pub(crate) struct CalibrateOptions<'py> {
     exclude_saturated: bool,
     accel_nominal: Option<f64>,
     gyro_nominal: Option<f64>,
-    /// Which parameters are estimated without a prior: "full", "orthogonal" or "bias".
+    /// Parameters that are estimated without a prior: "full" (all 21 parameters), "orthogonal" (biases and scales) or
+    /// "bias" (biases).
     model: String,
     hold: Vec<HeldTuple>,
-    /// For each group of parameters: its name, and the standard deviations that the profile of the unit states for it.
+    /// Standard deviations of the parameters between units, from the profile of the unit. They are used as standard
+    /// deviations of priors. For each group of parameters, for example `gyro_misalignment`: the name of the group and
+    /// its standard deviations.
     profile: Vec<(String, Vec<f64>)>,
     joint: bool,
     /// Bias instability and random walk of the accelerometer and of the gyroscope.
     wander: Option<(Wander, Wander)>,
-    /// Name of each effect, and the number of parameters of its form.
+    /// For each effect in the model: its name, and the number of its parameters that are estimated.
     effects: Vec<(String, usize)>,
     partly: Vec<String>,
     user_fields: Vec<UserFieldArrays<'py>>,
     folds: Option<usize>,
-    /// Nine parameters of a calibrated accelerometer in the symmetric frame, and their covariance by rows. They are a
-    /// prior.
+    /// Nine parameters of a calibrated accelerometer in the symmetric frame, and the covariance of these parameters by
+    /// rows. They are used as a prior.
     accelerometer: Option<([f64; 9], [[f64; 9]; 9])>,
     max_iterations: u64,
 }
 
-/// The prior of a parameter or group of parameters: the name of the parameter or group, and the mean and the standard
-/// deviation of the prior. None stands for the default.
+/// The prior of one parameter, or of each parameter of a group: the name of the parameter or group, and the mean and
+/// the standard deviation of the prior. None stands for the default mean or the default standard deviation.
 pub(crate) type HeldTuple = (String, Option<f64>, Option<f64>);
 
 pub(crate) fn priors(model: &str, hold: &[HeldTuple], profile: &[(String, Vec<f64>)]) -> Result<Priors, Error> {

@@ -26,7 +26,8 @@ pub(crate) struct PlanSensors<'py> {
     run_s: f64,
 }
 
-/// Limits of a stand, converted from the attributes of a Python object. Angles are in rad.
+/// Limits of a stand, or of a person who moves the unit by hand, converted from the attributes of a Python object.
+/// Angles are in rad.
 #[derive(FromPyObject)]
 pub(crate) struct PlanLimits {
     /// For each motor, outermost first: maximum rate, maximum acceleration, and range of angles; None for a missing
@@ -72,7 +73,8 @@ impl From<PlanLimits> for Limits {
     }
 }
 
-/// Names and units of the effects' parameters, in the order in which they follow the 21 parameters of the triads.
+/// Names and units of the effects' parameters, in the order of a plan. In a plan, these parameters follow the 21
+/// parameters of the triads.
 #[pyfunction]
 pub(crate) fn plan_effect_parameters(
     py: Python<'_>,
@@ -119,8 +121,8 @@ pub(crate) fn optimal_program(
     Ok((steps(&found.program), found.reached))
 }
 
-/// The first list contains the name, the detection limit and its unit of each observable effect. The second list
-/// contains the name of each effect that is not observable, and the data that would make it observable.
+/// The first list contains, for each observable effect, its name, its detection limit and the unit of this limit. The
+/// second list contains, for each effect that is not observable, its name and the data that would make it observable.
 type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
 /// Detection limit of each effect in `candidates`: the smallest size that is significant in the recordings.

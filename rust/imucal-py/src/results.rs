@@ -49,7 +49,8 @@ fn ranges(rests: &[evaluate::RestReport], recordings: &[Recording<'_>]) -> Vec<V
     calibrate::rest_ranges(rests, recordings.len()).into_iter().map(of_recording).collect()
 }
 
-/// An estimated effect. `statistic` is the Wald statistic for the hypothesis that all its parameters are zero.
+/// An estimated effect. `statistic` is the Wald statistic for the hypothesis that all parameters of the effect are
+/// zero.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct EffectEstimate {
     name: String,
@@ -65,8 +66,8 @@ impl EffectEstimate {
     }
 }
 
-/// Triads and effects of a calibration. The library passes them to the Python functions that evaluate user-defined
-/// effects or correct recordings for them.
+/// Triads and effects of a calibration. The library passes this estimate to the Python functions that evaluate
+/// user-defined effects or remove them from recordings.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Estimate {
     accel_sensitivity: Rows,
@@ -88,7 +89,7 @@ impl Estimate {
     }
 }
 
-/// Result of a calibration. For an accelerometer without a gyroscope, all fields of the gyroscope are None.
+/// Result of a calibration. For an accelerometer without a gyroscope, all gyroscope fields are None.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Outcome {
     accel_sensitivity: Rows,
@@ -97,10 +98,10 @@ pub(crate) struct Outcome {
     gyro_bias: Option<Vector>,
     names: Vec<String>,
     covariance: Rows,
-    /// Report on each rest, with a chi2 test of its residuals against noise.
+    /// Report on each rest, with a chi2 test of the residuals of this rest against noise.
     rests: Vec<Fields>,
     moves: Vec<Fields>,
-    /// Index ranges, first and end, of the rests of each recording.
+    /// For each recording and each of its rests: index of the first sample, and index of the last sample plus one.
     rest_ranges: Vec<Vec<(usize, usize)>>,
     thresholds: Vec<Fields>,
     accel_noise_density: Vector,
@@ -116,15 +117,15 @@ pub(crate) struct Outcome {
     effects: Vec<Py<EffectEstimate>>,
     /// Parameters with a prior (held parameters), with their priors and estimates; empty if there are none.
     held: Vec<Fields>,
-    /// For each parameter of the calibration, the share of its variance that is due to the priors of held parameters;
-    /// empty if no parameter is held.
+    /// For each parameter of the calibration, the share of its variance that is due to the priors of held parameters
+    /// (parameters with a prior); empty if no parameter is held.
     prior_shares: Vec<f64>,
-    /// Errors of the corrected samples that are due to the uncertainty of the priors; None if no parameter is held.
+    /// Errors of the corrected samples that are due to the uncertainty of the priors; None if no parameter has a prior.
     prior_cost: Option<Fields>,
     figures: Fields,
     /// Verdict on the calibration recordings: good, incomplete or poor.
     verdict: &'static str,
-    /// Reasons for this verdict; empty for a good one.
+    /// Reasons for this verdict; empty for the verdict good.
     reasons: Vec<String>,
     /// Goodness of fit of each kind of residual, relative to noise.
     residuals: Vec<Fields>,
@@ -301,13 +302,13 @@ pub(crate) struct Evaluation {
     before: Fields,
     /// Verdict on the control recordings: good, incomplete or poor.
     verdict: &'static str,
-    /// Reasons for this verdict; empty for a good one.
+    /// Reasons for this verdict; empty for the verdict good.
     reasons: Vec<String>,
     /// Goodness of fit of each kind of residual, relative to noise and the uncertainty of the calibration.
     residuals: Vec<Fields>,
     rests: Vec<Fields>,
     moves: Vec<Fields>,
-    /// Index ranges, first and end, of the rests of each recording.
+    /// For each recording and each of its rests: index of the first sample, and index of the last sample plus one.
     rest_ranges: Vec<Vec<(usize, usize)>>,
     carried: Vec<Py<Carried>>,
     findings: Vec<Py<PyAny>>,
@@ -335,8 +336,8 @@ impl Evaluation {
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Inspection {
     findings: Vec<Py<PyAny>>,
-    /// For each rest: its start and end, s, and the number of epochs into which it is divided. Each epoch of a long
-    /// rest has a separate mean.
+    /// For each rest: its start and end, s, and the number of epochs (parts) into which it is divided. Only long rests
+    /// are divided. The samples are averaged separately in each epoch.
     rests: Vec<(f64, f64, usize)>,
     threshold: Option<Fields>,
     /// Explanation of the chosen threshold, or the reason why there are no rests.
@@ -370,8 +371,8 @@ pub(crate) struct Prospect {
     /// Predicted standard deviation of each of the 21 parameters, in raw units; None if the recordings do not determine
     /// the parameter.
     predicted_sigma: Vec<Option<f64>>,
-    /// Names of the accelerometer parameters that the rests alone do not determine, but the rests together with the
-    /// moves do.
+    /// Names of the accelerometer parameters that the rests alone do not determine, but that the rests and moves
+    /// together determine.
     through_moves: Vec<String>,
     missing: Option<String>,
 }

@@ -28,7 +28,7 @@ pub(crate) struct Simulation {
     specific_force: Py<PyArray2<f64>>,
     angular_rate: Py<PyArray2<f64>>,
     temperature_degc: Py<PyArray1<f64>>,
-    /// Motor angles as the encoders read them, rad; None without a stand.
+    /// Motor angles from the encoders of the stand, rad; None without a stand.
     stand_rad: Option<Py<PyArray2<f64>>>,
     true_specific_force: Py<PyArray2<f64>>,
     true_angular_rate: Py<PyArray2<f64>>,
@@ -60,7 +60,8 @@ pub(crate) struct SetupArrays<'py> {
     threads: Option<NonZeroUsize>,
 }
 
-/// A motion of the unit. It is the first variant whose fields are all attributes of the Python object.
+/// A motion of the unit, converted from a Python object. The first variant whose fields are all attributes of the
+/// object is chosen.
 #[derive(FromPyObject)]
 pub(crate) enum Motion {
     Stand { steps: Vec<StepTuple>, stand: Stand },

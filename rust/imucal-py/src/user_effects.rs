@@ -88,7 +88,8 @@ fn sampled(py: Python<'_>, fields: &[UserFieldArrays<'_>]) -> PyResult<Vec<Sampl
 }
 
 /// Converts an exception of a Python function to an error of the library. FitError, NotEnoughMotionError and an
-/// InputError without findings have a corresponding error. The user receives any other exception unchanged.
+/// InputError without findings are converted to the corresponding error of the library. Any other exception reaches the
+/// user unchanged.
 pub(crate) fn library_error(py: Python<'_>, error: PyErr) -> Error {
     let message = error.value(py).to_string();
     let is = |name: &str| {

@@ -78,7 +78,8 @@ pub struct Options<'a> {
     /// Nominal sensitivity of a gyroscope that outputs counts, lsb per rad/s. If `None`, the start values of the fit
     /// are estimated from the data.
     pub gyro_nominal: Option<f64>,
-    /// Priors of parameters. Priors require the joint fit, so any prior sets `joint`.
+    /// Priors of parameters. If there is any prior, a calibration of both sensors uses the joint fit, even if `joint`
+    /// is false.
     pub priors: Priors,
     /// Whether all parameters are estimated in a joint fit. If false, the result is from the two-stage fit: first the
     /// accelerometer from the rests, then the gyroscope from the moves. The two-stage fit does not support effects.
@@ -120,8 +121,8 @@ pub struct ModelOptions<'a> {
 }
 
 impl<'a> Options<'a> {
-    /// A copy of these options without the model options (effects and folds). Effects require the joint fit, so `joint`
-    /// is set if there is any effect.
+    /// A copy of these options without the model options (effects and folds). Effects and priors require the joint fit,
+    /// so the copy has `joint` set if these options contain any of them.
     fn without_model(&self) -> Options<'static> {
         let Self {
             gravity_mps2,
@@ -235,7 +236,7 @@ pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     Checked::try_new(recordings, options)?.calibrate(&options.model(), None)
 }
 
-/// For tests: checks the recordings, and then calls [`Checked::prepare`] with their own temperatures.
+/// For tests: checks the recordings, and then calls [`Checked::prepare`] with the temperatures of these recordings.
 #[cfg(test)]
 pub(crate) fn prepare<T>(
     recordings: &[Recording<'_>],
@@ -264,8 +265,8 @@ fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     }
     options.references.check()?;
     options.wander.as_ref().map_or(Ok(()), UnitWander::check)?;
-    // The data cannot distinguish a wrong value of gravity from a wrong accelerometer scale. A value that does not
-    // occur on Earth is therefore an error.
+    // The data cannot distinguish a wrong value of gravity from a wrong accelerometer scale. Therefore a value of
+    // gravity that does not occur on Earth is refused here.
     let [least, most] = GRAVITY_ON_EARTH_MPS2;
     if !(options.gravity_mps2 >= least && options.gravity_mps2 <= most) {
         return Err(Error::Input(format!(

@@ -1,10 +1,10 @@
 //! Cancellation of long calculations.
 //!
 //! A calculation that was started by [`Cancellation::run`] ends soon after [`Cancellation::cancel`] is called from any
-//! thread, or after the poll function returns true. The loops of this crate check for a cancellation once per step. A
-//! cancelled calculation unwinds its stack, so functions that return no `Result` can also be cancelled. All of its
-//! threads end first, and no partial result is returned. The program must be built with `panic = "unwind"`, which is
-//! the default.
+//! thread, or after the poll function (see [`Cancellation::with_poll`]) has returned true. The loops of this crate
+//! check for a cancellation once per step. A cancelled calculation unwinds its stack, so functions that return no
+//! `Result` can also be cancelled. All threads of the calculation end before [`Cancellation::run`] returns, and no
+//! partial result is returned. The program must be built with `panic = "unwind"`, which is the default.
 //!
 //! ```
 //! use imucal::cancellation::Cancellation;

@@ -110,7 +110,7 @@ pub fn check_one_or_both(recording: &Recording) -> Vec<Finding> {
     findings.extend(clock::check(recording, &survey.steps));
     let impossible = values::check_possible(recording, &survey.extremes);
     if !impossible.is_empty() {
-        // Impossible values distort the statistics of all checks that follow, so those checks are skipped.
+        // Impossible values distort the statistics of all later checks, so these checks are skipped.
         findings.extend(impossible);
         return findings;
     }

@@ -10,11 +10,11 @@
 //! on `true`.
 //!
 //! Effects may depend on other quantities in addition to rate and force. A recording provides the time since its first
-//! sample. If it has a temperature column, it provides the temperature minus [`REFERENCE_TEMPERATURE_DEGC`] and its
-//! history. The derivative of the rate provides the angular acceleration ([`angular_acceleration`]). A recording
-//! provides neither the attitude nor the angles of a stand. The rate of the Earth is not removed, because the attitude
-//! is not known. This rate is not an error of the gyroscope, because a gyroscope measures the rate relative to the
-//! stars.
+//! sample. If it has a temperature column, it also provides the temperature minus [`REFERENCE_TEMPERATURE_DEGC`], and
+//! the temperature history. The derivative of the rate provides the angular acceleration ([`angular_acceleration`]). A
+//! recording provides neither the attitude nor the angles of a stand. The rate of the Earth is not removed, because the
+//! attitude is not known. This rate is not an error of the gyroscope, because a gyroscope measures the rate relative to
+//! the stars.
 
 use crate::cancellation::checkpoint;
 use crate::error::Error;

@@ -14,7 +14,7 @@ pub enum Error {
     /// The data have faults that would make a calibration wrong. All faults are listed.
     #[error("{}", list(.0))]
     Data(Vec<Finding>),
-    /// The motion does not determine every parameter. The message names the parameters and the poses to add.
+    /// The motion does not determine every parameter. The message names the parameters, and the poses or moves to add.
     #[error("{0}")]
     NotEnoughMotion(String),
     /// The estimation failed to converge, or its result is not usable.

@@ -61,7 +61,8 @@ pub struct RestReport {
     pub start_s: f64,
     /// Time of the last sample, s.
     pub end_s: f64,
-    /// Number of epochs of the rest. Each epoch has its own mean. The number is 1 if one mean describes the rest.
+    /// Number of epochs (parts) of the rest. Each epoch has its own mean. The number is 1 if one mean describes the
+    /// whole rest.
     pub epochs: usize,
     /// Unsteadiness (model.md (11)): the larger of two ratios, which are near 1 for a unit on a table and larger for a
     /// unit in a hand. The first ratio is the variance of the samples within half a second divided by the noise
@@ -151,7 +152,7 @@ pub struct Evaluation {
     pub verdict: Verdict,
 }
 
-/// Calibration of the uncalibrated sensors with their nominal sensitivity, for comparison. Readings in SI units are
+/// The nominal calibration of a unit. In comparisons, it represents the uncalibrated sensors. Readings in SI units are
 /// used without correction. For readings in counts, all axes have the same scale, the cube root of the determinant of
 /// the sensitivity in `calibration`. The bias of all axes is the mean bias in `calibration`.
 pub fn as_it_comes(calibration: &Calibration<f64>, recordings: &[Recording<'_>]) -> Calibration<f64> {
@@ -201,7 +202,8 @@ pub fn evaluate(
 /// in SI units). It is intended for effects that are not in the catalogue.
 ///
 /// # Errors
-/// As [`evaluate`]; [`Error::Input`] if `corrected` does not contain a recording of the same length for each recording.
+/// The errors of [`evaluate`]. [`Error::Input`] if `corrected` does not contain, for each recording, a corrected
+/// recording of the same length.
 pub fn evaluate_corrected(
     calibration: &Calibration<f64>,
     uncertainty: Option<&Uncertainty>,
@@ -237,9 +239,9 @@ fn with_nominal(
     Ok(Evaluation { before: before.figures, verdict: Verdict::of(reasons), ..evaluation })
 }
 
-/// Evaluates one calibration. The checks and the rest detection use the recordings as measured. The figures use the
-/// corrected samples, if `corrected` contains them. The verdict does not contain reasons from the comparison with the
-/// uncalibrated unit.
+/// Evaluates one calibration. The checks and the rest detection use the recordings as measured. The figures of merit
+/// are computed from the samples in `corrected`, if there are any, and otherwise from the measured samples. The verdict
+/// does not contain reasons from the comparison with the uncalibrated unit.
 fn judge(
     (calibration, uncalibrated): (&Calibration<f64>, &Triad<f64>),
     uncertainty: Option<&Uncertainty>,
@@ -304,7 +306,8 @@ fn judge(
     let groups = used.groups(|| uncertainty.map_or_else(Vec::new, |own| own.changed(calibration, corrected.is_some())));
     findings.extend(used.outliers());
     let mut reasons = Vec::from_iter(figures.reason_beside(used.kept_chi2_per_dof(), &groups, uncorrected));
-    // Without residuals no axis is tested, and the reason is the one that was already found.
+    // If there is no usable move, or if samples could not be corrected, the residuals do not test any axis. The reason
+    // in the list already says why, so untested axes are not added.
     if !matches!(reasons[..], [Reason::NoUsableMove { .. } | Reason::NotCorrected { .. }]) {
         reasons.extend(Reason::axes_not_tested(used.untested_axes()));
     }
@@ -341,7 +344,7 @@ pub(crate) fn figures(
     Figures {
         chi2_per_dof: chi2 / count.saturating_sub(parameters).max(1) as f64,
         gravity_norm_rms_mps2: rms(rests.iter().map(|rest| rest.norm_error_mps2)),
-        // Without moves, there is no direction error. The figure is then NaN, because zero would mean a perfect result.
+        // Without moves, there is no direction error. The rms is then NaN, because zero would mean a perfect result.
         gravity_direction_rms_deg: if moves.is_empty() {
             f64::NAN
         } else {
@@ -442,7 +445,7 @@ fn carried_gravity(
 }
 
 /// Returns an error with the findings of severity `Error`, if there are any. Saturation in a control recording is
-/// reported but is no error, because saturated rests and moves are excluded from the figures.
+/// reported but is no error, because saturated rests and moves are excluded from the figures of merit.
 fn refuse_unusable(findings: &mut Vec<Finding>) -> Result<(), Error> {
     let fatal = |finding: &Finding| finding.severity == Severity::Error && !finding.is_saturation();
     if findings.iter().any(fatal) {

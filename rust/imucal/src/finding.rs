@@ -24,7 +24,7 @@ pub struct Finding {
     pub columns: Vec<String>,
     /// First and last affected sample with their times, if the fault has a location.
     pub place: Option<Place>,
-    /// Number of affected samples. A finding about whole recordings counts other items, for example units.
+    /// Number of affected samples. Some findings count other items instead, for example axes, rests or units.
     pub count: usize,
     /// The measured value that revealed the fault, for example by exceeding a limit, in `unit`.
     pub value: f64,

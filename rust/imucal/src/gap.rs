@@ -1,26 +1,28 @@
 //! Search for missing effects. All candidate effects are scored, and the candidate with the largest evidence is added
 //! to the model. This step is repeated until no remaining candidate improves the fit significantly (docs/model.md (23),
-//! (24)).
+//! (24)). A rest is a period without motion, and a move is the motion between two rests.
 //!
-//! * `evidence`: evidence (marginal likelihood) of a model. The standard deviation of an effect's prior (its width) is
-//!   a multiple of the typical size of the effect. The noise scale (chi2 per degree of freedom) of each kind of
-//!   residual is estimated.
+//! * `evidence`: evidence (marginal likelihood) of a model. The prior of an effect has a standard deviation (the prior
+//!   width) that is a multiple of the typical size of the effect. The noise scale (chi2 per degree of freedom) of each
+//!   kind of residual is estimated.
 //! * `forward_search`, `score`, `revise`: steps of the forward search.
 //! * `generic`, `pattern`: generic hypotheses. A generic hypothesis is a variation of a bias or scale that no effect of
-//!   the catalogue describes. It is compared with the selected effects.
-//! * `time_course`: type of a variation in time: random walk, smooth variation, switching between two levels, or
-//!   independent deviations.
-//! * `predict`: cross-validation of a candidate on held-out rests and moves.
+//!   the catalogue describes. Generic hypotheses are compared with the selected effects.
+//! * `time_course`: selects how a parameter varies in time: as a random walk, smoothly, by switching between two
+//!   levels, or by independent deviations in each rest and move.
+//! * `predict`: cross-validation of a candidate effect on held-out rests and moves.
 //! * `earth`: test whether the rate estimated as the effect `earth_rate` has the known magnitude of the Earth's rate.
 //! * `forward_search::beside_patterns`: scores effects of the catalogue with generic hypotheses in the model. Effects
 //!   are therefore found even if an unknown variation is also present.
-//! * `detect`: detection limit of each effect, which is the smallest size that is detected with 90 % probability.
+//! * `detect`: detection limit of each effect. It is the smallest size of the effect that is detected with 90 %
+//!   probability.
 //! * `fits`, `acceptance`: an effect is accepted unless it makes the prediction of unseen data significantly worse.
 //!   Unseen data are control recordings or, without them, held-out rests and moves.
-//! * `mount`, `clock`: faults of the unit's mount on a stand, and faults of the clock. They prevent conclusions about
-//!   effects.
-//! * `verdict`, `remainder`: conclusion of a search, and the residuals that the accepted effects do not explain.
-//! * `session`: biases that changed between the calibration recordings and the control recordings.
+//! * `mount`, `clock`: faults of the unit's mount on a stand, and faults of the clock. Such faults prevent conclusions
+//!   about effects.
+//! * `verdict`, `remainder`: the conclusion of a search, and a description of the residuals that the accepted effects
+//!   do not explain.
+//! * `session`: test for biases that changed between the calibration recordings and the control recordings.
 //! * `residuals_by_place`: residuals by kind of residual, by rest and by move.
 //! * `predicted_error`: expected errors of the corrected signals.
 //!
@@ -95,7 +97,7 @@ pub struct Search {
     /// explains the residuals better than the selected effects. If there are several, the one with the largest log
     /// Bayes factor.
     pub generic: Option<GenericFinding>,
-    /// Effects that were not selected although their log Bayes factor on these recordings is large. They do not improve
+    /// Effects with a large log Bayes factor on these recordings that were not selected, because they do not improve
     /// the prediction of held-out rests and moves.
     pub not_predictive: Vec<NotPredictive>,
     /// Magnitude and standard deviation, rad/s, of a constant rate that the search estimated as the effect `earth_rate`
@@ -108,13 +110,14 @@ pub struct Search {
     /// probability, and the unit of this size. The limit is computed relative to the final model. If the final model
     /// already contains the effect, the limit is computed relative to the model without effects.
     pub smallest_visible: Vec<(String, f64, String)>,
-    /// For each effect, the residuals that an effect of typical size would cause in a model without it.
+    /// For each effect: the residuals that would remain after a fit if the model lacked an effect of this kind and of
+    /// typical size.
     pub traces: Vec<Trace>,
     /// The kind of residual with the largest ratio of scatter to noise under the final model. Only residuals at rests
     /// and residuals relative to the stand's angles are tested. `None` if no ratio is significant. If effects were
-    /// selected, only residuals of their sensors and of the stand are tested. If the effects estimated with and without
-    /// the stand's angles differ significantly, this contradiction is reported instead, with the name
-    /// `stand_and_sensors`.
+    /// selected, only residuals of the sensors on which these effects act, and of the stand, are tested. The effects
+    /// are estimated with and without the stand's angles. If the two estimates differ significantly, this contradiction
+    /// is reported instead, with the name `stand_and_sensors`.
     pub scattering_rests: Option<Scattering>,
     /// Whether the search ignores accelerometer samples inside moves. It ignores them if the unit was moved by hand,
     /// because the specific force then contains accelerations in addition to gravity. It also ignores them if the
@@ -124,7 +127,8 @@ pub struct Search {
     pub warm_start: WarmStart,
 }
 
-/// Name of a kind of residual, ratio of its standard deviation to noise, and the p-value of this ratio.
+/// Name of a kind of residual, ratio of the standard deviation of these residuals to their noise, and the p-value of
+/// this ratio.
 pub type Scattering = (&'static str, f64, f64);
 
 /// The score of an effect relative to a model without it (docs/model.md (23)).
@@ -132,7 +136,8 @@ pub type Scattering = (&'static str, f64, f64);
 pub struct Score {
     /// Name of the effect.
     pub name: String,
-    /// Number of parameters in the form of the effect (for example linear or quadratic) with the largest evidence.
+    /// Number of parameters of the effect. If the effect has several forms (for example linear and quadratic), it is
+    /// the number in the form with the largest evidence.
     pub parameters: usize,
     /// Log Bayes factor of the model with the effect relative to the model without the effect, nats.
     pub log_bayes_factor: f64,
@@ -141,8 +146,8 @@ pub struct Score {
     pub statistic: f64,
     /// Degrees of freedom of `statistic`: the number of observable directions in the space of the effect's parameters.
     pub dof: usize,
-    /// p-value of `statistic` under a chi2 distribution with `dof` degrees of freedom. A candidate with a time constant
-    /// has one degree of freedom more.
+    /// p-value of `statistic` under a chi2 distribution with `dof` degrees of freedom, or with `dof` + 1 degrees of
+    /// freedom if the effect has a time constant.
     pub p_value: f64,
     /// For a selected effect: names of the effects that could have been selected instead, because their log evidence
     /// differed from the log evidence of the selected effect by less than three nats. Empty for effects that were not
@@ -150,8 +155,8 @@ pub struct Score {
     pub rivals: Vec<String>,
 }
 
-/// Residuals that an effect of typical size causes in a model without the effect. The parameters of this model have
-/// been refitted to these residuals.
+/// Residuals that remain if a unit has an effect of typical size and the fitted model lacks this effect. The fit of the
+/// other parameters removes a part of the error that the effect causes.
 #[derive(Clone, Debug)]
 pub struct Trace {
     /// Name of the effect.
@@ -159,8 +164,8 @@ pub struct Trace {
     /// For each kind of residual: its name, and the rms of residual / sigma. Sigma is the standard deviation of a
     /// residual from sensor noise.
     pub times_noise: Vec<(&'static str, f64)>,
-    /// Share of these residuals that the refit removes, 0 to 1: decrease of chi2 by the refit, divided by chi2 before
-    /// the refit.
+    /// Share of the effect's error that the fit of the other parameters removes, 0 to 1: decrease of chi2 by the fit,
+    /// divided by chi2 before the fit.
     pub taken_up: f64,
 }
 
@@ -192,20 +197,21 @@ pub struct GenericFinding {
     pub p_value: f64,
     /// Sensor axis with the largest variation: 0, 1 or 2.
     pub axis: usize,
-    /// Indices of the rests with the largest deviations, in descending order of the deviation. For a variation that is
-    /// observable only in moves: indices of the rests before the moves with the largest deviations.
+    /// Indices of the three rests with the largest deviations of the parameter, in descending order of the deviation.
+    /// For a variation that is observable only in moves: indices of the rests before the three moves with the largest
+    /// deviations.
     pub rests: Vec<usize>,
     /// Rms deviation of the parameter on the sensor axis `axis`, SI units.
     pub rms: f64,
 }
 
-/// Whitened residuals and their Jacobian. Each row is one residual.
+/// Whitened residuals and the Jacobian of these residuals. Each row of the Jacobian belongs to one residual.
 #[derive(Clone, Debug)]
 pub struct Linearised {
     /// Residuals divided by their standard deviation from sensor noise.
     pub residual: Vec<f64>,
     /// Derivatives of `residual` with respect to the base parameters (sensitivities and biases) and, if the stand's
-    /// angles are used, the stand parameters. Each row is one residual, and each column is one parameter.
+    /// angles are used, the stand parameters. Each row belongs to one residual, and each column to one parameter.
     pub base: Vec<Vec<f64>>,
     /// For each effect: its name, and the derivatives with respect to the parameters of its largest form (for example
     /// quadratic), in the layout of `base`. An effect with a time constant has one list entry for each trial value of

@@ -1,5 +1,5 @@
-//! Held parameters: parameters with a normal prior. They are needed if the recordings do not determine all parameters
-//! (model.md (40)).
+//! Held parameters: parameters with a normal (Gaussian) prior. Priors are needed if the recordings do not determine all
+//! parameters (model.md (40)).
 //!
 //! ```text
 //! r = (h(p) - value) / sigma
@@ -33,7 +33,7 @@ pub const GROUPS: [&str; 6] =
 pub enum PriorSource {
     /// The user gave the standard deviation.
     Given,
-    /// The standard deviation is from the unit's profile.
+    /// The standard deviation is from the unit's profile, which contains known properties of this unit.
     Profile,
     /// The standard deviation is the default for MEMS sensors.
     Default,
@@ -68,8 +68,8 @@ pub struct HeldParameter {
 }
 
 /// Errors of a measured gravity direction and of a measured rotation that are due to the uncertainty of the held
-/// parameters. Each is a standard deviation, averaged (rms) over the directions to the faces, edges and corners of a
-/// cube.
+/// parameters. Each error is a standard deviation. It is averaged (rms) over gravity directions or rotation axes that
+/// point to the faces, edges and corners of a cube fixed to the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PriorCost {
     /// Error of the direction of gravity from the accelerometer, deg.
@@ -214,7 +214,7 @@ pub(crate) fn precisions(held: &[HeldParameter], parameters: &[f64]) -> [(f64, f
     for held in held {
         let HeldRow { residual, derivatives } = held.row(parameters);
         if let Quantity::Combination { at, .. } = held.quantity {
-            // Precision of one parameter for known values of the other parameters.
+            // This is the precision of one parameter if the values of all other parameters are known.
             derivatives.into_iter().for_each(|(p, by)| all[p] = (all[p].0 + by * by, parameters[p] - at[p]));
         } else if let Some((p, by)) = derivatives.first() {
             all[*p] = (by * by, residual / by);

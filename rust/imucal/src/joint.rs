@@ -1,4 +1,5 @@
-//! Joint maximum-likelihood estimate of both sensor models and of the selected effects (model.md (17) to (20)).
+//! Joint maximum-likelihood estimate of both sensor models and of the selected effects (model.md (17) to (20)). An
+//! effect is a sensor error that bias and sensitivity do not describe, for example a dependence on temperature.
 //!
 //! ```text
 //! rest norms   |f_k| - g
@@ -14,11 +15,11 @@
 //! rows of E_k span the plane perpendicular to u_(k+1).
 //!
 //! The quantities f, u and R are corrected for the effects. An error of the mean force at a rest changes the residuals
-//! of both adjacent moves, so these residuals are correlated. `whiten` divides them by the Cholesky factor of their
-//! covariance. The attitude error grows inside a move as a random walk, so the residuals inside a move are correlated,
-//! too. A Kalman filter replaces them by its normalised innovations, which are white (`inside`). The weights are
-//! estimated from the residuals of a fit, and the next fit uses the new weights. Fits are repeated until the parameters
-//! converge.
+//! of both adjacent moves, so these residuals are correlated. `whiten` multiplies the residuals by the inverse of the
+//! Cholesky factor of their covariance. The attitude error grows inside a move as a random walk, so the residuals
+//! inside a move are correlated, too. A Kalman filter replaces the residuals inside a move by its normalised
+//! innovations, which are white (`inside`). The weights are estimated from the residuals of a fit, and the next fit
+//! uses the new weights. Fits are repeated until the parameters converge.
 
 mod choices;
 mod encoders;
@@ -90,14 +91,14 @@ use start::Prior;
 use weights::Weights;
 
 /// Observability limit of an effect. If the parameters of the effect change by one typical size (`Term::typical`) in
-/// their least observable direction, the whitened residuals must change by at least this norm. At 0.1, a change of ten
-/// typical sizes changes chi2 by one (model.md (18)).
+/// their least observable direction, the whitened residuals change. The norm of this change must be at least this
+/// limit. At 0.1, a change of ten typical sizes changes chi2 by one (model.md (18)).
 const LEAST_CHANGE: f64 = 0.1;
-/// Observability limit of an effect with a prior. It applies to the same norm as `LEAST_CHANGE`, but for a change of
+/// Observability limit of an effect with a prior. It is a limit of the same norm as `LEAST_CHANGE`, but for a change of
 /// the parameters in their most observable direction. At 0.01, a change of a hundred typical sizes changes chi2 by one.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
-/// Initial standard deviation of the prior of an effect, in typical sizes of its parameters. Only effects that may be
-/// determined in some directions only (`Term::partly`) have such a prior.
+/// Initial standard deviation of the prior of an effect, in typical sizes of its parameters. Only effects that are
+/// permitted even if the recordings do not determine all their parameters (`Term::partly`) have such a prior.
 const WIDE: f64 = 100.0;
 /// Convergence limit of the repeated fits: largest change of a parameter between two fits, in standard deviations
 /// (model.md (18)).
@@ -110,11 +111,11 @@ const NOT_SETTLED: f64 = 0.1;
 /// Maximum number of fits with new weights. If the parameters have not converged after this number, the result is
 /// reported as not converged. Most runs converge within five fits.
 const MAX_ROUNDS: usize = 16;
-/// If the residuals at the start of a search scatter by more than this multiple of their noise, the weights estimated
-/// from them are too small. The fit is then repeated with new weights.
+/// If the residuals at the start of a search for effects scatter by more than this multiple of their noise, the weights
+/// estimated from these residuals are too small. The fit is then repeated with new weights.
 const MISLEADING: f64 = 10.0;
-/// The repeated fits of a search end if the ratio of scatter to noise changes by less than this factor from one fit to
-/// the next, for every kind of residuals.
+/// The repeated fits of a search for effects end if, for every kind of residuals, the ratio of scatter to noise changes
+/// by less than this factor from one fit to the next.
 const FAR: f64 = 1.5;
 /// Relative tolerance of the solver in a search for effects and in the first round of a fit, in which the weights are
 /// preliminary.
@@ -122,13 +123,13 @@ const SEARCH: f64 = 1e-5;
 /// Start values of the time constant of a warm-up, as fractions of the duration of the longest recording (model.md
 /// (23)).
 const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
-/// Start values of the time constant of a temperature lag, as fractions of the duration of the longest recording. A lag
-/// repeats with each change of the temperature, so short lags are observable in long recordings. A lag as long as the
-/// recording causes nearly the same errors as the temperature itself, and is not tried.
+/// Start values of the time constant of a temperature lag, as fractions of the duration of the longest recording. The
+/// error due to a lag occurs at each change of the temperature, so short lags are observable in long recordings. A lag
+/// as long as the recording causes nearly the same errors as the temperature itself, and is not tried.
 const LAG_SHARES: [f64; 5] = [0.002, 0.006, 0.02, 0.06, 0.2];
 
 /// Effects that depend on the angular acceleration and cause a rotation error over a whole move. They are observable
-/// from the gravity directions at the rests, without the force inside the moves.
+/// from the gravity directions at the rests, even if the force inside the moves is not used.
 const OBSERVABLE_AT_RESTS: [&str; 1] = ["gyro_angular_acceleration"];
 
 /// Whether an effect is not observable in hand-held recordings. This is the case if it is observable only from the
@@ -181,10 +182,10 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
-/// Joint fit for a search of effects. It starts from the model `start` and has a relative tolerance of 1e-5. The fit is
-/// repeated with new weights if the residuals at the start were far above noise, and once if encoders are used. `width`
-/// returns the standard deviation of the prior of an effect, in typical sizes, or `None` without a prior. Returns the
-/// residuals at the estimate and their derivatives.
+/// Joint fit for a search of effects. It starts from the model `start` and has a relative tolerance of 1e-5. If the
+/// residuals at the start are far above noise, the fit is repeated with new weights until the weights hardly change.
+/// Otherwise, it is repeated once if encoders are used. `width` returns the standard deviation of the prior of an
+/// effect, in typical sizes, or `None` without a prior. Returns the residuals at the estimate and their derivatives.
 pub(crate) fn fit_for_search(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -241,9 +242,10 @@ pub(crate) fn predict(
 /// residuals at the start.
 ///
 /// With weights from noise only, the large residuals at the start could move an effect far from its true value. For
-/// example, if all axes have the same g-sensitivity, it adds a rate parallel to gravity at rest. This rate rotates the
-/// attitude about gravity, and the moves do not observe this rotation. The fit could end at a very large g-sensitivity.
-/// The attitude then rotates about gravity so fast that the effects of all other errors average out.
+/// example, a g-sensitivity that is equal on all axes adds a rate that is parallel to gravity at rest. This rate
+/// rotates the attitude about gravity, and the residuals of the moves do not depend on this rotation. The fit could end
+/// at a very large g-sensitivity. The attitude then rotates about gravity so fast that the effects of all other errors
+/// average out.
 fn begin(
     problem: &mut Joint<'_>,
     terms: &Terms<'_>,
@@ -307,17 +309,17 @@ fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error
     Ok(())
 }
 
-/// Priors of the effects. An effect for which `width` returns a width gets a prior of this width, if the recordings
-/// determine at least one direction of its parameters. Any other effect must be determined in all directions.
-/// Otherwise, the function returns an error with the explanation from the catalogue of effects.
+/// Priors of the effects. An effect for which `width` returns a standard deviation gets a prior with this standard
+/// deviation, if the recordings determine at least one direction of its parameters. Any other effect must be determined
+/// in all directions. Otherwise, the function returns an error with the explanation from the catalogue of effects.
 fn check_determined(
     jacobian: &Mat<f64>,
     terms: &Terms<'_>,
     width: impl Fn(&Term<'_>) -> Option<f64>,
 ) -> Result<Vec<Prior>, Error> {
     let mut priors = Vec::new();
-    // A prior of 100 typical sizes hardly changes the estimate in observable directions. Therefore, the result does not
-    // depend on the exact value of the observability limit.
+    // A prior with a standard deviation of 100 typical sizes hardly changes the estimate in observable directions.
+    // Therefore, the result does not depend on the exact value of the observability limit.
     for term in &terms.all {
         // Jacobian columns of zeros are omitted. While an effect is zero, the derivative with respect to its time
         // constant is zero, and the QR decomposition would give this column an arbitrary direction.

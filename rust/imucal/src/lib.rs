@@ -4,7 +4,8 @@
 //! corrected specific force must equal gravity. This condition determines the nine parameters of the accelerometer.
 //! Between two rests, the integrated gyroscope must propagate the direction of gravity from the first rest to the
 //! second. This condition determines the twelve parameters of the gyroscope. A control recording that is not used in
-//! any fit verifies both triads.
+//! any fit verifies the calibration of both sensors. Both sensors have a model of the following form, in which
+//! `sensitivity` is a 3 x 3 matrix:
 //!
 //! ```text
 //! measured = sensitivity * true + bias
@@ -30,9 +31,10 @@
 //! # }
 //! ```
 //!
-//! Flow of data: a [`recording`] is [checked](check), its rests are detected ([`rests`]), both triads are fitted
-//! ([`mod@calibrate`]), and the result is evaluated on other recordings ([`mod@evaluate`]). [`mod@simulate`] generates
-//! recordings with known true parameters. Equation numbers in the sources refer to docs/model.md.
+//! Flow of data: a [`recording`] is [checked](check), its rests are detected ([`rests`]), the parameters of both
+//! sensors are fitted ([`mod@calibrate`]), and the result is evaluated on other recordings ([`mod@evaluate`]).
+//! [`mod@simulate`] generates recordings with known true parameters. Equation numbers in the sources refer to
+//! docs/model.md.
 //!
 //! This crate does not read or write files and does not draw plots; the Python package does. The correction on a device
 //! is in the crate `imucal-core`.
@@ -53,7 +55,7 @@ pub mod number_columns;
 pub mod numerics;
 mod parameters;
 pub mod plan;
-#[doc(hidden)] // for the benchmark of the kernels
+#[doc(hidden)] // public only because the benchmark of the kernels uses it
 pub mod preintegration;
 pub mod recording;
 pub mod rests;

@@ -11,11 +11,11 @@
 //! N, B, K and Q are the coefficients of the four kinds of noise. f is the frequency in Hz, rate is the sampling rate
 //! in Hz, and tau is the averaging time in s.
 //!
-//! In the column "figure", v is the unit of the sensor's output. The definitions agree with [`crate::simulate`] and
-//! with IEEE Std 952. For a gyroscope, N is the angle random walk. Quantisation here is the rounding of an angle or a
-//! velocity, in a sensor whose output is an increment of angle or velocity. Rounding a rate to counts is a different
-//! process, with a white error. The variance of this error per sample is (size of a count)^2 / 12, and N does not
-//! include it.
+//! The column "figure" gives the field of the result and its unit, in which v is the unit of the sensor's output. The
+//! definitions agree with [`crate::simulate`] and with IEEE Std 952. For a gyroscope, N is the angle random walk.
+//! Quantisation here is the rounding of an angle or a velocity, in a sensor whose output is an increment of angle or
+//! velocity. Rounding a rate to counts is a different process, with a white error. The variance of this error per
+//! sample is (size of a count)^2 / 12, and N does not include it.
 //!
 //! The values are maximum-likelihood estimates from the power spectrum of a cosine transform, `docs/model.md` (31) and
 //! (32). Their variance reaches the Cramer-Rao bound. The Allan deviations are only for display, and their confidence
@@ -70,11 +70,11 @@ pub struct Noise {
     pub accelerometer: Option<[AxisNoise; 3]>,
     /// Noise of the gyroscope's axes x, y, z, in the recording's unit; `None` for an accelerometer alone.
     pub gyroscope: Option<[AxisNoise; 3]>,
-    /// Steps of the mean within the used samples. The noise figures include them.
+    /// Steps of the mean within the used samples. The estimated noise includes them.
     pub steps: Vec<Step>,
     /// Steps of the mean that were cut out, so that the used samples contain none of them.
     pub cut_steps: Vec<Step>,
-    /// Drifts of the mean, for example while the unit warms up. The noise figures include the drifts.
+    /// Drifts of the mean, for example while the unit warms up. The estimated noise includes them.
     pub drifts: Vec<Drift>,
     /// Findings about the recording.
     pub findings: Vec<Finding>,
@@ -93,8 +93,8 @@ pub struct Options {
 /// Identifies the noise in the longest rest of `recording`. The recording contains both sensors or only one.
 ///
 /// If samples are lost or repeated, the longest interval without such samples is used. Steps and drifts of the mean are
-/// reported as findings. The noise figures include them, unless `options` requests that steps are cut out. The result
-/// does not depend on the number of `threads`.
+/// reported as findings. The estimated noise includes drifts, and also steps unless `options` requests that steps are
+/// cut out. The result does not depend on the number of `threads`.
 ///
 /// # Errors
 /// [`Error::Data`] for a recording with faults; [`Error::NotEnoughMotion`] if the unit is never at rest;

@@ -1,14 +1,16 @@
 //! Order and names of the parameters of a unit.
 //!
-//! The order is accelerometer bias (3) and sensitivity (6, symmetric frame), gyroscope bias (3) and sensitivity (9, row
-//! by row), then the parameters of the effects, then the parameters of the stand.
+//! The parameter vector contains, in this order: accelerometer bias (3 parameters), accelerometer sensitivity (6,
+//! because the matrix is symmetric in the symmetric frame), gyroscope bias (3), gyroscope sensitivity (9, row by row),
+//! parameters of the effects, and parameters of a stand with encoders. An effect is a sensor error that bias and
+//! sensitivity do not describe, for example a dependence on temperature.
 
 use imucal_core::calibration::Calibration;
 use std::ops::Range;
 
 use crate::frame::{Frame, SYMMETRIC};
 
-/// Number of base parameters.
+/// Number of base parameters: the biases and sensitivities of both sensors.
 pub(crate) const BASE: usize = 21;
 pub(crate) const ACCEL: Range<usize> = 0..9;
 pub(crate) const GYRO_BIAS: Range<usize> = 9..12;
@@ -47,8 +49,8 @@ pub(crate) fn words(gyroscope: bool) -> &'static [&'static str] {
     if gyroscope { &WORDS[ACCELEROMETER..] } else { &WORDS[..ACCELEROMETER] }
 }
 
-/// Names in words of those accelerometer parameters (or entries of the gyroscope sensitivity) that affect the readings
-/// of the selected axes.
+/// Names in words of the accelerometer parameters or, if `gyroscope` is true, of the entries of the gyroscope
+/// sensitivity. Only those that affect the readings of the selected axes are returned.
 pub(crate) fn of_axes(gyroscope: bool, axes: [bool; 3]) -> Vec<&'static str> {
     let acts = |j: usize| match j {
         _ if gyroscope => axes[j / 3],

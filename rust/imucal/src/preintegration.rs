@@ -128,8 +128,8 @@ impl Sums {
         Self { sensitivity: [Matrix3::zeros(); 3], bias: Matrix3::zeros() }
     }
 
-    /// Adds a sample to the trapezoidal rule. `weight` is R times the time that the sample represents, s. `rate` is the
-    /// rate of the sample, rad/s.
+    /// Adds a sample to the sums by the trapezoidal rule. `weight` is R times the time that the sample represents, s.
+    /// `rate` is the rate of the sample, rad/s.
     #[inline(always)]
     pub(crate) fn add_sample(&mut self, weight: &Matrix3<f64>, rate: &Vector3<f64>) {
         for (j, sum) in self.sensitivity.iter_mut().enumerate() {
@@ -138,9 +138,10 @@ impl Sums {
         self.bias += weight;
     }
 
-    /// Adds the contribution of effects over an interval to the sums of R times the rate. It is needed because the
-    /// sensitivity multiplies the sum of the true rate and the effects. `beyond` is the rate error due to the effects,
-    /// rad/s. `weight` is the integral of R over the interval, s.
+    /// Adds the contribution of effects (sensor errors in addition to sensitivity and bias) over an interval to the
+    /// sums of R times the rate. It is needed because the sensitivity multiplies the sum of the true rate and the rate
+    /// error due to the effects. `beyond` is this rate error, rad/s. `weight` is the integral of R over the interval,
+    /// s.
     pub(crate) fn add_beyond(&mut self, weight: &Matrix3<f64>, beyond: &Vector3<f64>) {
         self.sensitivity.iter_mut().zip(beyond).for_each(|(sum, part)| *sum += weight * *part);
     }

@@ -1,7 +1,7 @@
 //! A recording: the measurements of one unit. The columns are borrowed arrays of the caller.
 //!
-//! Each row is one sample. Time is in seconds. Each triad is in SI units (m/s^2, rad/s) or in raw counts (`lsb`). A
-//! sensor at rest reads +g on the axis that points up.
+//! Each row is one sample. Time is in seconds. The samples of each three-axis sensor (triad) are in SI units (m/s^2,
+//! rad/s) or in raw counts (`lsb`). A sensor at rest reads +g on the axis that points up.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -12,11 +12,12 @@ use crate::error::Error;
 /// minus this temperature.
 pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;
 
-/// Minimum length of a time step that counts as a pause between two runs, s. Every inertial sensor that can be
-/// calibrated has a shorter sampling interval.
+/// A time step of at least this length counts as a pause in the recording, s. The sampling interval of every inertial
+/// sensor that can be calibrated is shorter.
 const PAUSE_S: f64 = 1.0;
 
-/// Unit of a triad's samples. Other physical units (g, deg/s, ...) are converted to SI when a file is read.
+/// Unit of the samples of a three-axis sensor. Other physical units (g, deg/s, ...) are converted to SI when a file is
+/// read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RawUnit {
     /// SI: m/s^2 for the accelerometer, rad/s for the gyroscope.
@@ -25,7 +26,8 @@ pub enum RawUnit {
     Lsb,
 }
 
-/// Samples of a triad, (N, 3), in the number type of the caller's array, so that no copy is needed.
+/// Samples of a three-axis sensor: N rows of three values. They keep the number type of the caller's array, so that no
+/// copy is needed.
 #[derive(Clone, Copy, Debug)]
 pub enum Samples<'a> {
     /// Double precision.
@@ -34,8 +36,8 @@ pub enum Samples<'a> {
     F32(&'a [[f32; 3]]),
     /// 16-bit counts.
     I16(&'a [[i16; 3]]),
-    /// No sensor, for this number of samples. Every value is NaN, so that an absent sensor differs from a sensor that
-    /// reads zero.
+    /// The sensor is missing in a recording with this number of samples. Every value is NaN, so that an absent sensor
+    /// differs from a sensor that reads zero.
     Absent(usize),
 }
 
@@ -55,7 +57,7 @@ impl<'a> Samples<'a> {
         self.len() == 0
     }
 
-    /// Whether there is no sensor.
+    /// Whether the sensor is missing.
     pub fn is_absent(self) -> bool {
         matches!(self, Self::Absent(_))
     }
@@ -178,9 +180,9 @@ pub struct Recording<'a> {
     pub name: &'a str,
     /// Time of each sample, s.
     pub time_s: &'a [f64],
-    /// Samples of the accelerometer, in `accel_unit`; [`Samples::Absent`] for a gyroscope alone.
+    /// Samples of the accelerometer, in `accel_unit`; [`Samples::Absent`] if only a gyroscope was recorded.
     pub specific_force: Samples<'a>,
-    /// Samples of the gyroscope, in `gyro_unit`; [`Samples::Absent`] for an accelerometer alone.
+    /// Samples of the gyroscope, in `gyro_unit`; [`Samples::Absent`] if only an accelerometer was recorded.
     pub angular_rate: Samples<'a>,
     /// Temperature of the unit at each sample, degC; `None` if unknown.
     pub temperature_degc: Option<&'a [f64]>,
@@ -190,8 +192,8 @@ pub struct Recording<'a> {
     pub accel_unit: RawUnit,
     /// Unit of `angular_rate`.
     pub gyro_unit: RawUnit,
-    /// Units of the accelerometer and gyroscope columns in the source, as written in column names (`g`, `dps`); `None`
-    /// if unknown. Only messages use them.
+    /// Units of the accelerometer and gyroscope columns in the file that was read, as written in its column names (`g`,
+    /// `dps`); `None` if unknown. Only messages use them.
     pub column_units: [Option<&'a str>; 2],
 }
 

@@ -12,9 +12,9 @@
 //! ```
 //!
 //! The sums are over all integers h > 0. For rest k, d_k is the error, rms_k the square root of its mean square, and
-//! mean_k the mean reading (Widrow and Kollar, Quantization Noise, Cambridge University Press 2008, chapters 4 and
-//! 5). Rests with equal readings have equal errors. The standard deviation of rounded samples differs from sigma, so
-//! sigma is estimated from the relative frequencies of the levels at rest.
+//! mean_k the mean reading (Widrow and Kollar, Quantization Noise, Cambridge University Press 2008, chapters 4 and 5).
+//! Rests with equal readings have equal errors. The standard deviation of rounded samples differs from sigma, so sigma
+//! is estimated from the relative frequencies of the levels (multiples of q) at rest.
 
 pub(crate) mod levels;
 pub(crate) mod step;
@@ -35,14 +35,15 @@ const CORRELATED: f64 = 0.5;
 /// The prior states that the axes have similar noise. With a narrower prior, the levels of one axis have more
 /// influence on the estimated noise of another axis.
 const SIMILAR: f64 = 0.3;
-/// Rms rounding error of a mean that is neglected, in steps. It is reached with noise of 0.6 steps.
+/// An rms rounding error of a mean up to this limit is neglected, in steps. Noise above 0.58 steps leaves a smaller
+/// error.
 const NEGLECTED: f64 = 3e-4;
 /// Maximum relative difference between two quantisation steps that count as equal.
 const EQUAL_STEPS: f64 = 1e-3;
 
-/// Rounding of one axis at one rest, or for the noise that most rests of a recording have in common, raw units. All
-/// numbers are zero if the readings are not quantised, or if the noise is so far above the quantisation step that
-/// rounding causes no error of means.
+/// Noise and rounding errors of one axis, raw units. They hold for one rest, or for the noise that most rests of a
+/// recording have in common. All numbers are zero if the readings are not quantised, or if the noise is so far above
+/// the quantisation step that rounding causes no error of means.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Rounding {
     /// Quantisation step of the converter (LSB).
@@ -60,7 +61,7 @@ pub struct Rounding {
 /// Rounding of one axis in one recording.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AxisRounding {
-    /// Rounding with the noise that most rests have in common.
+    /// Rounding errors for the noise that most rests have in common.
     pub(crate) common: Rounding,
     /// Rounding at each rest; empty if the noise of the axis is not below its step.
     pub(crate) at_rests: Vec<Rounding>,
@@ -85,9 +86,9 @@ impl Rounding {
     /// The noise that most rests have in common is estimated from the levels that occur at these rests. The levels of
     /// the other axes contribute to its likelihood, because the axes of a triad usually have similar noise.
     ///
-    /// A rest with less noise has the larger rounding error that its own noise leaves. A rest with more noise is
-    /// assigned the rounding error of the common noise: a short disturbance can cause its larger scatter, and the
-    /// rounding error is then that of the undisturbed samples.
+    /// For a rest with less noise, the rounding error is computed from the noise of this rest and is larger. For a rest
+    /// with more noise, the rounding error of the common noise is used, because a short disturbance may have caused the
+    /// larger scatter. The rounding error is then that of the undisturbed samples.
     pub(crate) fn of_levels(axes: [Option<(f64, Vec<Levels>)>; 3]) -> [AxisRounding; 3] {
         let axes = axes.map(|axis| axis.map(|(step, rests)| (step, RestNoise::of(&rests))));
         std::array::from_fn(|axis| {
@@ -193,7 +194,8 @@ mod tests {
         }
     }
 
-    /// Two of 22 rests have other noise, at every ratio. A common noise of all rests would be that of the lively ones.
+    /// Two of 22 rests have more noise than the others, in several ratios. An estimate from all 22 rests together would
+    /// be dominated by these two.
     #[test]
     fn few_rests_with_other_noise_leave_the_noise_of_most() {
         let means = [0.37; 20];

@@ -1,4 +1,4 @@
-//! Simulation of calibration runs: the samples that a unit with all its errors measures during a motion, and the true
+//! Simulation of calibration runs: the samples that a unit with sensor errors measures during a motion, and the true
 //! values of force and rate.
 //!
 //! * [`program`]: the commands to the motors of a stand, either one of the two programs of the paper cited in
@@ -82,7 +82,7 @@ pub struct Setup<'a> {
     pub motion: &'a Motion,
     /// The unit: its sensors and their errors.
     pub unit: &'a Unit,
-    /// Sampling rate by the unit's clock, Hz.
+    /// Number of samples per second of the unit's clock, Hz.
     pub rate_hz: f64,
     /// Local gravity, m/s^2.
     pub gravity_mps2: f64,
@@ -102,9 +102,9 @@ pub struct Setup<'a> {
 /// sample, including the samples that [`Setup::faults`] then removes from the recording.
 #[derive(Clone, Copy, Debug)]
 pub struct Added<'a> {
-    /// Specific force, m/s^2.
+    /// Error of the specific force, m/s^2; `None` for no error.
     pub force: Option<&'a [[f64; 3]]>,
-    /// Angular rate, rad/s.
+    /// Error of the angular rate, rad/s; `None` for no error.
     pub rate: Option<&'a [[f64; 3]]>,
 }
 
@@ -129,9 +129,9 @@ pub struct Simulation {
     pub true_angular_rate: Vec<[f64; 3]>,
     /// True derivative of the angular rate in the body frame, rad/s^2.
     pub true_angular_acceleration: Vec<[f64; 3]>,
-    /// True attitude `[w, x, y, z]`, a unit quaternion with `v_w = r_wb * v_b`.
+    /// True attitude as a unit quaternion `[w, x, y, z]`: the rotation from the body frame to the world frame.
     pub rotation_world_from_body: Vec<[f64; 4]>,
-    /// Start and end of each rest, s, by the unit's clock.
+    /// Start and end of each rest as time stamps of the unit's clock, s.
     pub rests: Vec<(f64, f64)>,
     /// Number of lost samples.
     pub missing: usize,
@@ -175,7 +175,7 @@ impl Simulation {
         }
     }
 
-    /// Repeats samples and removes lost samples, as the faults specify.
+    /// Simulates repeated and lost samples: overwrites the repeated samples and removes the lost samples.
     fn spoil(&mut self, faults: &Faults, seed: u64) {
         let samples = self.time_s.len();
         let count = |chosen: &[bool]| chosen.iter().filter(|chosen| **chosen).count();
@@ -240,8 +240,8 @@ pub fn run(setup: &Setup) -> Result<Simulation, Error> {
     Ok(run)
 }
 
-/// Simulates a program on a stand without errors, at the reference temperature of the calibration. It is a short form
-/// of [`run`].
+/// Simulates a program on a stand without errors, at the reference temperature of the calibration. This function is a
+/// short form of [`run`].
 ///
 /// # Errors
 /// The errors are those of [`run`].

@@ -1,5 +1,6 @@
-//! The two-stage fit (model.md (3) to (5), (7) to (9)). The accelerometer is estimated from the rests, and then the
-//! gyroscope from the moves.
+//! The two-stage fit (model.md (3) to (5), (7) to (9)). The first stage estimates the accelerometer from the rests
+//! (intervals without motion). The second stage estimates the gyroscope from the moves (the rotations between
+//! consecutive rests).
 
 pub(crate) mod accelerometer;
 pub(crate) mod ellipsoid;

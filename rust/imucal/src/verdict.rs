@@ -9,8 +9,9 @@ mod reason;
 pub use group_misfit::{GroupMisfit, ResidualGroup};
 pub use reason::{Reason, UncorrectedSamples};
 
-/// Maximum chi2 per degree of freedom of a calibration that is not poor. At this value, the residuals are ten times as
-/// large as noise explains, so errors other than noise dominate the result.
+/// Maximum chi2 per degree of freedom. A calibration with a larger value gets the verdict `poor`, unless the
+/// uncertainty of the calibration explains the residuals. At this value, the residuals are ten times as large as noise
+/// explains, so errors other than noise dominate the result.
 pub(crate) const POOR_CHI2_PER_DOF: f64 = 100.0;
 
 /// A set of recordings.
@@ -37,17 +38,17 @@ impl RecordingSet {
 pub enum Verdict {
     /// Noise explains the residuals completely or almost completely.
     Good,
-    /// The result is usable with a reservation. For example, the residuals exceed their noise, or too few residuals
-    /// remain to test the result. There is at least one reason.
+    /// The result is usable with a reservation. For example, the residuals are larger than noise explains, or there are
+    /// too few residuals to test the result. The list contains at least one reason.
     Incomplete(Vec<Reason>),
-    /// The result is not reliable. There is at least one reason. Reasons for an incomplete verdict come after the
-    /// reasons for a poor verdict.
+    /// The result is not reliable. The list contains at least one reason. Reasons for the verdict `poor` come first.
+    /// Reasons that alone would give the verdict `incomplete` come last.
     Poor(Vec<Reason>),
 }
 
 impl Verdict {
-    /// Verdict for these reasons. It is poor if any reason is one for a poor verdict, incomplete if there are only
-    /// other reasons, and good without reasons.
+    /// The verdict that follows from these reasons. It is `poor` if [`Reason::is_poor`] is true for any reason,
+    /// `incomplete` if there are only other reasons, and `good` if there are no reasons.
     pub fn of(reasons: Vec<Reason>) -> Self {
         let (mut poor, incomplete): (Vec<Reason>, Vec<Reason>) = reasons.into_iter().partition(Reason::is_poor);
         if poor.is_empty() {
@@ -66,12 +67,12 @@ impl Verdict {
         }
     }
 
-    /// All reasons in one line; empty for a good verdict.
+    /// All reasons in one line; empty for the verdict `good`.
     pub fn words(&self) -> String {
         self.reasons().iter().map(Reason::to_string).collect::<Vec<_>>().join("; ")
     }
 
-    /// Reasons for an incomplete or poor verdict; empty for a good one.
+    /// Reasons for the verdict `incomplete` or `poor`; empty for the verdict `good`.
     pub fn reasons(&self) -> &[Reason] {
         match self {
             Self::Good => &[],

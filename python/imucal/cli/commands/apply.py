@@ -85,14 +85,14 @@ def apply(
 
 
 class _Empty:
-    """For one reason: how many samples could not be corrected, and the index of the first of them."""
+    """Samples that could not be corrected for one reason: their number, and the index of the first one."""
 
     def __init__(self) -> None:
         self.count = 0
         self.first = 0
 
     def add(self, empty: npt.NDArray[np.bool_], before: int) -> None:
-        """Add a piece: index `before` of its first sample, and mask `empty` of its uncorrected samples."""
+        """Count the samples of a piece in the mask `empty`; `before` is the index of its first sample."""
         if not self.count and empty.any():
             self.first = before + int(empty.argmax())
         self.count += int(empty.sum())

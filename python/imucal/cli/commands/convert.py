@@ -31,7 +31,7 @@ def _print_formats(wanted: bool) -> None:
 
 
 def _without_rotation(pieces: Iterator[Recording], output: Path) -> Iterator[Recording]:
-    """The pieces unchanged. Raises InputError if an autopilot has rotated the samples."""
+    """Pass the pieces on unchanged. Raises InputError if an autopilot has rotated the samples."""
     for piece in pieces:
         rotated = [finding for finding in piece.findings if finding.code == "board_rotated"]
         if rotated:

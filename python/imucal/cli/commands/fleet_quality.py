@@ -32,7 +32,7 @@ LEAST_CATEGORIES = 5
 
 
 class By(str, Enum):
-    """Whose differences the reproducibility describes."""
+    """The factor of a gauge study whose differences are the reproducibility: the operator or the station."""
 
     operator = "operator"
     station = "station"

@@ -50,7 +50,8 @@ SCHEMA: Final = "imucal.fleet-run/1"
 # Interval, s, at which a watched folder is checked. A file whose size and modification time have not changed
 # during one interval counts as complete.
 WATCH_S: Final = 2.0
-# Maximum number of recordings with several serial numbers that are printed. The JSON document has all.
+# Maximum number of warnings about a recording that belongs to several serial numbers. The JSON document lists
+# all such recordings.
 MOST_SAME: Final = 10
 
 
@@ -243,7 +244,7 @@ class _Teller:
         self._stage, self._start_s, self._told, self._without = stage, time.monotonic(), 0, 0
 
     def tell(self, job: Job, verdict: str, code: str | None, message: str | None) -> None:
-        """Called for each unit."""
+        """Count a finished unit, and print a line if the unit failed or was skipped."""
         from imucal.cli.as_typed import as_typed
         from imucal.cli.streams import printable
 

@@ -158,7 +158,7 @@ def _write(
 
 
 def _plain(value: Any) -> Any:
-    """A value of the store for text output. For an array, which is stored as bytes, it is the length."""
+    """A value of the store for text output. An array, stored as bytes, is replaced by its number of bytes."""
     return f"{len(value)} bytes" if isinstance(value, bytes) else value
 
 

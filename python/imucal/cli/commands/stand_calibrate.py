@@ -179,7 +179,7 @@ def end_unit(out: Output, outcome: Outcome) -> None:
 
 
 def _turned(program: Program) -> str:
-    """The range of each motor in a program, as text."""
+    """The range of the angle of each motor in a program, as text."""
     from imucal.stand.programs import ranges_deg
 
     return ", ".join(

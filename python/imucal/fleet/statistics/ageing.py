@@ -27,8 +27,9 @@ class Ageing:
     """The mean slope of a parameter over a group of units.
 
     name, unit      name and unit of the parameter
-    by, group       "all", or "batch", "station" or "temperature" with its value; the value of a temperature
-                    tercile (a third of the units) is a range in degC
+    by              criterion of the group: "batch", "station" or "temperature"; "all" for all units
+    group           name of the batch or station, or temperature range, degC, of a tercile (a third of the
+                    units); empty for all units
     units           number of units
     slope, std      mean slope over the units, per month, and its standard deviation
     spread          standard deviation of the slope over the units, without measurement noise

@@ -24,25 +24,26 @@ SCHEMA: Final = "imucal.fleet-capability/1"
 # Proposed limits are the mean plus and minus this number of standard deviations of a measured value, as in
 # `imucal limits template`. A good unit violates at least one of 21 such limits with a probability of 0.13 %.
 DEVIATIONS: Final = 4.0
-# A proposed `max_std` is this quantile of the standard deviations of a parameter, multiplied by this factor.
+# A proposed `max_std` is the quantile STD_QUANTILE of the standard deviations of a parameter over the units,
+# multiplied by STD_MARGIN.
 STD_QUANTILE: Final = 0.99
 STD_MARGIN: Final = 2.0
-# Prefix of the name of a figure in a store, by set of recordings.
+# Prefix of the name of a figure of merit in a store, by set of recordings.
 PREFIX: Final = {"calibration_set": "", "control_set": "control_"}
 
 
 @dataclass(frozen=True)
 class Capability:
-    """The capability of a parameter or a figure for its limits.
+    """The capability of a parameter or a figure of merit for its limits.
 
-    name, unit          name and unit of the parameter or figure
+    name, unit          name and unit of the parameter or figure of merit
     low, high           limits; None for a side without a limit
     units               number of units with a value
     indices             Cp, Cpk, Pp and Ppk of the measured values; None without limits
-    spread              spread of the true values; None for figures, which have no standard deviation
-    out_measured        share of the units whose measured value is outside
-    out_true            share of the units whose true value is outside, computed from `spread`; None for
-                        figures
+    spread              spread of the true values; None for figures of merit, which have no standard deviation
+    out_measured        share of the units whose measured value is outside the limits
+    out_true            share of the units whose true value is outside the limits, computed from `spread`;
+                        None for figures of merit
     out_low, out_high   95 % interval of `out_true`, computed from the interval of the spread
     proposed_low, proposed_high   proposed limits: mean -+ 4 standard deviations of a measured value
     """
@@ -64,11 +65,12 @@ class Capability:
 
 @dataclass(frozen=True)
 class CapabilityResult:
-    """Capability of all parameters, and of the figures that have a limit.
+    """Capability of all parameters, and of the figures of merit that have a limit.
 
     units     number of units; the first calibration of each unit is used
     poor      number of units omitted because their calibration is poor
-    rows      one for each limit of a parameter or figure, and one for each parameter without limits
+    rows      one row for each limit of a parameter or figure of merit, and one for each parameter without
+              limits
     """
 
     units: int

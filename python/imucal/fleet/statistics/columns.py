@@ -1,4 +1,4 @@
-"""Parameters and figures of measurements as columns of a matrix, and the repeatability of each column."""
+"""Parameters and figures of merit as columns of a matrix, and the repeatability of each column."""
 
 from __future__ import annotations
 
@@ -21,16 +21,17 @@ LOG_FIGURES: Final = tuple(
     for of in ("", "control_")
     for name in ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
 )
-# A parameter or figure becomes a column only if at least this number of units have a value of it. An estimate
-# of the repeatability needs at least this number of pairs of measurements of one unit.
+# A parameter or figure of merit becomes a column only if at least this number of units have a value of it. An
+# estimate of the repeatability needs at least this number of pairs of measurements of one unit.
 FEWEST: Final = 10
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Parameters and figures of n measurements as the c columns of a matrix.
+    """Parameters and figures of merit of n measurements as the c columns of a matrix.
 
-    names, units   (c,) names and units of the parameters, then of the figures, whose unit is "ln" (logarithm)
+    names, units   (c,) names and units of the parameters, then of the figures of merit, whose unit is "ln"
+                   (logarithm)
     values         (n, c), NaN for a missing value
     variances      (n, c) variances of the measurement noise: the stated variance, plus an excess variance,
                    which is estimated from repeated calibrations

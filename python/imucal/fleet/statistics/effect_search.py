@@ -118,7 +118,7 @@ class FleetGap:
 def searchable(names: Sequence[str] | None = None) -> tuple[str, ...]:
     """The effects to search; without names, all effects of the catalogue that act on a sensor.
 
-    InputError for an unknown name.
+    Raises InputError for an unknown name.
     """
     if names:
         return tuple(find(name).name for name in names)
@@ -232,9 +232,9 @@ def _evidence(
         - _squares(values - mean, total).sum()
         - np.linalg.slogdet(total)[1].sum()
     )
-    # Each parameter has two degrees of freedom: its mean and its variance between units. This number is right
-    # for an estimate of the variance that may be negative. The estimate here is not negative, so the test is
-    # slightly conservative.
+    # Each parameter has two degrees of freedom: its mean and its variance between units. Two degrees of
+    # freedom would be exact if the estimate of the variance could also be negative. The estimate here cannot
+    # be negative, so the test is slightly conservative.
     p_value = min(tests * float(stats.chi2.sf(statistic, 2 * dof)), 1.0)
     single = stats.chi2.sf(squares / inflation, dof) * units * tests
     return EffectEvidence(

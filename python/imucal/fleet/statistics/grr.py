@@ -98,7 +98,7 @@ class GaugeStudy:
     ndc            number of distinct categories, truncated to an integer; at least 5 is usually required
     tolerance      six times the standard deviation `grr`, divided by the width of the limits; None without
                    limits
-    sigma          test of the stated standard deviations by the repeatability; None if there are none
+    sigma          test of the stated standard deviations by the repeatability; None if none are stated
     """
 
     name: str
@@ -119,7 +119,7 @@ class GaugeStudy:
 class GrrResult:
     """A gauge study of each parameter.
 
-    by          whose differences the reproducibility describes: "operator" or "station"
+    by          "operator" or "station"; the reproducibility describes the differences between these
     units, operators, repeats   size of the balanced study
     left_out    number of measurements that the balanced study does not use
     studies     one per parameter

@@ -24,8 +24,8 @@ __all__ = ["Index", "Indices", "capability_indices", "moving_range_std"]
 # Mean range of two standard normal values (d2 of control charts): 2 / sqrt(pi).
 MEAN_RANGE_OF_TWO: Final = 2.0 / math.sqrt(math.pi)
 # The standard deviation estimated from the mean moving range of n values has this number x (n - 1) effective
-# degrees of freedom. Its relative variance is 0.826 / (n - 1) (Cryer and Ryan, Journal of Quality Technology
-# 22, 1990).
+# degrees of freedom, because the relative variance of this estimate is 0.826 / (n - 1) (Cryer and Ryan,
+# Journal of Quality Technology 22, 1990).
 MOVING_RANGE_DOF: Final = 1.0 / (2.0 * 0.826)
 # Minimum number of values for an index.
 FEWEST_VALUES: Final = 2

@@ -1,11 +1,11 @@
-"""Outlying units, by a robust distance of each unit from the fleet over parameters and figures.
+"""Outlying units, by a robust distance of each unit from the fleet over parameters and figures of merit.
 
     d_i^2 = (y_i - mean)^T (S + C_i)^-1 (y_i - mean)
 
-d_i is the distance of unit i, and y_i are its parameters and figures. S is the covariance of the true values
-of the units, C_i that of the measurement of unit i. Mean and S come from the minimum covariance determinant
-(MCD) with a deterministic start (Hubert, Rousseeuw and Verdonck, Journal of Computational and Graphical
-Statistics 21, 2012), with the measurement noise subtracted.
+d_i is the distance of unit i, and y_i are its parameters and figures of merit. S is the covariance of the
+true values over the units, and C_i is the covariance of the measurement noise of unit i. Mean and S come from
+the minimum covariance determinant (MCD) with a deterministic start (Hubert, Rousseeuw and Verdonck, Journal
+of Computational and Graphical Statistics 21, 2012), with the measurement noise subtracted.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SCHEMA: Final = "imucal.fleet-outliers/1"
 FALSE_DISCOVERIES: Final = 0.002
 # Maximum number of parameters that are listed for an outlying unit.
 MOST_DECIDING: Final = 3
-# Minimum number of units per column (parameter or figure). A smaller fleet is refused.
+# Minimum number of units per column (parameter or figure of merit). A smaller fleet is refused.
 UNITS_PER_COLUMN: Final = 2
 # Number of units whose covariances are inverted at once, which limits the memory.
 CHUNK: Final = 4000
@@ -42,10 +42,10 @@ CHUNK: Final = 4000
 
 @dataclass(frozen=True)
 class Deciding:
-    """A parameter or figure of an outlying unit.
+    """A parameter or figure of merit of an outlying unit.
 
     value, expected   measured value after removal of the shifts of its station, and mean of the fleet; for a
-                      figure, their natural logarithms
+                      figure of merit, their natural logarithms
     z                 deviation in standard deviations of a measured value
     removed           decrease of d^2 if this parameter is omitted
     """
@@ -86,7 +86,7 @@ class OutlierResult:
 
     units     distances of the units, farthest first
     poor      number of calibrations omitted because they are poor
-    columns   names of the parameters and figures
+    columns   names of the parameters and figures of merit
     shifts    common shifts of stations, which were removed because they are not properties of units
     tail      degrees of freedom of the distribution of distances: infinite for normal units, small for wide
               tails
@@ -111,7 +111,8 @@ class OutlierResult:
 def outliers(measurements: Measurements) -> OutlierResult:
     """Distances of the first calibration of each unit.
 
-    Raises InputError for fewer than ten units, or fewer than twice as many units as parameters and figures.
+    Raises InputError for fewer than ten units, or fewer than twice as many units as parameters and figures of
+    merit.
     """
     # The covariances are large and are not copied here. They are taken from `measurements` later, for a part
     # of the units at a time.
@@ -250,7 +251,7 @@ def _tail_of(squared: FloatArray, dof: int, widened: float = 1.0) -> tuple[float
 
     If the degrees of freedom are infinite, the distribution is chi-square.
 
-    widened   factor on the ratio of the upper 5 % point to the median
+    widened   factor by which the ratio of the upper 5 % point to the median is multiplied before the fit
     """
     stats: Any = scipy_part("stats")
     median, upper = np.quantile(squared, (0.5, 0.95))
@@ -279,6 +280,6 @@ def _ratio(distribution: Any) -> float:
     return float(distribution.ppf(0.95) / distribution.ppf(0.5))
 
 
-# Trial values of the second degrees of freedom of the F distribution that is fitted to the squared distances,
-# from nearly normal tails to wide tails.
+# Trial values of the denominator degrees of freedom of the F distribution that is fitted to the squared
+# distances, from nearly normal tails to wide tails.
 TAILS: Final = (500.0, 200.0, 100.0, 50.0, 30.0, 20.0, 15.0, 10.0, 7.0, 5.0, 4.0, 3.0, 2.0)

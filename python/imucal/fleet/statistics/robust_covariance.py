@@ -16,11 +16,11 @@ __all__ = ["decisive", "robust_location"]
 # this size is taken.
 MOST_UNITS: Final = 4000
 # d^2 is the squared Mahalanobis distance of a unit. The first iterations use the share HALF of the units,
-# those with the smallest d^2. The last iterations use all units whose d^2 is below the quantile KEPT of its
-# distribution.
+# those with the smallest d^2. The last iterations use all units whose d^2 is below the quantile KEPT of the
+# distribution of d^2.
 HALF: Final = 0.5
 KEPT: Final = 0.975
-# This number of iterations use the share HALF. Then the same number of iterations use the quantile KEPT.
+# Number of iterations with the share HALF, and number of the iterations with the quantile KEPT that follow.
 STEPS: Final = 8
 
 

@@ -30,8 +30,8 @@ FALSE_ALARM: Final = 0.001
 BIWEIGHT: Final = 4.685
 EFFICIENCY: Final = 0.95
 BIWEIGHT_STEPS: Final = 15
-# The iteration for a location ends when the location changes by less than this number of its standard
-# deviations.
+# The iteration for a location ends when the location changes by less than this multiple of its standard
+# deviation.
 BIWEIGHT_SETTLED: Final = 1e-6
 TINY: Final = np.finfo(float).tiny
 # At least this share of the units of a group must have a nonzero biweight, because a shift must be common to
@@ -48,9 +48,9 @@ class Shift:
     """A shift common to the units of a station.
 
     station, day   the day is empty if the station is shifted on all days
-    name, unit     name and unit of the parameter or figure
+    name, unit     name and unit of the parameter or figure of merit
     units          number of measurements
-    shift, std     shift and its standard deviation in `unit`; for a figure, of its natural logarithm
+    shift, std     shift and its standard deviation in `unit`; for a figure of merit, of its natural logarithm
     z              shift divided by its standard deviation
     p_value        p-value corrected for the number of stations, days and columns
     """
@@ -68,7 +68,11 @@ class Shift:
 
 @dataclass(frozen=True, eq=False)
 class Shifts:
-    """The common shifts; and for each of n measurements and c columns, the sum of the shifts in the value."""
+    """The common shifts.
+
+    found   the significant shifts
+    added   (n, c), for each of n measurements and c columns, the sum of all shifts that the value contains
+    """
 
     found: tuple[Shift, ...]
     added: FloatArray
@@ -181,7 +185,10 @@ def _partitions(stations: TextArray, days: TextArray) -> list[_Partition]:
 
 
 class _Column:
-    """The values of one parameter or figure. Each is predicted from other values of its unit and batch."""
+    """The values of one parameter or figure of merit.
+
+    Each value is predicted from other values of its unit and from the median of its batch.
+    """
 
     def __init__(
         self,

@@ -51,7 +51,7 @@ RULES: Final = {
 
 @dataclass(frozen=True)
 class Signal:
-    """A violated rule of a control chart, with index in the chart, serial number and date of the value."""
+    """A violated rule of a control chart; index, serial number and date of the value that violates it."""
 
     rule: str
     index: int
@@ -62,13 +62,14 @@ class Signal:
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """The control chart of one parameter or figure at one station.
+    """The control chart of one parameter or figure of merit at one station.
 
     station        name of the station
-    name, unit     name and unit of the parameter or figure
+    name, unit     name and unit of the parameter or figure of merit
     units          number of units
     centre         median of the values
-    spread         standard deviation of the units from the moving ranges, without measurement noise
+    spread         standard deviation of the true values of the units: the estimate from the moving ranges
+                   with the measurement noise subtracted
     noise          rms of the standard deviations of the measurements
     signals        violated rules, in order of time
     serials, dates serial numbers and dates of the units
@@ -95,12 +96,12 @@ class Chart:
 
 @dataclass(frozen=True, eq=False)
 class SpcResult:
-    """Control charts of all parameters and figures at all stations.
+    """Control charts of all parameters and figures of merit at all stations.
 
     units    number of units; the first calibration of each unit is used
     poor     number of calibrations omitted because they are poor
     shifts   shifts of a station, or of a station on one day, which are the alarms
-    charts   one chart for each station and each parameter or figure
+    charts   one chart for each station and each parameter or figure of merit
     """
 
     units: int

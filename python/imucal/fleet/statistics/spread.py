@@ -131,8 +131,8 @@ def _fit(y: FloatArray, noise: FloatArray) -> tuple[float, float, float, FloatAr
         # estimated from the same values.
         of_mean = float((weights / total).sum() / weights.sum())
         score = float((core * ((y - mean) ** 2 - total) / total**2).sum()) + of_mean
-        # The Fisher information of the variance is `squares - of_mean**2`. It may not be positive if fewer
-        # than two units are normal, so half of `squares` is used as its lower bound.
+        # The Fisher information of the variance is `squares - of_mean**2`. It can become zero or negative if
+        # fewer than two units are normal, so half of `squares` is used as its lower bound.
         squares = float((core / total**2).sum())
         information = max(squares - of_mean**2, 0.5 * squares)
         before, variance = variance, max(variance + score / information, 0.0)

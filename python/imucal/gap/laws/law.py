@@ -37,8 +37,8 @@ class Law:
     log_bayes_factor  log Bayes factor, nats, minus the penalty for the number of candidates
     stability         share of random halves of the rests and moves in which the selection gives the same
                       variables
-    closed            by kind of residual on control or held-out data: share of the excess chi2 (chi2 beyond
-                      noise) that the law removes
+    closed            share of the excess chi2 (chi2 beyond noise) that the law removes, for each kind of
+                      residual on control or held-out data
     nearest           effects of the catalogue with the largest log Bayes factors
     curve             curve of the law; None if the law depends on several variables
     """

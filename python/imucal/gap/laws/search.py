@@ -43,8 +43,8 @@ LEAST_BETTER: Final = 0.5
 # residual on control or held-out data.
 LEAST_CLOSED: Final = 0.3
 # No law is searched if the unexplained residuals have one of these patterns, because a missing law does not
-# cause them. The biases changed between sessions; or the stand contradicts the sensors, or the recordings the
-# model.
+# cause them. "between_sessions" means that the biases changed between sessions. "contradiction" means that
+# the stand contradicts the sensors, or that the recordings contradict the model.
 NO_LAW: Final = ("between_sessions", "contradiction")
 # Maximum number of values in one linearisation, which has 18 values for each sample and formula. This number
 # of values takes 400 MB of memory.
@@ -127,7 +127,7 @@ def _selected(
 
 
 def _count(effect: Mapping[str, Any]) -> int:
-    """Number of parameters of a named effect, without its time constant."""
+    """Number of parameters of a named effect, not counting its time constant."""
     row = catalogue_by_name().get(effect["name"])
     return len(effect["parameters"]) - (row is not None and row.shape is not None)
 
@@ -142,7 +142,7 @@ def columns_of(
 ) -> Columns:
     """Residuals of corrected recordings, divided by their noise, and their derivatives for effects and forms.
 
-    named  number of parameters of each named effect, without a time constant
+    named  number of parameters of each named effect, not counting its time constant
     """
     states = [_state(recording) for recording in recordings]
     own = [effect for effect in question.definitions.values() if effect.name in named]

@@ -1,9 +1,9 @@
 """Selection of laws from whitened residuals (residuals divided by their standard deviation from noise).
 
 The Jacobian columns of the base parameters and of the named effects are projected out of the residuals and of
-the Jacobian columns of all candidates. The candidate with the largest log evidence is selected under three
-conditions. Its log evidence, minus the logarithm of the number of candidates, is at least `LEAST_NATS`. No
-formula of another input variable explains the residuals equally well. Random halves of the rests and moves
+the Jacobian columns of all candidates. The candidate with the largest log evidence is selected if it meets
+three conditions. Its log evidence, minus the logarithm of the number of candidates, is at least `LEAST_NATS`.
+No formula of another input variable explains the residuals equally well. Random halves of the rests and moves
 select the same input variable (stability selection, Meinshausen and Buhlmann 2010).
 """
 
@@ -36,9 +36,9 @@ LEAST_STABLE: Final = 0.8
 FINALISTS: Final = 16
 # Maximum number of laws that are selected.
 MOST_LAWS: Final = 3
-# The Jacobian columns of the model are projected out of those of a form. If less than this share of the norm
-# remains, the columns of the form are linear combinations of the columns of the model, and only rounding
-# errors remain.
+# The Jacobian columns of the model are projected out of the Jacobian columns of a form. If less than this
+# share of the norm remains, the columns of the form are linear combinations of the columns of the model, and
+# only rounding errors remain.
 LEAST_LEFT: Final = 1e-3
 SEED: Final = 20240
 

@@ -1,5 +1,5 @@
-//! Effects of motion. Their causes are angular acceleration, delays, lever arms inside the unit, and the rotation of
-//! the Earth.
+//! Effects of motion: errors due to angular acceleration, delays, lever arms inside the unit, and the rotation of the
+//! Earth.
 //!
 //! ```text
 //! gyro_angular_acceleration   D dw/dt

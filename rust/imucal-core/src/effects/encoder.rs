@@ -9,8 +9,8 @@
 //! q_m is the true angle of motor m, and q the vector of the three angles. The parameters are s_mk and c_mk, the time
 //! offset tau, and the backlash b_m. The readings after motions in opposite directions differ by 2 b_m. If an encoder
 //! disk is off centre by 1 % of its radius, the angle has an error with an amplitude of 0.01 rad and a period of one
-//! revolution. If the disk is oval, the error has a period of half a revolution. Component m is the error of motor m.
-//! Motor 1 is the outermost motor.
+//! revolution. If the disk is oval, the error has a period of half a revolution. Component m of the error of an effect
+//! belongs to the encoder of motor m. Motor 1 is the outermost motor.
 
 use super::{Alias, DEGREE, Effect, Need, Parameter, Sensor, StandState, State, Terms, effect, parameters};
 use nalgebra::{RealField, Vector3};
@@ -67,8 +67,8 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| terms.column(stand(state).rate_radps),
     };
 
-    /// `encoder_backlash`: error `b_m d_m` of the angle of motor m, with the parameter b_m and the sign d_m of its last
-    /// motion.
+    /// `encoder_backlash`: error `b_m d_m` of the angle of motor m, with the parameter b_m and the sign d_m of the last
+    /// motion of this motor.
     pub const ENCODER_BACKLASH: &'static Self = &effect! {
         number: 0,
         name: "encoder_backlash",

@@ -5,8 +5,8 @@
 //! *_scale_temperature   (k_i dT + q_i dT^2 + c_i dT^3) v_i
 //! ```
 //!
-//! The plain form has the linear terms only. Forms with 3, 6 and 9 parameters have the terms up to the first, second
-//! and third degree.
+//! Each effect can be used with 3, 6 or 9 parameters. It then has the terms up to the first, second or third degree.
+//! The plain form is the form with 3 parameters.
 //!
 //! k_i, q_i and c_i are the parameters of axis i. dT is the temperature minus the reference temperature, in kelvin. The
 //! sensitivity and the bias of the calibration are valid at the reference temperature. v is the angular rate w for the

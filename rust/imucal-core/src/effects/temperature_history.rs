@@ -1,4 +1,5 @@
-//! Effects of the temperature history on the biases. They differ between heating and cooling.
+//! Effects of the temperature history on the biases. At the same temperature, these effects differ between heating and
+//! cooling.
 //!
 //! ```text
 //! *_bias_temperature_lag          (k_i + q_i dT + c_i dT^2) (T_tau - T)     tau dT_tau/dt = T - T_tau, tau the shape
@@ -6,7 +7,8 @@
 //! *_bias_temperature_hysteresis   (k_i + q_i dT + c_i dT^2) s
 //! ```
 //!
-//! The form with 3 parameters has only the k_i, the form with 6 also the q_i, and the form with 9 also the c_i.
+//! Each effect can be used with 3, 6 or 9 parameters. With 3 parameters, it has only the k_i, with 6 parameters also
+//! the q_i, and with 9 parameters also the c_i.
 //!
 //! k_i, q_i and c_i are the parameters of axis i. T is the temperature, and dT is T minus the reference temperature, in
 //! kelvin. T_tau is T after a first-order low-pass with the time constant tau (the shape). s is the direction of the
@@ -14,9 +16,9 @@
 //! T_tau - T, dT/dt and s.
 //!
 //! A unit may have both the lag effect and `*_bias_temperature`. Let a be the linear coefficient of
-//! `*_bias_temperature`. The sum of the two linear terms is then a T + k (T_tau - T), up to a constant. If k = a, this
-//! sum equals a T_tau: the bias follows a temperature that lags the thermometer. If k and a have opposite signs, the
-//! bias follows a temperature that leads the thermometer.
+//! `*_bias_temperature`. The sum of the two linear terms is then a T + k (T_tau - T) plus a constant. If k = a, the sum
+//! equals a T_tau plus this constant: the bias follows a temperature that lags the thermometer. If k and a have
+//! opposite signs, the bias follows a temperature that leads the thermometer.
 
 use super::temperature::{ACCELEROMETER, GYROSCOPE, by_degree};
 use super::temperature_memory::TemperatureHistory;
@@ -28,7 +30,7 @@ const OBSERVABLE: &str = "rests while the temperature rises and while it falls";
 const SEVERAL_RATES: &str = "temperature changes of several rates and durations";
 /// Shape of the lag effects: the time constant, typically 60 s for a sensor on a board.
 const TAU: Option<Parameter> = Some(Parameter { name: "tau", unit: "s", typical: 60.0 });
-/// Typical ratio, in seconds, of two coefficients of the bias: that of dT/dt and that of T. For slow changes, such a
+/// Typical value of (coefficient of dT/dt) / (coefficient of T) of a bias, s. If the temperature changes slowly, such a
 /// bias follows a temperature that leads the thermometer by this time.
 const AHEAD_S: f64 = 60.0;
 /// Typical hysteresis as a temperature, in kelvin: half the difference between the biases while heating and while

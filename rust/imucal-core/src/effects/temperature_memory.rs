@@ -42,7 +42,7 @@ use nalgebra::{RealField, convert};
 /// delayed by twice this time, which is short relative to the temperature changes of a unit.
 pub const SMOOTHING_S: f64 = 0.5;
 /// Half of the temperature change that reverses the direction from -1 to 1 or back, in kelvin. The noise of a
-/// thermometer after the low-pass is smaller than that change.
+/// thermometer after the low-pass is smaller than this temperature change.
 pub const REVERSAL_K: f64 = 1.0;
 
 /// Variables of the temperature history at an instant.
@@ -123,8 +123,8 @@ impl<F: RealField + Copy> LowPass<F> {
 }
 
 impl<F: RealField + Copy> TemperatureMemory<F> {
-    /// The initial memory for a set of effects. If the set contains two lag effects of one sensor, the time constant of
-    /// the last one is used.
+    /// The initial state for a set of effects. If the set contains two lag effects of one sensor, the time constant of
+    /// the last of these effects is used.
     pub fn new(effects: &EffectSet<F>) -> Self {
         let (mut gyroscope, mut accelerometer) = (None, None);
         for values in effects.iter() {
@@ -140,7 +140,7 @@ impl<F: RealField + Copy> TemperatureMemory<F> {
         Self::with_time_constants(gyroscope, accelerometer)
     }
 
-    /// The initial memory for lag effects with these time constants, s; `None` for a sensor without a lag effect.
+    /// The initial state for lag effects with these time constants, s; `None` for a sensor without a lag effect.
     pub fn with_time_constants(gyroscope_s: Option<F>, accelerometer_s: Option<F>) -> Self {
         Self {
             gyroscope: LowPass::new(gyroscope_s),

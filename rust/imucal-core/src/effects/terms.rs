@@ -1,6 +1,6 @@
-//! Evaluation of the field Phi of an effect with the parameters theta. The formula of a field is written once. It
-//! passes the columns of Phi to a receiver (`Terms`), which either stores them or computes the error `Phi theta` that
-//! the effect adds.
+//! Evaluation of the field Phi of an effect with the parameters theta. The formula of a field is written once. The
+//! formula passes the columns of Phi to a receiver (`Terms`). The receiver either stores the columns or computes the
+//! error `Phi theta` that the effect adds.
 
 #[cfg(feature = "catalogue")]
 use super::Columns;

@@ -76,8 +76,8 @@ const BY_HAND: [(&str, [f64; 3]); 34] = [
     ("encoder_backlash", [1.0, 0.0, -3.0]),
 ];
 
-/// Name of the effect, number of parameters of the plain and of the full form, and unit and typical size of the first
-/// and of the last parameter.
+/// Name of the effect, smallest and largest number of parameters (plain and full form), and unit and typical size of
+/// the first and of the last parameter.
 type Numbers = (&'static str, usize, usize, (&'static str, f64), (&'static str, f64));
 const NUMBERS: [Numbers; 34] = [
     ("gyro_g_sensitivity", 9, 9, ("rad/s/(m/s^2)", 1.779741e-4), ("rad/s/(m/s^2)", 1.779741e-4)),
@@ -116,7 +116,7 @@ const NUMBERS: [Numbers; 34] = [
     ("encoder_backlash", 3, 3, ("rad", 8.726646e-4), ("rad", 8.726646e-4)),
 ];
 
-/// The effect in its full form with the parameters 1, 2, 3, ...
+/// The effect with all its parameters (its full form), which have the values 1, 2, 3, ...
 fn counting<F: RealField + Copy>(effect: &'static Effect<F>) -> EffectValues<F> {
     let values: [F; MAX_PARAMETERS] = core::array::from_fn(|k| nalgebra::convert(k as f64 + 1.0));
     let shape = effect.shape.map(|_| nalgebra::convert(TAU_S));

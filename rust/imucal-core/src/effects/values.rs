@@ -5,7 +5,8 @@
 //! true <- seen - sum_c Phi_c(true) theta_c,   starting at seen      model.md (16)
 //! ```
 //!
-//! `seen` is the value that contains the effects. Phi_c is the field of effect c, and theta_c are its parameters.
+//! `seen` is the rate or force with the errors of the effects. theta_c are the parameters of effect c. Phi_c is its
+//! field, the derivatives of the error that it adds with respect to theta_c.
 
 use super::{Effect, MAX_PARAMETERS, Sensor, State, Surroundings};
 use crate::vector::{add, largest, sub};
@@ -31,9 +32,9 @@ pub struct EffectValues<F: RealField + Copy> {
 }
 
 impl<F: RealField + Copy> EffectValues<F> {
-    /// Creates an effect from the parameter values of one of its forms, in the units of the catalogue.
-    /// `shape` is the parameter on which the effect depends nonlinearly, for example a time constant. It must be given
-    /// if and only if the effect has such a parameter.
+    /// Creates an effect from the parameter values of one of its forms (the plain form, the full form or a form between
+    /// them), in the units of the catalogue. `shape` is the parameter on which the effect depends nonlinearly, for
+    /// example a time constant. It must be given if and only if the effect has such a parameter.
     ///
     /// # Errors
     /// [`EffectError`] states which argument does not match the effect.
@@ -62,7 +63,7 @@ impl<F: RealField + Copy> EffectValues<F> {
         self.effect
     }
 
-    /// Values of the parameters of the form (plain, full or between) in which the effect was created.
+    /// Values of the parameters that were given when the effect was created.
     pub fn values(&self) -> &[F] {
         self.values.get(..self.count).unwrap_or_default()
     }
@@ -149,15 +150,17 @@ impl<F: RealField + Copy> EffectSet<F> {
         encoders.fold(Vector3::zeros(), |sum, member| sum + member.at(state))
     }
 
-    /// Computes the true `(rate, force)` from values that contain the effects, in rad/s and m/s^2 in the body frame.
-    /// The function inverts the sum of the true values and [`at`](Self::at) (`docs/model.md` (16)).
+    /// Computes the true `(rate, force)`, in rad/s and m/s^2 in the body frame, from the values `seen` that contain the
+    /// errors of the effects. The method solves `seen = true + at(true)` for the true values, where [`at`](Self::at) is
+    /// the sum of these errors (`docs/model.md` (16)).
     ///
     /// The method iterates `true <- seen - effects(true)`. It stops when an iteration changes rate and force only by
-    /// rounding errors; a quantity on which no effect depends is not tested. Each iteration multiplies the error by at
-    /// most the derivative of the effects with respect to rate and force, for example by 0.002 for a scale asymmetry of
-    /// 0.2 %. One effect of typical size needs a single iteration if it does not depend on the quantity that it
-    /// changes. Otherwise, it needs two or three iterations in `f32`, and two to seven in `f64`. If the derivative
-    /// exceeds about 0.83, the iteration does not converge in [`MAX_PASSES`] steps, and both results are NaN.
+    /// rounding errors. If no effect depends on the rate (or on the force), the change of the rate (or of the force) is
+    /// not tested. Each iteration multiplies the error by at most the derivative of the effects with respect to rate
+    /// and force, for example by 0.002 for a scale asymmetry of 0.2 %. One effect of typical size needs a single
+    /// iteration if it does not depend on the quantity that it changes. Otherwise, it needs two or three iterations in
+    /// `f32`, and two to seven in `f64`. If the derivative exceeds about 0.83, the iteration does not converge in
+    /// [`MAX_PASSES`] steps, and both results are NaN.
     pub fn remove(
         &self,
         seen_rate: Vector3<F>,

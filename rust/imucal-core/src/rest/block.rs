@@ -4,9 +4,9 @@ use nalgebra::{RealField, Vector3, Vector6, convert};
 
 /// Count, mean and variance of consecutive samples, per channel: rate x, y, z, then force x, y, z.
 ///
-/// The sums are those of the differences from the first sample. The variance is therefore accurate even if the samples
-/// have a large offset, for example gravity, or unsigned counts around 32768 in f32. The sums of two intervals can be
-/// merged:
+/// The sums are formed over the differences between each sample and the first sample. The variance is therefore
+/// accurate even if the samples have a large offset, for example gravity, or unsigned counts around 32768 in f32. The
+/// sums of two intervals can be merged:
 ///
 /// ```
 /// use imucal_core::rest::BlockSums;
@@ -113,7 +113,7 @@ pub fn rest_statistic<F: RealField + Copy>(window: &BlockSums<F>, noise_variance
     statistic_of(&window.variance(), noise_variance)
 }
 
-/// [`rest_statistic`] of a window whose `variance` in each channel is known.
+/// [`rest_statistic`] of a window from the `variance` of each channel.
 #[inline]
 pub fn statistic_of<F: RealField + Copy>(variance: &Vector6<F>, noise_variance: &Vector6<F>) -> F {
     let ratio = both(variance, noise_variance, |variance, noise| variance / noise);

@@ -9,7 +9,7 @@ use crate::mappings::{Fields, fields, known};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Size of the residuals of one kind (a channel) on one body axis. The norm of the force has no axis. See
+/// Size of the residuals of one kind (a channel) on one body axis. Residuals of the force norm have no axis. See
 /// `imucal::gap::ChannelResidual`.
 #[derive(IntoPyObject)]
 struct Channel {
@@ -107,7 +107,8 @@ pub(super) fn residuals(
     fields(py, all)
 }
 
-/// Predicted rms error of one corrected signal, without (before) and with (after) the effects in the correction.
+/// Predicted rms error of one corrected signal: `before` if the correction does not remove the effects, `after` if it
+/// does.
 #[derive(IntoPyObject)]
 struct PredictedError {
     before: f64,

@@ -1,7 +1,7 @@
 //! Calibration of an accelerometer without a gyroscope. The nine parameters are estimated from the means of the rests.
 //!
-//! The fit uses the residuals of model.md (5). Its covariance is given by model.md (9). Without a gyroscope there are
-//! no moves, no tremor model and no effects.
+//! The residuals of the fit are those of model.md (5), and the covariance of the parameters is that of model.md (9).
+//! Without a gyroscope there are no moves, no tremor model and no effects.
 
 use faer::Mat;
 use imucal_core::sensor::Triad;
@@ -51,17 +51,17 @@ pub struct AccelerometerOutcome {
     pub thresholds: Vec<Threshold>,
     /// White-noise densities of the axes x, y, z, m/s^2/sqrt(Hz). Each is the median over the recordings.
     pub noise_density: Vector3<f64>,
-    /// Report of the fit: its chi2 and the reason for its end.
+    /// Report of the fit: chi2, and why the iterations ended.
     pub fit: FitReport,
-    /// Noise of the mean force at a rest: standard deviation of its norm, m/s^2, estimated from the residuals of the
-    /// fit. `None` if this noise is known and not estimated.
+    /// Standard deviation of the norm of the mean force at a rest due to noise, m/s^2, estimated from the residuals of
+    /// the fit. `None` if the noise is known, so that no estimate is needed.
     pub noise_from_residuals_mps2: Option<f64>,
     /// Parameters with a prior (held parameters), with their estimates; empty if there are none.
     pub held: Vec<HeldEstimate>,
     /// Share of each parameter's variance that is due to the priors of the held parameters, in the order of `names`;
     /// empty if no parameter is held.
     pub prior_shares: Vec<f64>,
-    /// Error of a measured gravity direction that the uncertainty of the priors causes; `None` if no parameter is held.
+    /// Error that the uncertainty of the priors causes in a measured gravity direction; `None` if no parameter is held.
     /// The error of a rotation is NaN, because an accelerometer does not measure rotations.
     pub prior_cost: Option<PriorCost>,
     /// Goodness of fit of the norms of the specific force at the rests, relative to noise; empty if there are no
@@ -180,15 +180,15 @@ impl AccelerometerOutcome {
         })
     }
 
-    /// The parts of this result that a message with the offer of this reduced model needs: the held parameters, and the
-    /// errors that their priors cause. `None` if the verdict is poor.
+    /// The parts of this result for a message that offers a model with fewer parameters: the held parameters, and the
+    /// errors that their priors cause. `None` if the verdict is `poor`.
     pub(super) fn as_reduced(&self) -> Option<Reduced> {
         let is_usable = !matches!(self.verdict(), Verdict::Poor(_));
         is_usable.then(|| Reduced { held: self.held.clone(), cost: self.prior_cost, condition: None })
     }
 
-    /// The covariance matrix of the parameters, as a list of its rows, with the uncertainty of local gravity (model.md
-    /// (38)).
+    /// The covariance matrix of the parameters, as a list of its rows. It includes the uncertainty of local gravity
+    /// (model.md (38)).
     pub fn covariance_with_references(&self, references: &References, gravity_mps2: f64) -> Vec<Vec<f64>> {
         let variance = (references.gravity_sigma_mps2 / gravity_mps2).powi(2);
         let mut covariance = self.covariance.clone();
@@ -200,8 +200,8 @@ impl AccelerometerOutcome {
         covariance
     }
 
-    /// The verdict: good, or incomplete or poor with reasons. Control recordings have a separate verdict, see
-    /// [`evaluate_accelerometer`](crate::evaluate::evaluate_accelerometer).
+    /// The verdict `good`, or the verdict `incomplete` or `poor` with its reasons. Control recordings have a separate
+    /// verdict, see [`evaluate_accelerometer`](crate::evaluate::evaluate_accelerometer).
     pub fn verdict(&self) -> Verdict {
         let set = RecordingSet::Calibration;
         let mut reasons = Vec::new();

@@ -14,7 +14,7 @@ pub fn rest_ranges(rests: &[RestReport], count: usize) -> Vec<Vec<Range<usize>>>
 }
 
 /// Returns an error if a control recording is a part or an altered copy of a calibration recording. Such a control
-/// recording contains the noise to which the calibration was fitted, so its control figures would be too good.
+/// recording contains the noise to which the calibration was fitted, so the residuals on it would be too small.
 ///
 /// `rests` and `control_rests` are the index ranges of the rests of each recording ([`rest_ranges`]).
 ///

@@ -21,9 +21,9 @@ const STEPS: usize = 3;
 pub(super) const FAR_OFF: f64 = 0.3;
 
 /// The design matrix: the Jacobian of the residuals with respect to the parameters `OBSERVED`. The row of a residual is
-/// divided by the error that the model of a real unit typically has in this residual. The column of a parameter is
-/// multiplied by a hundredth of the size of the parameter (`sizes`). The row of a prior is divided by the standard
-/// deviation of the prior.
+/// divided by the typical model error of a real unit in this residual ([`REST_ERROR_MPS2`] or [`MOVE_ERROR_RAD`]). The
+/// column of a parameter is multiplied by a hundredth of the size of the parameter (`sizes`). The row of a prior is
+/// divided by the standard deviation of the prior.
 #[derive(Default)]
 pub(super) struct Design {
     /// Rows of the matrix, with one column for each entry of [`OBSERVED`]. First come the rows of the residuals, then
@@ -53,8 +53,8 @@ impl Design {
 
     /// Returns the design matrix, and the parameters at which it is computed. Determined parameters have their
     /// least-squares values, and all others their nominal values. Nominal values for all parameters would not be
-    /// suitable: sensor errors of a few per cent would rotate the unobservable directions of the parameter space by a
-    /// few hundredths of a radian.
+    /// suitable, because they differ from the true values by a few per cent. At nominal values, the unobservable
+    /// directions of the parameter space are therefore rotated by a few hundredths of a radian.
     pub(super) fn near(
         prepared: &Prepared<'_>,
         terms: &Terms<'_>,

@@ -15,7 +15,8 @@ use imucal_core::effects::{Effect, Need};
 use crate::calibrate::{Outcome, TermEstimate};
 use crate::recording::Recording;
 
-/// Two parameters are reported as not separately observable if their absolute correlation is larger than this value.
+/// Two parameters are reported as not separately observable if |correlation| of their estimates is larger than this
+/// value.
 const TRADED: f64 = 0.95;
 /// Usual error of a sensitivity of a MEMS sensor before calibration, as a fraction of the sensitivity. A larger
 /// standard deviation is reported.
@@ -23,8 +24,8 @@ const USUAL_SENSITIVITY_ERROR: f64 = 0.01;
 /// Usual biases of a MEMS accelerometer, m/s^2, and of a MEMS gyroscope, rad/s. A larger standard deviation of a bias
 /// is reported.
 const USUAL_BIAS: [f64; 2] = [0.2, 0.02];
-/// A time constant is reported if (time constant) / (duration of the longest recording) is below this value. An effect
-/// with a shorter time constant decays almost immediately.
+/// A time constant is reported if (time constant) / (duration of the longest recording) is below this value. Such an
+/// effect decays so early in the recording that few samples show it.
 const SHORTEST_SHARE: f64 = 0.01;
 
 /// A parameter, or a group of parameters, that a calibration determines poorly.

@@ -19,8 +19,9 @@ use crate::held::{GROUPS, HeldParameter, PriorCost, PriorSource};
 use crate::joint::force_by_parameters;
 use crate::parameters::{ACCEL, GYRO_SENSITIVITY};
 
-/// A held parameter is reported as not determined by the recordings if (variance due to the priors) / (its variance) is
-/// above this value. The recordings then contain less information than the priors.
+/// A held parameter (a parameter with a prior) is reported as not determined by the recordings if (variance due to the
+/// priors) / (variance of the parameter) is above this value. The recordings then contain less information about the
+/// parameter than the priors.
 const MAX_PRIOR_SHARE: f64 = 0.5;
 /// A contradiction between the recordings and a prior is reported if |value from the recordings - prior| is above this
 /// number of standard deviations of this difference. Without a contradiction, the difference exceeds this limit with a
@@ -40,8 +41,8 @@ pub struct HeldEstimate {
     /// information about the parameter, and near 0 if they determine it accurately.
     pub prior_share: f64,
     /// Difference between the prior value and the value from the recordings, in standard deviations of this difference.
-    /// `None` if the recordings alone determine the parameter less accurately than its typical spread over MEMS
-    /// sensors. For an accelerometer without a gyroscope, it is always `None`.
+    /// `None` if the standard deviation from the recordings alone is not smaller than the typical spread of the
+    /// parameter among MEMS sensors. For an accelerometer without a gyroscope, it is always `None`.
     pub contradiction: Option<f64>,
 }
 
@@ -92,17 +93,18 @@ pub(super) fn held_estimates(
 }
 
 /// Difference between the prior value and the value from the recordings, in standard deviations of this difference.
-/// `None` if the recordings alone determine the parameter less accurately than its typical spread over MEMS sensors.
-/// Such weak information comes only from the nonlinearity of the model, and is no evidence against the prior.
-/// `residual` and `free` are the residual of the prior in standard deviations, and 1 - leverage of this residual.
+/// `None` if the standard deviation from the recordings alone is not smaller than the typical spread of the parameter
+/// among MEMS sensors. Such weak information comes only from the nonlinearity of the model, and is no evidence against
+/// the prior. `residual` and `free` are the residual of the prior in standard deviations, and 1 - leverage of this
+/// residual.
 fn contradiction(held: &HeldParameter, (residual, free): (f64, f64)) -> Option<f64> {
     let of_recordings = held.sigma * ((1.0 - free) / free).sqrt();
     held.usual.is_none_or(|usual| of_recordings < usual).then_some(residual)
 }
 
-/// Errors of a measured gravity direction and of a measured rotation by 90 deg that parameter errors with this
-/// covariance (symmetric frame) cause. Each is a standard deviation, rms over the directions of gravity, or of the axis
-/// of rotation, in [`directions`].
+/// Errors that parameter errors with the covariance `covariance` (symmetric frame) cause in a measured gravity
+/// direction and in a measured rotation by 90 deg. Each error is a standard deviation: the rms over the gravity
+/// directions, or over the rotation axes, that [`directions`] returns.
 pub(super) fn prior_cost(covariance: &Mat<f64>, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>) -> PriorCost {
     let block = |first: usize| SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(first + i, first + j)]);
     let (force, rate) = (block(ACCEL.start), block(GYRO_SENSITIVITY.start));
@@ -130,8 +132,9 @@ fn directions() -> Vec<Vector3<f64>> {
     all.filter(|v| v.norm() > 0.0).map(|v| v.normalize()).collect()
 }
 
-/// The names of the parameters in `held`, as a list for a message. `all` contains all held parameters. If every
-/// parameter of a group in `all` is also in `held`, and the group has at least two, the list names the group instead.
+/// The names of the parameters in `held`, as a list for a message. `all` contains all held parameters. If `held`
+/// contains all parameters of a group (such as `accel_scale`) that are in `all`, and these are at least two, the list
+/// names the group instead of its parameters.
 pub(super) fn listed(held: &[&HeldEstimate], all: &[HeldEstimate]) -> String {
     let mut names = Vec::new();
     for group in GROUPS {

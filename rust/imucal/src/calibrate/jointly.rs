@@ -66,7 +66,7 @@ impl Selection {
 }
 
 impl UnitData<'_> {
-    /// The joint fit of both triads and the requested effects, and the rests and moves that it uses.
+    /// Returns the joint fit of both triads and the requested effects, and the rests and moves that this fit uses.
     ///
     /// The fit starts from the warm start. Without a warm start, it starts from the two-stage fit. After each fit, all
     /// rests and moves are tested, including those excluded before. A rest or move that agrees with an improved fit is
@@ -85,7 +85,8 @@ impl UnitData<'_> {
         for _ in 1..MAX_ROUNDS {
             let fit = self.fit_jointly(&selection, model, options, warm_start.as_ref())?;
             let is_of_all = selection.used == all.used && selection.moves == all.moves;
-            // The outlier test uses a fit without the outliers, so that they do not influence their own test.
+            // `fit` does not use the rests and moves that count as outliers so far, so they do not influence their own
+            // test.
             let contradicts = self.prepared(&all, model, options, Wander::of(options.wander), |prepared| {
                 let known = is_of_all.then_some(&fit.linear);
                 joint::outliers(prepared, &self.terms(options)?, &fit.model, known)
@@ -119,8 +120,8 @@ impl UnitData<'_> {
         let rests = |selection: &Selection| selection.used.iter().filter(|used| **used).count() as f64;
         let (still, seemingly) =
             (self.everything(), self.all_where(|reason| reason.is_none_or(|reason| reason == NOT_STILL)));
-        // If many rests have deviating mean rates, the gyroscope bias differs between the rests. The deviations are
-        // then not caused by slow rotations of the unit.
+        // If many rests are excluded because of their mean rates, the gyroscope bias differs between the rests. These
+        // rests are then not slow rotations, and the search also uses them.
         let all = if rests(&still) < (1.0 - OUTLIERS) * rests(&seemingly) { seemingly } else { still };
         let (kept, most) = (rests(&selection), rests(&all));
         let few = kept < (1.0 - OUTLIERS) * most
@@ -194,9 +195,9 @@ impl UnitData<'_> {
         })
     }
 
-    /// Cross-validation of the joint fit: the error of each rest and move in a fit without it. `moves` contains all
-    /// usable moves, and `model` contains the two triads from which the fit started. Moves that the fit excluded as
-    /// outliers are predicted with the fit itself.
+    /// Cross-validation of the joint fit: the prediction error of each rest and each move, computed with a fit without
+    /// this rest or move. `moves` contains all usable moves, and `model` contains the two triads from which the fit
+    /// started. Moves that the fit excluded as outliers are predicted with the fit itself.
     pub(super) fn held_out(
         &self,
         fit: &JointFit,

@@ -22,12 +22,13 @@ use crate::two_stage::accelerometer::{self, AccelerometerFit};
 use crate::two_stage::ellipsoid::Start;
 
 /// Standard deviation of the means that a first fit assumes if the table does not contain their noise. It is given as a
-/// fraction of (largest reading - smallest reading) / 2 of the axis with the widest readings. The value is so large
-/// that no row is excluded as an outlier. With a larger value, noise could explain the whole ellipsoid of the readings,
-/// and the fit would be refused.
+/// fraction of (largest reading - smallest reading) / 2 of the axis for which this difference is largest. The value is
+/// so large that no row is excluded as an outlier. With a larger value, noise could explain the whole ellipsoid of the
+/// readings, and the fit would be refused.
 const FIRST_GUESS: f64 = 0.015;
-/// Noise of the means, m/s^2, that a trial fit assumes if the table has too few rows and no noise. If the trial fit
-/// succeeds with a model with fewer parameters, the error message proposes to give the noise and to use this model.
+/// Noise of the means (standard deviation), m/s^2, that a trial fit assumes if the table has too few rows and does not
+/// state the noise. If the trial fit succeeds with a model with fewer parameters, the error message proposes to give
+/// the noise and to use this model.
 const ASSUMED_NOISE_MPS2: f64 = 0.01;
 
 /// Mean readings at rest, one row for each rest.
@@ -87,8 +88,8 @@ pub fn calibrate_means(
 }
 
 /// The text of a refusal, with the offer of a model with fewer parameters. If the user did not give the noise of the
-/// means, the offer may require that it is given. Nothing is offered if only this noise is missing, because the refusal
-/// `words` already asks for it.
+/// means, the offer may be made on condition that the user gives it. No model is offered if only this noise is missing
+/// for a calibration, because the refusal `words` already asks for it.
 fn with_way_out(table: &MeanReadings<'_>, options: &Options<'_>, words: String) -> String {
     let of_noise_given = |options: &Options<'_>| {
         let noise = MeanNoise::Common(ASSUMED_NOISE_MPS2);

@@ -60,10 +60,10 @@ fn determined<'a>(recordings: &[Recording<'a>], options: &Options<'_>) -> Result
 pub(super) struct Reduced {
     /// Parameters with a prior in this model (held parameters), with their estimates.
     pub(super) held: Vec<HeldEstimate>,
-    /// Errors of a measured gravity direction and rotation that the uncertainty of the priors causes.
+    /// Errors that the uncertainty of the priors causes in a measured gravity direction and in a measured rotation.
     pub(super) cost: Option<PriorCost>,
-    /// Clause of the message that names an option which the user must also give for this result, beginning with "if";
-    /// `None` if no option is missing.
+    /// Condition of this result, as a clause of the message: it begins with "if" and names an option that the user must
+    /// also give. `None` if no further option is needed.
     pub(super) condition: Option<&'static str>,
 }
 

@@ -55,9 +55,9 @@ pub struct Outcome {
     pub thresholds: Vec<Threshold>,
     /// White-noise densities of the unit, SI units per sqrt(Hz). Each is the median over the recordings.
     pub noise_density: NoiseDensity,
-    /// Report of the accelerometer fit: its chi2 and the reason for its end.
+    /// Report of the accelerometer fit: chi2, and why the iterations ended.
     pub accelerometer_fit: FitReport,
-    /// Report of the gyroscope fit: its chi2 and the reason for its end.
+    /// Report of the gyroscope fit: chi2, and why the iterations ended.
     pub gyroscope_fit: FitReport,
     /// Report of the joint fit; `None` if no joint fit was requested. With a joint fit, the accelerometer and
     /// gyroscope fits only provide its start values.
@@ -82,8 +82,8 @@ pub struct Outcome {
     /// Share of each parameter's variance that is due to the priors of the held parameters, in the order of `names`;
     /// empty if no parameter is held.
     pub prior_shares: Vec<f64>,
-    /// Errors of a measured gravity direction and rotation that the uncertainty of the priors causes; `None` if no
-    /// parameter is held.
+    /// Errors that the uncertainty of the priors causes in a measured gravity direction and in a measured rotation;
+    /// `None` if no parameter is held.
     pub prior_cost: Option<PriorCost>,
     /// Residual statistics of the calibration on its own recordings: chi2, and the rms errors of the norm and of the
     /// direction of gravity.
@@ -161,7 +161,7 @@ impl Outcome {
         for (report, misfit) in rests.iter_mut().zip(&misfits.rests) {
             report.misfit = *misfit;
         }
-        // The step between two epochs (parts) of one rest is not a move, because the unit does not rotate.
+        // The interval between two epochs (parts) of one rest is not a move, because the unit does not rotate in it.
         let is_move = |m: &Move| !m.is_within_rest(&data.rests);
         let judged = || {
             let all = selection.moves.iter().zip(&joint.moves).zip(&misfits.moves);
@@ -195,7 +195,7 @@ impl Outcome {
         let covariances = [of_unit(&joint.covariance), of_unit(&of_priors)];
         let (sensitivities, [covariance, of_priors]) = in_frame(options.frame, symmetric, covariances, &mut moves)?;
         // The parameters of an accelerometer that was calibrated earlier have priors, too. They are listed as held
-        // parameters only if the recordings contradict them.
+        // parameters only if the recordings contradict these priors.
         let held: Vec<HeldEstimate> =
             held.into_iter().filter(|held| !held.prior.is_combination() || held.is_contradicted()).collect();
         let share =
@@ -246,7 +246,7 @@ impl Outcome {
     }
 }
 
-/// Goodness of fit of the two-stage fit. Its residuals are weighted with sensor noise only.
+/// Goodness of fit of the two-stage fit, in which each residual is weighted with sensor noise only.
 fn groups_of_two_stages(accelerometer: FitReport, gyroscope: FitReport, figures: &Figures) -> Vec<GroupMisfit> {
     let direction_rad = figures.gravity_direction_rms_deg.to_radians();
     let groups = [
@@ -290,7 +290,7 @@ pub(super) fn rows(matrix: &Mat<f64>) -> Vec<Vec<f64>> {
 }
 
 /// Median over the recordings of the noise density of each axis, in SI units. `noise` is in raw units, and the triads
-/// convert it.
+/// convert it to SI units.
 pub(super) fn noise_density(noise: &[NoiseDensity], [accelerometer, gyroscope]: [&Triad<f64>; 2]) -> NoiseDensity {
     let median_of = |pick: fn(&NoiseDensity) -> Vector3<f64>| {
         Vector3::from_fn(|axis, _| {

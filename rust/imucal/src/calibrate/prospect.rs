@@ -1,8 +1,8 @@
 //! Prediction, before any fit, of the parameters that the recordings determine, and of their accuracy (model.md (12)).
 //!
-//! The residuals of the joint fit are linearised at nominal sensors. The design matrix shows which parameters are not
-//! determined. With the noise of the rests, the matrix also gives the standard deviation of each parameter, provided
-//! that the model describes the unit.
+//! The residuals of the joint fit are linearised at nominal values of the sensor parameters. Their derivatives form the
+//! design matrix, which shows which parameters are not determined. If its rows are divided by the noise measured at the
+//! rests, the matrix also gives the standard deviation of each parameter, provided that the model describes the unit.
 
 use std::sync::OnceLock;
 

@@ -51,8 +51,9 @@ impl References {
 }
 
 impl Outcome {
-    /// The covariance matrix of the parameters, as a list of its rows, with the uncertainty of the references. The
-    /// covariance of user-defined effects does not include this uncertainty, because their units are not known.
+    /// The covariance matrix of the parameters, as a list of its rows. It includes the uncertainty of local gravity and
+    /// of the clock rate. For the parameters of user-defined effects, this uncertainty is not included, because their
+    /// units are not known.
     pub fn covariance_with_references(&self, references: &References, gravity_mps2: f64) -> Vec<Vec<f64>> {
         let variance_of_gravity = (references.gravity_sigma_mps2 / gravity_mps2).powi(2);
         let variance_of_clock = (1e-6 * references.clock_ppm).powi(2);
@@ -88,7 +89,8 @@ impl Outcome {
     }
 }
 
-/// For a unit m^a s^b such as `rad/s/(m/s^2)`: the factors a of e and 2 a + b of d in equation (38).
+/// The two factors of equation (38) for a unit m^a s^b, such as `rad/s/(m/s^2)`: a, which multiplies the relative error
+/// e of gravity, and 2 a + b, which multiplies the relative error d of the unit of time.
 fn in_references(unit: &str) -> [f64; 2] {
     let [metres, seconds] = exponents_of(&mut unit.chars().peekable());
     [metres, 2.0 * metres + seconds]

@@ -15,9 +15,9 @@ use crate::parameters::{ACCEL, BASE, GYRO_BIAS, WORDS};
 use crate::recording::Recording;
 use crate::verdict::Verdict;
 
-/// A parameter counts as different between two recordings if |difference| / (its standard deviation) is at least this
-/// value. With 15 parameters and ten recordings of one unit, noise alone exceeds this limit in one of a million
-/// calibrations.
+/// A parameter counts as different between two recordings if |difference| / (standard deviation of the difference) is
+/// at least this value. With 15 parameters and ten recordings of one unit, noise alone exceeds this limit in one of a
+/// million calibrations.
 const DIFFERENT: f64 = 6.0;
 /// Two sensitivities count as different only if |difference| / (mean scale) is at least this value. A smaller
 /// difference has no practical effect, even if it is significant.

@@ -32,7 +32,7 @@ pub(super) struct Gyroscope {
     pub(super) moves: Vec<Move>,
     /// The result of the fit.
     pub(super) fit: GyroscopeFit,
-    /// Directions of gravity at the ends of each move, and the standard deviation of its residual.
+    /// For each move: the directions of gravity at its two ends, and the standard deviation of the move's residual.
     pub(super) ends: Vec<Ends>,
     /// For each move: the part of the standard deviation of its residual that is independent of all other moves, rad.
     /// It does not contain the noise of the mean forces at the adjacent rests.
@@ -66,7 +66,8 @@ impl UnitData<'_> {
             }
             alone => alone?,
         };
-        // The flags and gains below have one entry for each detected rest, including the excluded rests.
+        // The fit returns `used` and `gain` for the rests in `clean`. Here, both are extended to all detected rests. An
+        // excluded rest gets false and a column of zeros.
         let mut used = vec![false; self.rests.len()];
         let mut gain = Mat::zeros(9, self.rests.len());
         for (column, &k) in clean.iter().enumerate() {
@@ -81,8 +82,8 @@ impl UnitData<'_> {
 
     /// Fits the accelerometer if the directions at the rests are not sufficient, for example on the six faces of a box.
     /// The rotations between the rests replace the missing directions, so rests and moves together must determine all
-    /// parameters. The fit starts from a linearised joint fit at zero misalignment (model.md (5)). A parameter that the
-    /// rests do not determine keeps its start value.
+    /// parameters. The start values are the result of a joint fit that is linearised at sensors without misalignment
+    /// (model.md (5)). A parameter that the rests do not determine keeps its start value.
     ///
     /// # Errors
     /// [`Error::NotEnoughMotion`] if the rests and moves together do not determine all parameters, or if no joint fit
@@ -204,8 +205,9 @@ impl UnitData<'_> {
         let is_start = !accelerometer.is_determined;
         let mut fit = preintegrated.fit(&ends, &first, is_start);
         if matches!(fit, Err(Error::NotEnoughMotion(_))) && options.is_joint() && !is_start {
-            // If the rests hardly determine the accelerometer, its errors may appear as outliers of a few moves.
-            // Therefore no moves are excluded here. The joint fit tests all moves again.
+            // If the rests hardly determine the accelerometer, its errors may make a few moves look like outliers, and
+            // the other moves do not determine the gyroscope. Therefore the fit is repeated with all moves. The joint
+            // fit tests all moves for outliers later.
             fit = preintegrated.fit(&ends, &first, true);
         }
         let fit = fit.map_err(|error| self.with_all_that_is_missing(error, options))?;
@@ -221,8 +223,8 @@ impl UnitData<'_> {
 }
 
 impl Gyroscope {
-    /// Replaces the moves between rests by `moves`, which also contain the steps between the epochs (parts) of a long
-    /// rest. A move that the fit excluded stays excluded.
+    /// Replaces the moves between rests by `moves`, which also contain the intervals between consecutive epochs (parts)
+    /// of a long rest. A move that the fit excluded stays excluded.
     pub(super) fn use_moves(&mut self, moves: &[Move], rests: &[UnitRest]) {
         let of_fit = self.moves.iter().zip(&self.fit.used);
         let contradicts: Vec<Move> = of_fit.filter(|(_, used)| !**used).map(|(m, _)| *m).collect();

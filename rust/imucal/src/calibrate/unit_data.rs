@@ -161,7 +161,7 @@ impl<'a> UnitData<'a> {
         self.recordings.first().is_some_and(|recording| unit(recording) == RawUnit::Si)
     }
 
-    /// The held parameters: those to which the priors in `options` apply.
+    /// The held parameters: the parameters to which the priors in `options` apply.
     ///
     /// # Errors
     /// [`Error::Input`] for unknown names and invalid priors.
@@ -173,8 +173,8 @@ impl<'a> UnitData<'a> {
         ])
     }
 
-    /// Hint that some intervals are at rest but too short, with the time of the longest of them; `None` if there are
-    /// none. The hint is appended to messages about missing rests.
+    /// Hint that some intervals at rest are too short to count as rests, with the times of the longest of them. It is
+    /// appended to messages about missing rests. `None` if there are no such intervals.
     pub(super) fn short_rests(&self, options: &Options<'_>) -> Option<String> {
         self.recordings.iter().zip(&self.segments).find_map(|(recording, segments)| {
             let range = segments.too_short.iter().max_by_key(|range| range.len())?;

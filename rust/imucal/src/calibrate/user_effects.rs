@@ -70,8 +70,9 @@ pub trait UserEffects {
     /// The errors are those of [`UserEffects::fields`].
     fn corrected(&self, outcome: &Outcome, set: RecordingSet) -> Result<Vec<CorrectedSamples>, Error>;
 
-    /// Means over 0.1 s of a set of recordings, corrected by two calibrations. The second calibration is `after`. The
-    /// first is the reference calibration that the caller has set, or `before` if the caller has set none.
+    /// Means of the samples of a set of recordings over intervals of 0.1 s, corrected by two calibrations. The second
+    /// calibration is `after`. The first is the reference calibration that the caller has set, or `before` if the
+    /// caller has set none.
     ///
     /// # Errors
     /// The errors are those of [`UserEffects::fields`].

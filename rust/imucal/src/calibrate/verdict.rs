@@ -10,19 +10,20 @@ use crate::numerics::lsq::Termination;
 use crate::recording::Recording;
 use crate::verdict::{Reason, RecordingSet, Verdict};
 
-/// In a good calibration, at most this share of the rests, or of the moves, contradicts the other rests or moves. A few
-/// rests or moves may be disturbed accidentally, but a larger share shows that the model is wrong.
+/// The verdict is `poor` if more than this share of the rests, or of the moves, contradicts the other rests or moves. A
+/// few rests or moves may be disturbed accidentally, but a larger share shows that the model is wrong.
 pub(super) const MAX_CONTRADICTING_SHARE: f64 = 0.1;
-/// In a good calibration, at most this share of the rests is excluded because the mean rate is far from those of the
-/// other rests. A few slow rotations may be mistaken for rests.
+/// The verdict is `poor` if more than this share of the rests is excluded because their mean rates are far from those
+/// of the other rests. A smaller share is accepted, because the rest detection may mistake a few slow rotations for
+/// rests.
 const MAX_MOVING_SHARE: f64 = 0.2;
 /// If the p-value of chi2 is above this limit, the residuals are reported as too small for the estimated noise. With a
 /// correct noise estimate, this happens in one of a million calibrations.
 const OVERESTIMATED: f64 = 1.0 - 1e-6;
 
 impl Outcome {
-    /// The verdict: good, or incomplete or poor with reasons. Control recordings have a separate verdict, see
-    /// [`evaluate`](mod@crate::evaluate).
+    /// The verdict `good`, or the verdict `incomplete` or `poor` with its reasons. Control recordings have a separate
+    /// verdict, see [`evaluate`](mod@crate::evaluate).
     pub fn verdict(&self) -> Verdict {
         // The reasons are collected in the order in which messages list them.
         let mut reasons = self.fits_not_converged();
@@ -89,8 +90,8 @@ impl Outcome {
     }
 }
 
-/// Reason for the held parameters that neither the recordings nor a prior of the user determines; `None` if there are
-/// none.
+/// The reason for the verdict `incomplete` if neither the recordings nor a prior of the user determines some of the
+/// held parameters; `None` if there are no such parameters.
 pub(super) fn held_by_default(held: &[HeldEstimate], cost: Option<PriorCost>) -> Option<Reason> {
     let unknown: Vec<&HeldEstimate> = held.iter().filter(|held| held.is_unknown()).collect();
     let cost = cost.filter(|_| !unknown.is_empty())?;

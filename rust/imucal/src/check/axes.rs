@@ -47,7 +47,7 @@ impl SignedPermutation {
 
     /// The signed permutation that has the largest correlation with P, and this correlation. Only permutations with the
     /// handedness of P are considered. The correlation is the sum over k of `sign_of[k] P[k, column_of[k]]`, divided by
-    /// sqrt(3) |P|, where |P| is the Frobenius norm. It is 1 if P equals the permutation up to a scale.
+    /// sqrt(3) |P|, where |P| is the Frobenius norm. It is 1 if P is a positive multiple of the permutation.
     pub(super) fn closest(p: &Matrix3<f64>) -> (Self, f64) {
         let handedness = p.determinant().signum();
         let norm = 3.0f64.sqrt() * p.norm();

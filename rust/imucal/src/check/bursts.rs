@@ -14,10 +14,12 @@ const FEWEST_PACKETS: usize = 10;
 /// Maximum median time step between packets, s. Longer time steps are pauses of a logger that sleeps, not intervals
 /// between packets.
 const LONGEST_S: f64 = 2.0;
-/// The sum of the time steps between packets must exceed this share of the recording's duration.
+/// The time stamps count as those of packets only if the sum of the time steps between packets exceeds this share of
+/// the recording's duration.
 const SHARE_OF_TIME: f64 = 0.5;
-/// At least this share of the packets must have nearly the typical number of samples. If samples are lost at random,
-/// the groups between long time steps have varying sizes, so this limit excludes random loss.
+/// The time stamps count as those of packets only if at least this share of the packets has nearly the typical number
+/// of samples. If samples are lost at random, the groups between long time steps have varying sizes, so this limit
+/// excludes random loss.
 const ALIKE: f64 = 0.9;
 /// A packet is typical if its number of samples differs from the typical number by at most this share of the typical
 /// number. A difference of one sample is always permitted.
@@ -38,7 +40,8 @@ pub(super) fn check(recording: &Recording) -> Option<Finding> {
     let mut sizes: Vec<f64> = starts.windows(2).map(|pair| (pair[1] - pair[0]) as f64).collect();
     let typical = median(&mut sizes);
     sizes.retain(|size| (size - typical).abs() <= (WITHIN * typical).max(1.0));
-    // The mean, because rounded time stamps give alternating sizes (9 and 11).
+    // The mean is used, because rounded time stamps may give packets of alternating sizes, for example 9 and 11
+    // samples.
     let size = sizes.iter().sum::<f64>() / sizes.len() as f64;
     let mut between: Vec<f64> = starts.iter().map(|&i| time_s[i] - time_s[i - 1]).collect();
     let share = between.iter().sum::<f64>() / (last_s - first_s);

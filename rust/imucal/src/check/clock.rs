@@ -20,8 +20,8 @@ const ROUNDING: f64 = 1e-6;
 /// computed from the 10 % and 90 % quantiles. Above the first limit, the finding `clock_irregular` is a warning. Above
 /// the second limit, it is an error.
 const SPREAD: [f64; 2] = [0.2, 0.5];
-/// A clock counts as regular if |time step / median - 1| is at most this value for all time steps. With a regular
-/// clock, the slower checks of spread and gaps are skipped.
+/// A clock counts as regular if |time step / median - 1| is at most this value for all time steps. For a regular clock,
+/// the checks of spread and gaps are skipped, because they cannot find a fault and take more time.
 const REGULAR: f64 = 0.2;
 /// Limit of the share of samples that repeat the time stamp of the previous sample. Above this limit, the finding is an
 /// error, otherwise a warning.
@@ -77,8 +77,8 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     // 80 % of a normal distribution are within +-1.2816 standard deviations. The median absolute deviation is not used,
     // because it is zero if most steps are equal, as for time stamps in bursts.
     let spread = (high_s - low_s) / (2.0 * 1.2816) / median_s;
-    // Gaps are searched for only if the relative spread of the time steps is at most the limit of an error. With a
-    // larger spread, the clock is so irregular that long time steps are no evidence of lost samples.
+    // Gaps are searched for only if the relative spread of the time steps is at most the second limit of [`SPREAD`].
+    // With a larger spread, the clock is so irregular that long time steps are no evidence of lost samples.
     let gaps = if spread <= SPREAD[1] {
         // A clock with coarse resolution has alternating steps (2 ms and 3 ms), which are not gaps. A gap must
         // therefore be longer than the 90 % quantile of the steps plus half a median step.

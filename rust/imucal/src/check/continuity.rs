@@ -24,8 +24,8 @@ use crate::recording::{Recording, Samples};
 /// The limit permits stamps that are rounded to multiples of a ninth of the time step.
 const EVEN: f64 = 0.12;
 /// A lost sample is recognised by the ratio `k` = (change `d_i` of the rate over one step) / (mean `m` of the two
-/// adjacent changes), which is then about 2. The ratio is used only if |m| / (standard deviation of the noise of
-/// `d_i - m`) is above this value, because it is too noisy in slower motion. At this limit, the noise of `k` has a
+/// adjacent changes), which is then about 2. The ratio is used only if |m| / (noise standard deviation of `d_i - m`) is
+/// above this value, because it is too noisy if the rate changes more slowly. At this limit, the noise of `k` has a
 /// standard deviation of 1/8.
 const CLEAR: f64 = 8.0;
 /// The ratio `k` is used only if the motion is smooth, which means |d_(i+1) - d_(i-1)| < SMOOTH x |m|.
@@ -42,7 +42,7 @@ const BETWEEN: [f64; 2] = [1.35, 1.65];
 /// small integers, and motion that is too fast for the sampling rate gives any ratio, on both sides of 1. A lost sample
 /// gives no ratio in this range.
 const OPPOSITE: [f64; 2] = [2.0 - LOST[1], 2.0 - LOST[0]];
-/// Number of samples that are examined together. The data of so many samples fit into the processor's cache.
+/// Number of samples that are read and examined together. So many samples fit into the processor's cache.
 const BLOCK: usize = 4096;
 /// A finding is reported only for at least this number of lost samples.
 const FEWEST: usize = 5;

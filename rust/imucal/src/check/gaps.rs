@@ -15,7 +15,7 @@ const CATCHES_UP: f64 = 0.95;
 /// The long time steps of a recording, in two groups: gaps in which samples were lost, and late time stamps.
 #[derive(Default)]
 pub(super) struct Gaps {
-    /// Counter of the gaps in which samples were lost. It contains the first sample after each gap.
+    /// Counter of the gaps in which samples were lost. It counts the first sample after each gap.
     after_lost: Tally,
     /// Number of samples that were lost in all gaps together.
     lost: f64,

@@ -5,7 +5,8 @@
 //! causes of a reading of -g instead of +g. First, the axes may have z down (FRD or NED). These axes are right-handed,
 //! and both sensors need the same rotation. Second, the accelerometer may report gravity instead of specific force. Its
 //! sign must then be reversed, but not the sign of the gyroscope. Only the motor angles of a stand, or a rotation about
-//! the vertical, distinguish the two causes. No correction is recommended before that.
+//! the vertical, distinguish the two causes. If the cause is unknown, the finding describes the correction for each
+//! cause. If there is a gyroscope, it also describes the rotation that distinguishes them.
 
 use std::ops::Range;
 
@@ -115,8 +116,8 @@ enum Axes {
 }
 
 impl Axes {
-    /// Determines the cause. For this purpose, the measured up directions at all rests are compared with the directions
-    /// that each cause predicts from the motor angles.
+    /// Determines the cause by comparing the measured up directions at all rests with the directions that each cause
+    /// predicts from the motor angles.
     fn by_motors(recording: &Recording, rests: &[Range<usize>], stand: &[[f64; 3]]) -> Self {
         let (mut z_down, mut reversed, mut count) = (0.0, 0.0, 0.0);
         for rest in rests {

@@ -2,10 +2,11 @@
 //! altered.
 //!
 //! A control recording must not be an altered copy of a calibration recording. The copy contains the noise to which the
-//! model was fitted, so its control figures are too good. The noise at rest identifies a recording. All correlations
-//! are divided by the standard deviation that the correlation of independent noise has. The largest correlation over
-//! all lags is below 10 for independent recordings without periodic vibration, and above 20 for altered copies whose
-//! noise is not mostly removed by rounding (docs/results/copies.md).
+//! model was fitted, so the residuals on it are too small. The check compares the noise at rest, because this noise
+//! differs between any two independent recordings. All correlations are divided by the standard deviation that the
+//! correlation of independent noise has. The largest correlation over all lags is below 10 for independent recordings
+//! without periodic vibration, and above 20 for altered copies, unless rounding has removed most of their noise
+//! (docs/results/copies.md).
 
 use std::ops::Range;
 
@@ -19,10 +20,12 @@ use crate::finding::Finding;
 /// deviations of the correlation of independent noise.
 const COPY_SIGMAS: f32 = 14.0;
 /// Two recordings count as copies only if (largest correlation) / (largest correlation at distant lags) is at least
-/// this value. Periodic vibration in both recordings correlates at many lags, and this limit excludes it.
+/// this value. Periodic vibration in two independent recordings gives large correlations at many lags, so it does not
+/// reach this limit.
 const UNIQUE: f32 = 2.0;
-/// Two recordings count as copies only if [`Transform::share_without_pulses`] is at least this value. It is below 0.1
-/// for short pulses that coincide, and above 0.3 for altered copies.
+/// Two recordings count as copies only if at least this share of their correlation does not come from short pulses
+/// ([`Transform::share_without_pulses`]). The share is below 0.1 for independent recordings with coinciding pulses, and
+/// above 0.3 for altered copies.
 const SPREAD: f32 = 0.2;
 /// Number of templates of a recording, one in each third. A template is an excerpt that is searched for in the other
 /// recordings. If another recording contains at least half of this recording, it contains at least one of the
@@ -176,8 +179,9 @@ fn starts(at_rest: &AtRest<'_>, samples: usize) -> Vec<usize> {
     starts
 }
 
-/// The pair of the template's recording and the recording on the tape that contains `peak`, the maximum of the
-/// correlation with the template. `None` if no recording on the tape contains it.
+/// The pair of recordings that have the noise of the template in common. One is the recording from which the template
+/// is taken. The other is the recording on the tape at the position of `peak`, where the correlation with the template
+/// is largest. `None` if there is no recording at this position of the tape.
 fn copy_at(template: &Template, peak: &Peak, tape: &Tape) -> Option<Copy> {
     let middle = (peak.at + (TEMPLATE / 2) as isize).clamp(0, template.until as isize - 1) as usize;
     let (of, range) = tape.parts.iter().find(|(_, range)| range.contains(&middle))?;

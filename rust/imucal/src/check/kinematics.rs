@@ -28,14 +28,14 @@ const KNOWN: f64 = 0.25;
 /// below this value, the motion did not determine P, and no finding is reported.
 const WELL_DETERMINED: f64 = 0.1;
 /// If the rates explain less than this share of the changes of the gravity direction, P says nothing about units and
-/// axes. Gyroscopes explain 0.998 on a stand and 0.8 in hand-held moves. If they are 0.6 s late in moves of a second,
-/// they explain 0.5.
+/// axes. The share is usually 0.998 on a stand and 0.8 in hand-held moves. It is 0.5 if the rates are 0.6 s late and a
+/// move takes one second.
 const LEAST_EXPLAINED: f64 = 0.6;
 /// If the rates explain less than this share, the gyroscope may be of another unit or recording, and the calibration is
-/// refused. A gyroscope that is 0.8 s late in moves of a second explains 0.12.
+/// refused. The share is 0.12 if the rates are 0.8 s late and a move takes one second.
 const UNRELATED: f64 = 0.1;
-/// A finding names a signed permutation only if the correlation of P with it is at least this value (1: identical;
-/// 0.97: rotated by 18 deg).
+/// A finding names a signed permutation only if the correlation of P with it is at least this value (1: P equals the
+/// permutation; 0.97: P is rotated from it by 18 deg).
 const CLEAR: f64 = 0.85;
 
 /// Checks `rate_from_raw`, which is P in true_rate = P (raw - bias), fitted linearly to the kinematics of gravity in
@@ -208,7 +208,7 @@ mod tests {
         assert!(judge(diagonal(1.0, f64::NAN, 1.0)).is_empty());
     }
 
-    /// A late gyroscope has an attenuated P, which looks like a wrong unit.
+    /// If the gyroscope is late, the fitted P is too small, which looks like a wrong unit.
     #[test]
     fn rates_that_do_not_follow_gravity_say_nothing_about_their_unit() {
         for (explained, severity) in [(0.3, Severity::Warning), (0.05, Severity::Error)] {

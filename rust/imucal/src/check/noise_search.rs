@@ -1,5 +1,5 @@
-//! Searches other recordings for a part of the noise of one recording, by correlation at all lags. The searched
-//! recordings are concatenated, and such a concatenation is called a tape (see `noise_tape`).
+//! Searches other recordings for a part of the noise of one recording. The search computes the correlation at all lags.
+//! The searched recordings are concatenated, and such a concatenation is called a tape (see `noise_tape`).
 //!
 //! The signals of the part and of the searched recording (second differences of the axes, see `noise_tape`) are
 //! whitened: their spectra are divided by the magnitudes, so that all frequencies have equal weight (phase transform:
@@ -34,9 +34,9 @@ const TAPER: f64 = 0.05;
 /// greater distance indicate a periodic signal instead of a copy.
 const NEAR: usize = 64;
 
-/// Number of samples of a part in [`Transform::share_without_pulses`].
+/// Number of samples in each part into which [`Transform::share_without_pulses`] divides a block.
 const PART: usize = 64;
-/// Number of parts that a short pulse (knock or wrong sample) covers at most.
+/// Maximum number of these parts that a short pulse (knock or wrong sample) covers.
 const PULSE_PARTS: usize = 2;
 
 /// The two groups of signals, as ranges of their indices. Each group is correlated separately. The first group has the
@@ -163,8 +163,9 @@ impl Transform {
     /// block. `tape` is the tape in which the template is searched for, and `kind` the index of the group of signals in
     /// [`KINDS`].
     ///
-    /// A short pulse (knock or wrong sample) in each of two independent recordings is correlated at the lag at which
-    /// the pulses coincide, and the share is nearly zero. The noise of a copy is correlated everywhere.
+    /// Two independent recordings with one short pulse each (knock or wrong sample) are correlated at the lag at which
+    /// the pulses coincide. Only the parts with the pulses contribute to this correlation, so the share is nearly zero.
+    /// In a copy, the noise in all parts contributes.
     pub(super) fn share_without_pulses(&mut self, tape: &Tape, template: &Template, kind: usize, peak: &Peak) -> f32 {
         let from_start = (peak.at + TEMPLATE as isize).max(0) as usize;
         let (first, shift) = (from_start / LAGS * LAGS, from_start % LAGS);
@@ -183,7 +184,7 @@ impl Transform {
         shares[..shares.len() - PULSE_PARTS].iter().sum()
     }
 
-    /// The signal with the whitened spectrum `spectrum`, without scale; empty if the signal is zero.
+    /// The signal whose whitened spectrum is `spectrum`, multiplied by a constant factor; empty if the signal is zero.
     fn whitened_signal(&mut self, mut spectrum: Spectrum) -> Vec<f32> {
         let mut signal = vec![0.0; BLOCK];
         let length = self.inverse.get_scratch_len();

@@ -1,9 +1,9 @@
 //! Extraction of the noise at rest as signals that identify a recording.
 //!
 //! The noise of a sensor never repeats, but a motion may, because a stand can run one program many times. Therefore
-//! only samples at rest are used. Second differences suppress tremor, drift and bias. Each rest is tapered with a Hann
-//! window, which confines periodic vibration (mains, motors) to few frequencies. The second differences of each axis
-//! are divided by their scale, so units and gains have no effect.
+//! only samples at rest are used. Second differences of consecutive samples are taken, because they suppress tremor,
+//! drift and bias. Each rest is tapered with a Hann window, which confines periodic vibration (mains, motors) to few
+//! frequencies. The second differences of each axis are divided by their scale, so units and gains have no effect.
 
 use std::ops::Range;
 

@@ -45,7 +45,7 @@ const USUAL_ACCEL_DENSITY: f64 = 3e-3 * STANDARD_GRAVITY_MPS2;
 const GRAVITY_RATIO: [f64; 2] = [0.7, 1.4];
 /// Recommended action if the unit moves in the intervals that count as rests.
 const NEVER_RESTS: &str = "the unit never rests: hold it still on something rigid, away from motors and hands";
-/// Angular rate of one count (LSB) of usual gyroscopes, deg/s. The list contains full scales of 125, 250, ... 2000
+/// Angular rate of one count (LSB) of usual gyroscopes, deg/s. The list contains the full scales 125, 250, ... 2000
 /// deg/s divided by 32768 counts, and the rounded sensitivities in the datasheets of TDK InvenSense (131, 65.5, 32.8,
 /// 16.4 and 14.375 counts per deg/s), STMicroelectronics (4.375, 8.75, 17.5, 35 and 70 mdeg/s) and NXP (7.8125 to 62.5
 /// mdeg/s).
@@ -70,8 +70,8 @@ const GYRO_COUNTS_DPS: [(f64, &str); 19] = [
     (0.0625, "0.0625"),
     (1.0 / 14.375, "1/14.375"),
 ];
-/// The smallest step between the values of a column counts as equal to a value of [`GYRO_COUNTS_DPS`] if |step / value
-/// - 1| is below this limit. The limit allows text columns that are rounded to three digits.
+/// The smallest step between the values of a column counts as equal to a value of [`GYRO_COUNTS_DPS`] if their relative
+/// difference is below this limit. The limit allows for text columns that are rounded to three digits.
 const SAME_COUNT: f64 = 3e-3;
 
 /// Noise density and mean of one sensor axis at rest.
@@ -260,8 +260,8 @@ fn accel_way_out(recording: &Recording, density: f64) -> String {
         .into()
 }
 
-/// If `step`, the smallest step between the values of a column, equals a value of [`GYRO_COUNTS_DPS`], the text of this
-/// value. Otherwise `None`.
+/// The text of the value of [`GYRO_COUNTS_DPS`] that equals `step`, the smallest step between the values of a column.
+/// `None` if there is no such value.
 fn known_count(step: f64) -> Option<&'static str> {
     let same = |(size, _): &&(f64, &str)| (step / size - 1.0).abs() < SAME_COUNT;
     // The nearest known size is chosen, because 1/131 and 250/32768 differ by only 0.05 %.

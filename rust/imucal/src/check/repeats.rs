@@ -14,10 +14,11 @@ const FEWEST: usize = 5;
 ///
 /// At rest, rows of coarsely quantised data repeat without any fault. Two rules exclude such natural repeats. First, a
 /// repeated row counts only if the rows before and after it change: each of them repeats at most one value. Second,
-/// there must be more than twice as many repeated rows as rows with five repeated values. Natural repeats do not: if
-/// each channel repeats with probability q, the probability is q^6 that all six values repeat, and 6 q^5 (1 - q) that
-/// five repeat. A rest without noise is a long sequence of equal rows and is excluded by [`LONGEST_REPEAT`]. If the
-/// recording has only one sensor, rows have three values instead of six.
+/// there must be more than twice as many repeated rows as rows with five repeated values. Let q be the probability that
+/// a channel repeats its value at rest without a fault. All six values repeat with probability q^6, and exactly five of
+/// them with probability 6 q^5 (1 - q). Natural repeats therefore satisfy the second rule only if q is above 0.92. A
+/// rest without noise is a long sequence of equal rows and is excluded by [`LONGEST_REPEAT`]. If the recording has only
+/// one sensor, rows have three values instead of six.
 pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding> {
     let count = repeats.reported()?;
     let share = 100.0 * repeats.share();
@@ -55,7 +56,8 @@ pub(crate) fn repeated_share(recording: &Recording<'_>) -> f64 {
 pub(super) struct Repeats {
     /// Counter of the rows that repeat all values of the previous row.
     doubled: Tally,
-    /// Number of rows that repeat at most one value of the previous row, and before which a repeat would be counted.
+    /// Number of rows that repeat at most one value of the previous row, if the last row before them outside any
+    /// sequence of repeated rows also does. Repeated rows between two such rows are counted.
     changing: usize,
     /// Number of rows that repeat all but one value of the previous row.
     near: usize,
@@ -93,9 +95,10 @@ impl Repeats {
         format!("{} of {} rows ({:.2} %)", self.doubled.samples, self.examined(), 100.0 * self.share())
     }
 
-    /// The end of that sentence: the number of rows that were not examined.
+    /// The end of the sentence that begins with [`Self::counted`]: the number of rows that were not examined.
     pub(super) fn not_examined(&self, recording: &Recording) -> String {
-        // The first row has no previous row, and before the second one no row has been compared.
+        // The first row has no previous row. The second row cannot be examined, because the first row was not compared
+        // with any row.
         match recording.len().saturating_sub(2 + self.examined()) {
             0 => String::new(),
             others => format!(

@@ -1,29 +1,33 @@
 //! Recommendations for time stamps that are not the sampling instants, for example arrival times. The recommendation
 //! states the mean sampling rate, which the user can give instead of the time stamps.
 //!
-//! The delay of sample i is its time stamp - i x mean time step. The samples of a packet wait for its last sample, and
-//! a busy computer reads late, so the smallest delay in a block of several packets is nearly that of the arrival. From
-//! block to block it changes in proportion to the error of the mean time step. A pause of the recording shifts all
-//! later delays by its duration. The mean rate is then wrong, and the scale of the gyroscope with it.
+//! The delay of sample i is (time stamp of sample i) - i x (mean time step). Most samples are stamped late, because the
+//! samples of a packet wait for the last sample of the packet, and because a busy computer reads late. In a block of
+//! several packets, the sample with the smallest delay was stamped almost without waiting. From block to block, this
+//! smallest delay changes in proportion to the error of the mean time step. A pause of the recording shifts all later
+//! delays by the duration of the pause. The mean rate is then wrong, and so is the scale of a gyroscope that is
+//! calibrated with it.
 
 use crate::finding::{Place, counted, general};
 use crate::numerics::stats::{MEDIAN_SIZE, median};
 use crate::recording::Recording;
 
-/// Maximum share of pauses in the duration of the recording with which the mean rate is stated. The mean rate, and the
-/// scale of a gyroscope calibrated with it, are wrong by this share.
+/// The mean rate is stated only if pauses make up less than this share of the duration of the recording. Pauses of this
+/// share can cause the same relative error of the mean rate, and of the scale of a gyroscope calibrated with it.
 const MAX_PAUSES: f64 = 2e-4;
 /// Minimum number of samples in a block. With more samples, jitter of the time stamps affects the smallest delay less.
 const BLOCK_SAMPLES: f64 = 64.0;
 /// Minimum number of packets in a block, for the same reason.
 const BLOCK_PACKETS: f64 = 8.0;
-/// Minimum number of blocks. With fewer blocks, their median shift may be that of a pause.
+/// Minimum number of blocks. With fewer blocks, the median shift of the smallest delay from block to block may be
+/// caused by a pause.
 const FEWEST_BLOCKS: usize = 8;
 /// A shift of the delays between two blocks is a pause if it exceeds the median shift by this number of standard
 /// deviations, which are estimated from the median absolute deviation.
 const SIGNIFICANT: f64 = 5.0;
 /// A shift of the delays is a pause only if it exceeds this number of mean time steps. Smaller shifts occur without a
-/// pause if the sampling interval is not a multiple of the clock's resolution: a packet then has a sample less.
+/// pause if the sampling interval is not a multiple of the clock's resolution: some packets then have one sample less
+/// than the others.
 const LEAST_STEPS: f64 = 1.5;
 
 /// Text that recommends to record the sampling instants, or to replace the time stamps by the mean rate.
@@ -50,8 +54,8 @@ pub(super) fn even(recording: &Recording) -> String {
 struct Blocks {
     /// Sample with the smallest delay of each block.
     earliest: Vec<usize>,
-    /// Shift of the smallest delay from each block to the next minus the median shift, if it is significant, otherwise
-    /// zero, s.
+    /// For each block: the shift of the smallest delay from this block to the next, minus the median shift, s. It is
+    /// set to zero if it is not significant.
     shifts_s: Vec<f64>,
 }
 
@@ -118,8 +122,8 @@ impl Blocks {
     }
 }
 
-/// Length of a step between two packets, s: half of the duration is in longer time steps. Without packets, it is the
-/// length of a usual time step.
+/// Typical time step between two packets, s. It is the median time step if each time step is weighted by its length, so
+/// half of the duration is in longer time steps. Without packets, it is a usual time step.
 fn usual_long_step_s(time_s: &[f64]) -> f64 {
     let mut steps_s: Vec<f64> =
         time_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| *step_s > 0.0).collect();

@@ -137,8 +137,8 @@ fn is_noisy(rows: Samples<'_>, axis: usize) -> bool {
     2 * changes > rows.len()
 }
 
-/// Whether the values of the axis change so much that noise cannot be the cause: by at least [`MOVING_STEPS`] steps,
-/// and by more than 0.3 times the largest magnitude.
+/// Whether the values of the axis change so much that noise cannot be the cause: by at least [`MOVING_STEPS`] steps of
+/// the converter, and by more than 0.3 times the largest magnitude.
 fn moves_widely(rows: Samples<'_>, axis: usize) -> bool {
     let [low, high] = extremes(rows, axis);
     moves(rows, axis) && high - low > 0.3 * low.abs().max(high.abs())

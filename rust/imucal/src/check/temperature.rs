@@ -26,7 +26,8 @@ pub(super) fn check(recording: &Recording) -> Vec<Finding> {
 
 /// Reports temperatures outside [`TEMPERATURE_DEGC`], and recommends the unit in which they would be plausible.
 ///
-/// Code: `temperature_implausible`, an error, because every effect of temperature would be wrong.
+/// Code: `temperature_implausible`. The finding is an error, because every estimated effect of temperature would be
+/// wrong.
 ///
 /// # Example
 /// A median of 295 in the column `temp_degc` is plausible in kelvin, so the recommended action is to name the column

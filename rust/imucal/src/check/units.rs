@@ -169,7 +169,7 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
     let given = given_accel_unit(recording);
     let in_file = norm / given.1;
     // First, a unit is searched for in which the numbers of the file have the magnitude of gravity. If the columns
-    // contain gravity, it is the correct unit.
+    // contain the specific force, this unit is the correct one.
     let fitting: Vec<&str> = ACCEL_UNITS
         .iter()
         .filter(|unit| unit.0 != given.0 && within(in_file * unit.1 / gravity_mps2, AT_REST))

@@ -26,7 +26,7 @@ const LEFT: u64 = 10;
 /// Number of samples that are processed together. So many samples fit into the processor's cache.
 const PART: usize = 256;
 
-/// Reports only the finding `counts_unsigned`. It is the only check that is needed for data that are corrected but not
+/// Runs only the check for the finding `counts_unsigned`. No other check is needed for data that are corrected but not
 /// used for a calibration. All columns must have the same length.
 pub fn check_counts(recording: &Recording) -> Vec<Finding> {
     let is_raw = [recording.accel_unit, recording.gyro_unit].contains(&RawUnit::Lsb);
@@ -97,8 +97,8 @@ fn is_jump(before: f64, after: f64, numbers: f64) -> bool {
     before.min(after) < END * numbers && before.max(after) > (1.0 - END) * numbers
 }
 
-/// Counts the jumps of each channel of a triad, read as unsigned numbers and as signed numbers. pulp runs it with the
-/// widest vector instructions of the processor.
+/// Counts the jumps of each channel of a triad, read as unsigned numbers and as signed numbers. The crate `pulp` runs
+/// this count with the widest vector instructions of the processor.
 struct Jumps<'a> {
     rows: Samples<'a>,
     numbers: f64,

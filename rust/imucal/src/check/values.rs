@@ -17,8 +17,8 @@ const LARGEST_RATE_RADPS: f64 = 1e4;
 const LARGEST_COUNT: f64 = 2_147_483_648.0;
 /// If at least this share of a channel's samples is impossible, the recommendation names a wrong unit as the cause.
 const WRONG_UNIT_SHARE: f64 = 0.01;
-/// The sensors have separate time stamps if at least this share of the rows has only accelerometer values, and at least
-/// this share only gyroscope values.
+/// The sensors count as having separate time stamps if more than this share of the rows has only accelerometer values,
+/// and more than this share has only gyroscope values.
 const OWN_ROWS: f64 = 0.1;
 
 /// Samples with NaN or infinity, and the columns in which these values occur.

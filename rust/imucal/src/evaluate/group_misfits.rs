@@ -26,8 +26,9 @@ pub(super) struct Judged<'a> {
 
 impl Judged<'_> {
     /// Goodness of fit of both kinds of residuals (norms and directions). If one of the two p-values is below
-    /// [`UNLIKELY`], noise alone does not explain the residuals. Then `changed` is called. It returns the triads after
-    /// a change by one standard deviation along each eigenvector of the parameters' correlation matrix.
+    /// [`UNLIKELY`], noise alone does not explain the residuals. Then the goodness of fit also takes the uncertainty of
+    /// the calibration into account. For this purpose, `changed` is called. It returns the triads after a change by one
+    /// standard deviation along each eigenvector of the parameters' correlation matrix.
     pub(super) fn groups(&self, changed: impl FnOnce() -> Vec<[Triad<f64>; 2]>) -> Vec<GroupMisfit> {
         let [norms, moves] = self.residuals();
         let mut groups =
@@ -57,7 +58,8 @@ impl Judged<'_> {
         [self.rests.iter().map(norm).collect(), self.move_residuals(self.triads, self.rotations)]
     }
 
-    /// chi2 per degree of freedom of the residuals of both kinds without outliers. Only noise is taken into account.
+    /// chi2 per degree of freedom of the residuals of both kinds without outliers, relative to noise alone (not to the
+    /// uncertainty of the calibration).
     pub(super) fn kept_chi2_per_dof(&self) -> f64 {
         let [norms, moves] = self.residuals();
         let squares = |z: &[f64], size: usize| -> Vec<f64> {
@@ -67,7 +69,8 @@ impl Judged<'_> {
         kept.iter().sum::<f64>() / kept.len() as f64
     }
 
-    /// A warning if rests or moves are outliers. The groups do not contain them, but the figures do.
+    /// A warning if rests or moves are outliers. The goodness of fit ([`Self::groups`]) does not include them, but the
+    /// figures of merit do.
     pub(super) fn outliers(&self) -> Option<Finding> {
         let [norms, moves] = self.residuals();
         let outside = |z: &[f64], size: usize| -> Vec<usize> {
@@ -100,7 +103,7 @@ impl Judged<'_> {
     }
 
     /// The axes of the accelerometer and of the gyroscope whose scale the residuals do not test: an error of
-    /// [`TESTED_SCALE`] of one axis would change them by less than [`VISIBLE`].
+    /// [`TESTED_SCALE`] in the scale of such an axis would change the residuals by less than [`VISIBLE`].
     pub(super) fn untested_axes(&self) -> [Vec<usize>; 2] {
         let residuals = self.move_residuals(self.triads, self.rotations);
         let is_visible = |changes: &[f64]| changes.iter().map(|change| change * change).sum::<f64>() > VISIBLE.powi(2);
@@ -200,7 +203,7 @@ fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
 }
 
 /// Relative error of the scale of one axis that control recordings must be able to show. It is larger than the scale
-/// errors of most uncalibrated sensors, so a single move about the axis is sufficient.
+/// errors of most uncalibrated sensors. A single move about the axis is sufficient to show so large an error.
 const TESTED_SCALE: f64 = 0.05;
 /// A change of the residuals is visible if the norm of the changes, each divided by the standard deviation of the
 /// residual, is larger than this value.

@@ -8,8 +8,8 @@
 //! r are the residuals on the control recordings, N is the covariance of their noise, and I is the identity matrix. The
 //! parameters of the calibration have the covariance C = L L^T. D is the derivative of the residuals with respect to
 //! these parameters. A column of D L is the change of the residuals due to one column of L. If the calibration is from
-//! a short recording, the residuals on a long control recording exceed their noise. This chi2 takes the uncertainty of
-//! the calibration into account.
+//! a short recording, the residuals on a long control recording exceed their noise because of the errors of the
+//! calibration. This chi2 therefore takes the uncertainty of the calibration into account.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
@@ -73,8 +73,8 @@ impl Uncertainty {
         Self::try_new(&all, frame)
     }
 
-    /// Both triads after a change by one standard deviation along each eigenvector of the correlation matrix.
-    /// `corrected` is true if the samples have already been corrected with `calibration`.
+    /// For each eigenvector of the parameters' correlation matrix: both triads after a change by one standard deviation
+    /// along this eigenvector. `corrected` is true if the samples have already been corrected with `calibration`.
     pub(super) fn changed(&self, calibration: &Calibration<f64>, corrected: bool) -> Vec<[Triad<f64>; 2]> {
         let triad = |triad: &Triad<f64>, (sensitivity, bias): (Matrix3<f64>, Vector3<f64>)| {
             if corrected {

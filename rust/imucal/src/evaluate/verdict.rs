@@ -8,8 +8,8 @@ use crate::recording::Recording;
 use crate::verdict::{GroupMisfit, POOR_CHI2_PER_DOF, Reason, RecordingSet, UncorrectedSamples};
 
 /// A gyroscope is judged only if noise causes at most this standard deviation of the gravity direction after a move,
-/// deg. With a larger value, noise would hide relevant errors of scale and alignment. Consumer sensors have about 0.1
-/// deg.
+/// deg. With a larger value, noise would hide relevant errors of scale and alignment. With consumer sensors, it is
+/// about 0.1 deg.
 const MAX_DIRECTION_SIGMA_DEG: f64 = 5.0;
 /// Largest plausible rate, deg/s. A calibration that gives higher corrected rates must have wrong units. The limit is
 /// the range of the fastest MEMS gyroscopes on the market (ADXRS649).
@@ -18,7 +18,7 @@ const FASTEST_DEGPS: f64 = 20_000.0;
 /// samples are no evidence against a calibration.
 const MAX_FAST_SHARE: f64 = 1e-3;
 /// An accelerometer without a gyroscope is judged only from at least this number of usable rests. If there are both
-/// sensors, a single move is sufficient, because it has two rests.
+/// sensors, a single move is sufficient, because it connects two rests.
 const MIN_RESTS: usize = 2;
 /// The calibration makes the unit worse if the rms residual with the calibration exceeds this multiple of the rms
 /// residual without it. At smaller ratios, the calibrated and the uncalibrated unit have errors of about equal size. An
@@ -26,13 +26,13 @@ const MIN_RESTS: usize = 2;
 const WORSE: f64 = 1.1;
 
 impl Figures {
-    /// Whether these figures make the verdict poor, or are not sufficient for a verdict.
+    /// Whether these figures of merit make the verdict `poor`: there are no moves, or chi2 is large or not finite.
     pub fn is_poor(&self) -> bool {
         self.reason(RecordingSet::Calibration, Vec::new).is_some()
     }
 
-    /// The reason why these figures make a verdict poor; `None` if they do not. `uncorrected` returns the samples that
-    /// could not be corrected. The message lists these samples if chi2 is not finite.
+    /// The reason why these figures of merit make a verdict `poor`; `None` if they do not. `uncorrected` returns the
+    /// samples that could not be corrected. The message lists these samples if chi2 is not finite.
     pub fn reason(&self, set: RecordingSet, uncorrected: impl FnOnce() -> Vec<UncorrectedSamples>) -> Option<Reason> {
         if self.moves == 0 {
             return Some(Reason::NoUsableMove { set, rests: self.rests });
@@ -40,9 +40,10 @@ impl Figures {
         self.reason_of_residuals(set, uncorrected)
     }
 
-    /// As [`Self::reason`] for control recordings. If residuals without outliers are large (`kept_chi2_per_dof`, from
-    /// noise alone), and noise and the uncertainty of the calibration together explain them (`groups`), the verdict is
-    /// incomplete instead of poor.
+    /// As [`Self::reason`], for control recordings. The verdict is `incomplete` instead of `poor` under three
+    /// conditions. First, the residuals are large compared with noise alone, even without outliers
+    /// (`kept_chi2_per_dof`). Second, noise and the uncertainty of the calibration together explain them (`groups`).
+    /// Third, the rms direction error is at most [`MAX_DIRECTION_SIGMA_DEG`].
     pub(super) fn reason_beside(
         &self,
         kept_chi2_per_dof: f64,

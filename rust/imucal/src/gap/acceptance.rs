@@ -14,8 +14,8 @@ use crate::joint::is_unobservable_hand_held;
 use crate::numerics::stats::p_value;
 use crate::verdict::{GroupMisfit, ResidualGroup};
 
-/// If chi2 per degree of freedom of unseen data increases by at most this fraction, the prediction does not count as
-/// worse.
+/// If an effect increases chi2 per degree of freedom of unseen data by at most this fraction, the prediction does not
+/// count as worse.
 const SAME: f64 = 0.005;
 /// The prediction of unseen data counts as worse if chi2 per degree of freedom increases by more than this fraction. A
 /// smaller increase counts only if it is significant (see [`SIGNIFICANT`]). The fraction is larger if the unseen data
@@ -29,13 +29,13 @@ const CERTAIN_NATS: f64 = 8.0;
 /// effects that are functions of time.
 const LEAST_IMPROVEMENT: f64 = 0.5;
 /// [`EffectShare::closed`] is computed only if chi2 / expected chi2 of unseen data is above this ratio. At smaller
-/// ratios, the excess of chi2 over noise is too small to divide by.
+/// ratios, the excess of chi2 over noise is too small to be used as a divisor.
 const LEAST_EXCESS: f64 = 1.5;
-/// An effect is removed if the p-value of its parameters in the final fit is larger than this value. A p-value of 1 %
-/// corresponds to 2.6 standard deviations of one parameter.
+/// Maximum p-value of the parameters of an effect in the final fit, under the hypothesis that they are zero. An effect
+/// with a larger p-value is removed. A p-value of 1 % corresponds to 2.6 standard deviations of one parameter.
 const LEAST_SIGNIFICANT: f64 = 0.01;
-/// An increase of chi2 of unseen data is significant if it exceeds SIGNIFICANT x its standard deviation under the null
-/// hypothesis that both fits predict equally well.
+/// An increase of chi2 of unseen data is significant if it exceeds this number of standard deviations of the increase
+/// under the null hypothesis that the fits with and without the effect predict equally well.
 const SIGNIFICANT: f64 = 3.0;
 
 /// A figure of merit on unseen data: control recordings, or held-out rests and moves.
@@ -83,8 +83,8 @@ pub enum Refusal {
         /// Error message of the fit.
         error: String,
     },
-    /// Unseen data are predicted worse with the effect than without it, or the effect has little evidence and does not
-    /// improve the prediction.
+    /// Unseen data are predicted worse with the effect than without it. Or the effect does not improve the prediction
+    /// although it must, because its evidence is small or it is a function of time.
     PredictsWorse {
         /// Name of the effect.
         name: String,
@@ -104,9 +104,10 @@ pub enum Refusal {
     NotOnlyDelayed {
         /// Name of the effect.
         name: String,
-        /// Mean delay of the filter: the mean time of its impulse response, s.
+        /// Mean delay of the filter, s, with the impulse response of the filter as weight.
         tau_s: f64,
-        /// Half of the variance of the time under the impulse response of the filter, s^2; zero for a pure delay.
+        /// Half of the variance of the delay, s^2, with the impulse response of the filter as weight; zero for a pure
+        /// delay.
         k_s2: f64,
         /// Standard deviation of `k_s2`, s^2.
         k_sigma_s2: f64,
@@ -114,7 +115,8 @@ pub enum Refusal {
 }
 
 impl Refusal {
-    /// Name of the refused effect if it is a function of time, and neither unseen data nor the final fit confirm it.
+    /// Name of the refused effect if it is a function of time and was refused because unseen data or the final fit do
+    /// not confirm it; otherwise `None`.
     pub(super) fn of_time(&self) -> Option<&str> {
         match self {
             Self::PredictsWorse { name, .. } | Self::NotSignificant { name, .. }
@@ -186,8 +188,8 @@ impl Fits<'_> {
                 Err(error) => {
                     accepted.refused.push(Refusal::NotFitted { name: name.clone(), error });
                     // If the fit with an effect fails, the effects selected after it are not tried. They were selected
-                    // from the residuals of a model that contains the failed effect. Without the failed effect, they
-                    // could fit the residuals that it causes.
+                    // from the residuals of a model that contains the failed effect. In a model without the failed
+                    // effect, they could fit the residuals that the failed effect causes.
                     break;
                 }
             };
@@ -220,8 +222,8 @@ impl Fits<'_> {
         self.without_smoothing(accepted)
     }
 
-    /// Share of the excess chi2 of unseen data that each accepted effect removes. The same models were fitted during
-    /// the acceptance, so usually no further fits are needed.
+    /// Share of the excess chi2 of unseen data that each accepted effect removes. The necessary fits were usually
+    /// already made when the effects were accepted.
     pub(super) fn shares(&mut self, before: &Rc<Fit>, path: &[String]) -> Result<Vec<EffectShare>, Error> {
         let sums = |fit: &Fit| fit.unseen_items().map(|items| items.into_iter().flatten().sum::<f64>());
         let counts = before.unseen_items().map(|items| items.into_iter().flatten().count());
@@ -267,8 +269,8 @@ pub(super) fn unless_it_fails(fit: Result<Rc<Fit>, Error>) -> Result<Result<Rc<F
     }
 }
 
-/// Expected value of a [`Metric`] if sensor noise is the only error, and the number of residuals from which the metric
-/// is computed.
+/// Expected `value` of a [`Metric`] if sensor noise is the only error, and the `count` of the residuals from which the
+/// metric is computed.
 struct Floor {
     value: f64,
     count: usize,
@@ -290,12 +292,13 @@ impl Fit {
         terms.iter().map(|(_, chi2)| chi2).sum::<f64>() / count.max(1) as f64
     }
 
-    /// The figure of merit on unseen data that improves most from this fit to the fit `after`. For this figure, the
-    /// value of this fit divided by the value of the fit `after` is largest.
+    /// The figure of merit on unseen data that improves most from this fit to the fit `after`. The improvement is the
+    /// value of this fit divided by the value of the fit `after`.
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
             // If no effect was accepted, both fits are the same fit. chi2 is then computed with the biases of the
-            // calibration. It therefore contains any change of the biases between the recording sessions.
+            // calibration, so it includes the errors from any change of the biases between the calibration and the
+            // control recordings.
             let is_same = std::ptr::eq(own, other);
             let chi2 = |control: &Control| match is_same {
                 true => control.evaluation.figures.chi2_per_dof,
@@ -338,8 +341,9 @@ impl Fit {
 
     /// Whether this fit predicts unseen data significantly worse than the fit `other`. `before` is the fit without
     /// effects. If there are no control recordings, residuals are divided by the standard deviations of `before`. If
-    /// the effect `needs_heading`, a small increase of chi2 does not count, even if it is significant: the heading of
-    /// control recordings is unknown, so only the vertical component of the effect is corrected there.
+    /// the effect depends on heading (`needs_heading`), a small increase of chi2 does not count, even if it is
+    /// significant. The reason is that the heading of control recordings is unknown, so only the vertical component of
+    /// the effect is corrected there.
     fn is_worse_than(&self, other: &Self, before: &Self, needs_heading: bool) -> bool {
         let [value, least] = [self, other].map(|fit| fit.unseen_chi2(before));
         if value <= least * (1.0 + SAME) {
@@ -349,9 +353,10 @@ impl Fit {
         let change: Vec<f64> = items.flat_map(|(own, other)| changes(&own, &other)).collect();
         let (sum, count) = (change.iter().sum::<f64>(), change.len() as f64);
         let variance = change.iter().map(|value| (value - sum / count).powi(2)).sum::<f64>() / count;
-        // Under the null hypothesis (both fits predict equally well) the change of chi2 has two parts. First, parameter
-        // errors shift the residuals of all rests and moves together. This part is a chi2 variable with as many degrees
-        // of freedom as there are parameters. Second, the chi2 of each rest and of each move changes independently.
+        // Under the null hypothesis (both fits predict equally well) the change of chi2 has two parts. The first part
+        // comes from parameter errors, which shift the residuals of all rests and moves together. It is a chi2 variable
+        // with as many degrees of freedom as there are parameters. The second part is the sum of independent changes of
+        // the chi2 of each rest and each move.
         let shared = 2.0 * self.outcome.names.len() as f64;
         let together = SIGNIFICANT * shared.sqrt();
         let all = SIGNIFICANT * (shared + if change.is_empty() { 0.0 } else { count * variance }).sqrt();
@@ -407,8 +412,8 @@ impl Fit {
             return (least * groups.count() as f64).min(1.0);
         }
         let kinds = self.unseen_items().map(|items| items.into_iter().flatten().collect::<Vec<f64>>());
-        // Each cross-validation fold is predicted with estimated parameters. The errors of these parameters add to the
-        // noise of the residuals.
+        // Each cross-validation fold is predicted with parameters that are estimated from the other folds. The errors
+        // of these parameters add to the noise of the residuals.
         let residuals = self.outcome.rests.len() + 2 * self.outcome.moves.len();
         let floor = 1.0 + self.outcome.names.len() as f64 / residuals.max(1) as f64;
         let chance = |(items, size): (&Vec<f64>, usize)| p_value(items.iter().sum::<f64>() / floor, size * items.len());

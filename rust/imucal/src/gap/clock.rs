@@ -1,6 +1,6 @@
-//! Detection of clock faults and of excess noise inside moves. The test uses fourth differences of consecutive angular
-//! rates. Motion is smooth and contributes almost nothing to fourth differences, so they contain only noise and timing
-//! errors.
+//! Detection of clock faults and of excess noise inside moves. The tests use fourth differences of five consecutive
+//! angular rates. Motion is smooth and contributes almost nothing to fourth differences, so these contain only noise
+//! and timing errors.
 //!
 //! ```text
 //! clock_irregular         inside moves, the rate lacks the changes that uneven time stamps imply, or the variance of
@@ -19,8 +19,8 @@ use crate::recording::Recording;
 use crate::rests::noise_density::variance_by_axis;
 use crate::rounding::step::step_of;
 
-/// Minimum change of chi2, or of 2 ln L (L: likelihood), for a fault to be reported. It corresponds to 5 sigma with one
-/// degree of freedom.
+/// A fault is reported only if it changes chi2, or 2 ln L (L: likelihood), by at least this value. The value
+/// corresponds to 5 sigma with one degree of freedom.
 const SIGNIFICANT: f64 = 25.0;
 /// Time-stamp errors are ignored if they increase the noise variance of the angular rate inside moves by less than this
 /// fraction.
@@ -45,8 +45,8 @@ const SMALLEST_JITTER: f64 = -3.0;
 /// Number of trial standard deviations of the time-stamp jitter, equally spaced on a logarithmic scale.
 const JITTERS: usize = 60;
 
-/// Faults of the clock of each recording. If the clocks have no faults, excess noise inside moves is tested instead.
-/// `outcome` is a calibration of these recordings without effects.
+/// Faults of the clock of each recording. If no recording has such a fault, the recordings are tested for excess noise
+/// inside moves instead. `outcome` is a calibration of these recordings without effects.
 pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<'_>]) -> Vec<Finding> {
     let differences: Vec<Differences> =
         (0..recordings.len()).map(|k| Differences::of(outcome, recordings, k)).collect();
@@ -66,10 +66,10 @@ pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<
 /// Fourth differences of the angular rates inside the moves of one recording, for all three axes. They are scaled so
 /// that white noise keeps its standard deviation.
 struct Differences {
-    /// Fourth differences of the angular rate, without outliers, divided by sigma. Sigma combines the standard
-    /// deviation of fourth differences at rest with the rounding error in a move.
+    /// Fourth differences of the angular rate, without outliers, divided by sigma. Sigma is the root sum of squares of
+    /// the standard deviation of fourth differences at rest and of the rounding error in a move.
     noise: Vec<f64>,
-    /// Angular acceleration / sigma, with the sigma of `noise`, 1/s.
+    /// Angular acceleration divided by the sigma of the field `noise`, 1/s.
     slopes: Vec<f64>,
     /// Fourth differences of the time stamps, s.
     stamps_s: Vec<f64>,
@@ -89,8 +89,8 @@ impl Differences {
             None => Vector3::repeat(1.0),
         };
         // At rest, the sensor's filter makes consecutive samples nearly equal. Rounding then gives all of them the same
-        // error, which fourth differences do not contain. In a move, rounding errors are white noise, so their variance
-        // is added here.
+        // error, which fourth differences do not contain. In a move, rounding errors act as white noise, so the
+        // variance of rounding errors is added to sigma^2.
         let steps = Vector3::from_fn(|axis, _| step_of(recording.angular_rate, axis).unwrap_or(0.0));
         let rounding = variance_by_axis(outcome.calibration.gyroscope.inverse(), &(steps / 12f64.sqrt()));
         let sigma = sigma.zip_map(&rounding, |sigma, variance| sigma.hypot(variance.sqrt()));
@@ -109,11 +109,11 @@ impl Differences {
         all
     }
 
-    /// Reports time stamps that differ from the true sampling instants. Such a fault is detected if evenly spaced
-    /// sampling instants explain the angular rates better than the time stamps.
+    /// Reports time stamps that differ from the true sampling instants. This fault is detected if evenly spaced
+    /// sampling instants explain the angular rates better than the time stamps do.
     fn stamp_fault(&self, recording: &Recording<'_>) -> Option<Finding> {
-        // Change of each fourth difference that the uneven time stamps would cause if they were correct, in standard
-        // deviations of the noise.
+        // The change of each fourth difference that uneven sampling at the recorded time stamps would cause, in
+        // standard deviations of the noise.
         let late: Vec<f64> = self.slopes.iter().zip(&self.stamps_s).map(|(slope, stamp)| slope * stamp).collect();
         if late.is_empty() || mean_square(&late) < HARMLESS {
             return None;
@@ -139,7 +139,7 @@ impl Differences {
 
     /// Reports why residuals of moves exceed noise while residuals of rests do not. The two tested causes are jitter of
     /// the time stamps, and gyroscope noise that is larger in motion. `widened` is the factor by which the calibration
-    /// increased the standard deviations of the moves.
+    /// increased the standard deviations of the residuals of moves.
     fn noise_fault(&self, recording: &Recording<'_>, widened: f64) -> Option<Finding> {
         if self.noise.is_empty() {
             return None;

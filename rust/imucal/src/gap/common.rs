@@ -10,9 +10,8 @@ use super::weighing::{Aside, Columns, Swept, Weighing};
 use crate::numerics::instructions::Instructions;
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// Gram matrices of the Jacobian columns of a model and of many candidate effects. Only the products of a model column
-/// with any column are stored. [`Common::weighing`] adds the products of two candidate columns, for one candidate at a
-/// time.
+/// Gram matrices of the Jacobian columns of a model and of many candidate effects. Only products with at least one
+/// model column are stored. [`Common::weighing`] adds the products of two columns of the same candidate.
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
     /// For each group of residuals: the normalised Gram matrix, without the products of two candidate columns.
@@ -20,12 +19,12 @@ pub(crate) struct Common<'a> {
 }
 
 /// The normal matrix after elimination of the model's parameters, for given noise scales s_g^2 of the residual groups.
-/// Of this matrix, only the rows of the model's parameters are computed, because these rows are needed for every
-/// candidate.
+/// Only the rows of the model's parameters are computed, because these rows are needed for every candidate.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
     /// `whole` is the sum over the groups of Gram matrix / noise scale, plus the prior precisions of the model. `sums`
-    /// is `whole` after the elimination. `volume` is the log determinant of the model's part of `whole`.
+    /// is `whole` after the elimination. `volume` is the log determinant of the rows and columns of `whole` that belong
+    /// to the model's parameters.
     whole: SymmetricMatrix,
     sums: SymmetricMatrix,
     volume: f64,

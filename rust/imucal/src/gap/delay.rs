@@ -11,8 +11,8 @@
 //! tau. k is also zero for a Butterworth filter of second or higher order: up to the term with w'', this filter only
 //! delays its input.
 //!
-//! The test adds the gyroscope error `k w''` to a model with the effect `gyro_time_offset`. Without this error, the
-//! model describes a pure delay exactly.
+//! The test adds the gyroscope error `k w''` to a model with the effect `gyro_time_offset`. This effect alone describes
+//! a pure delay exactly, so a k that differs from zero shows smoothing.
 
 use imucal_core::effects::{Effect, Sensor};
 use nalgebra::Vector3;
@@ -24,19 +24,19 @@ use crate::correct::angular_acceleration;
 use crate::error::Error;
 use crate::recording::Recording;
 
-/// Name of the effect of smoothing in the fit: the gyroscope error `k w''`, where `w''` is the second derivative of the
-/// angular rate.
+/// Name, in the fit, of the effect that describes smoothing: the gyroscope error `k w''`, where `w''` is the second
+/// derivative of the angular rate.
 const SMOOTHING: &str = "gyro_smoothing";
-/// Threshold of |k| in standard deviations of k. The output counts as smoothed if |k| exceeds this threshold and the
-/// threshold [`LEAST_SHARE`].
+/// Threshold of |k| in standard deviations of k. The output of the gyroscope counts as smoothed if |k| exceeds both
+/// this threshold and the threshold [`LEAST_SHARE`].
 const SIGNIFICANT: f64 = 5.0;
 /// Threshold of |k| in multiples of tau^2 / 2, the value of k for a low-pass filter of first order.
 const LEAST_SHARE: f64 = 0.3;
 
 impl Fits<'_> {
-    /// Rejects the effect `gyro_time_offset` if the output of the gyroscope is not only delayed. If the effect was
-    /// already rejected because unseen data are predicted worse with it, the smoothing becomes the reported reason. The
-    /// test is omitted if user-defined effects were accepted.
+    /// Rejects the effect `gyro_time_offset` if the output of the gyroscope is not only delayed. The effect may already
+    /// be rejected because it makes the prediction of unseen data worse. In this case, the smoothing is reported as the
+    /// reason instead. The test is omitted if user-defined effects were accepted.
     pub(super) fn without_smoothing(&mut self, mut accepted: Accepted) -> Result<Accepted, Error> {
         let name = Effect::<f64>::GYRO_TIME_OFFSET.name;
         let is_worse = |refusal: &Refusal| matches!(refusal, Refusal::PredictsWorse { name: own, .. } if own == name);

@@ -1,4 +1,4 @@
-//! Linearised residuals of a model, with the Jacobian columns of the model and of all candidate effects.
+//! Linearised residuals of a model, with the Jacobian columns of the model's parameters and of all candidate effects.
 
 use std::borrow::Cow;
 use std::iter::once;
@@ -16,9 +16,9 @@ use crate::joint::{EPOCH_RATES, INSIDE, Insides, Joint, Kinds, Lanes, Linear, Pr
 use crate::parameters::BASE;
 use crate::rests::moves::axis_aside;
 
-/// A form (for example linear or quadratic) of a candidate effect. An effect with several forms has one candidate for
-/// each form, and the plain form (the form with the fewest parameters) comes first. An effect with a time constant has
-/// one candidate for each trial value.
+/// A candidate effect in one form (for example linear or quadratic). An effect with several forms has one candidate for
+/// each form, and the form with the fewest parameters comes first. An effect with a time constant has one candidate for
+/// each trial value of the time constant.
 #[derive(Clone)]
 pub(crate) struct Candidate {
     pub(crate) name: String,
@@ -34,7 +34,7 @@ pub(crate) struct Candidate {
 #[derive(Clone)]
 pub(crate) struct Design {
     /// Gram matrices (products of Jacobian columns), one for each group of residuals. Products of two columns from
-    /// different candidates are NaN until one of these candidates has been added to the model.
+    /// different candidate effects are NaN until one of these effects has been added to the model.
     pub(crate) gram: Gram,
     /// Jacobian columns of the model's parameters, in the order base parameters, effects, stand parameters.
     pub(crate) model: Vec<Column>,
@@ -68,7 +68,7 @@ struct Made {
     /// Rows of the residuals that are not inside moves. If `inside` is `None`, these are all rows.
     head: Lanes,
     inside: Option<Insides>,
-    /// For each column: its position within a stored row.
+    /// For each column: the position of its value within a stored row.
     order: Vec<usize>,
 }
 
@@ -191,8 +191,8 @@ pub(super) fn axes_of(linear: &Linear) -> Vec<usize> {
 }
 
 impl Design {
-    /// The candidates, with only the largest form of each effect. A form is omitted if its columns are part of the
-    /// columns of a larger form of the same effect.
+    /// The candidates, but of each effect only the form with the most parameters. The columns of a smaller form are
+    /// part of the columns of this form.
     pub(crate) fn full_forms(&self) -> impl Iterator<Item = &Candidate> {
         let is_part = |own: &Range<usize>, other: &Range<usize>| own.start == other.start && own.end < other.end;
         let is_full =
@@ -293,8 +293,8 @@ impl Design {
         let Rows { groups, items, axes, .. } = &*self.rows;
         let known = self.known();
         let (columns, first) = (self.rows.columns(), self.gram.residual);
-        // The new columns may have additional rows for the priors of fixed parameters. The design has no such rows, so
-        // they are dropped.
+        // The new columns may have additional rows for the priors of parameters. The design has no such rows, so these
+        // rows are dropped.
         let more = &more.subrows(0, columns.nrows()).to_owned();
         let gram = known.with(&known.others(more));
         let mut all = Mat::zeros(columns.nrows(), first + more.ncols());

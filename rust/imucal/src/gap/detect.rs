@@ -5,17 +5,17 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 use statrs::function::gamma::ln_gamma;
 
 /// Nominal probability that the chi2 tests of all candidates together give a false alarm. The actual probability is
-/// about three times larger, because the noise is estimated from the same rests. About 1 % of the recordings without
-/// effects therefore give a false alarm.
+/// about three times larger, because the tested rests are also the rests from which the noise is estimated. A false
+/// alarm therefore occurs in about 1 % of the recordings of units without effects.
 pub(crate) const FALSE_ALARM: f64 = 0.003;
 /// Probability of detection that defines the detection limit.
 const POWER: f64 = 0.9;
 
 /// First upper bound of the non-centrality of chi2 in the search for the detection limit, dimensionless. The bound is
-/// doubled until the probability of detection is reached.
+/// doubled until an effect of this non-centrality is detected with the probability [`POWER`].
 const FIRST: f64 = 16.0;
-/// Largest upper bound of the non-centrality. The doubling ends there. No effect has enough parameters to need a larger
-/// value.
+/// Largest upper bound of the non-centrality, at which the doubling ends. A larger value is not needed, because no
+/// effect has so many parameters.
 const MOST: f64 = 1024.0;
 /// The root search ends if the relative change of the non-centrality is below this value.
 const LAST_STEP: f64 = 1e-9;

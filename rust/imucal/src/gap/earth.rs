@@ -15,8 +15,8 @@ pub(super) const NAME: &str = "earth_rate";
 /// rate W if |w - W| <= SURE x sigma. The Earth's rate is detectable if W >= SURE x sigma.
 const SURE: f64 = 3.0;
 /// The standard deviation of the rate in the search may be larger or smaller than in the final fit, by up to this
-/// factor. The two differ because the search assumes constant biases, but the final fit estimates slowly varying
-/// biases.
+/// factor. The two standard deviations differ because the search assumes constant biases, whereas the final fit
+/// estimates slowly varying biases.
 const SLACK: f64 = 2.0;
 
 /// Whether an estimated rate agrees with the Earth's rate, and is so accurate that the Earth's rate is detectable.
@@ -24,8 +24,8 @@ pub(super) fn is_earth_rate(size_radps: f64, sigma_radps: f64) -> bool {
     may_be(size_radps, sigma_radps, 1.0)
 }
 
-/// The test of [`is_earth_rate`]. The true standard deviation may be larger or smaller than `sigma_radps` by up to the
-/// factor `slack`.
+/// The test of [`is_earth_rate`] with a tolerance: the true standard deviation may be larger or smaller than
+/// `sigma_radps` by up to the factor `slack`.
 fn may_be(size_radps: f64, sigma_radps: f64, slack: f64) -> bool {
     let is_near = (size_radps - EARTH_RATE_RADPS).abs() <= SURE * slack * sigma_radps;
     is_near && sigma_radps <= slack * EARTH_RATE_RADPS / SURE

@@ -8,9 +8,9 @@
 //!
 //! r(theta) are the whitened residuals, linearised at the parameters theta_0 with the Jacobian J. E is the evidence.
 //! Group g has n_g residuals with free_g degrees of freedom, and J_g contains the rows of J for these residuals.
-//! chi2_g(theta) is the sum of squares of these residuals. P is the diagonal matrix of the prior precisions. Parameter
-//! p with the typical size typical_p and the prior width s has the precision 1 / (s typical_p)^2. Base parameters
-//! without a prior have the precision zero, and ln det P omits them.
+//! chi2_g(theta) is the sum of squares of the residuals of group g at theta. P is the diagonal matrix of the prior
+//! precisions. Parameter p with the typical size typical_p and the prior width s has the precision 1 / (s typical_p)^2.
+//! Base parameters without a prior have the precision zero, and ln det P omits them.
 //!
 //! A group is a kind of residual, for example norms at rest, directions after moves, or rates about one axis. Residuals
 //! of real recordings exceed sensor noise, by a different factor in each group. The scale s_g^2 of a group is chi2 per
@@ -28,7 +28,7 @@ use faer::linalg::solvers::Solve;
 pub(crate) struct Gram {
     pub(crate) sums: Vec<Mat<f64>>,
     pub(crate) rows: Vec<f64>,
-    /// Index of the group to which each Gram matrix belongs. A group without residuals has no Gram matrix.
+    /// For each Gram matrix: the index of its group of residuals. A group without residuals has no Gram matrix.
     pub(crate) groups: Vec<usize>,
     /// Index of the row and column of the residual r in the Gram matrices.
     pub(crate) residual: usize,
@@ -59,14 +59,15 @@ pub(crate) struct Evidence {
     pub(crate) theta: Vec<f64>,
 }
 
-/// Value added to the diagonal of normal matrices with normalised columns, so that they can be factorised. It is larger
-/// than rounding errors and smaller than the eigenvalues of observable directions.
+/// Value that is added to the diagonal of a normal matrix of normalised columns, so that the matrix can be factorised
+/// even if some parameters are not observable. It is larger than rounding errors and smaller than the eigenvalues of
+/// observable directions.
 pub(super) const RIDGE: f64 = 1e-13;
 
 impl Gram {
-    /// Lower bound of the noise scale s_g^2 of a group of residuals in a model with these columns. The bound is chi2 of
-    /// a fit to this group only, divided by the number of residuals in the group. `None` if the group has no rows or
-    /// the normal matrix is singular.
+    /// Lower bound of the noise scale s_g^2 of a group of residuals in a model with these columns. A fit to this group
+    /// only gives chi2, and the bound is this chi2 divided by the number of residuals in the group. `None` if the group
+    /// has no rows or the normal matrix is singular.
     pub(crate) fn least_scale(&self, group: usize, columns: &[Column]) -> Option<f64> {
         let place = self.groups.iter().position(|own| *own == group)?;
         let (sum, n) = (&self.sums[place], columns.len());

@@ -69,8 +69,8 @@ pub struct Analysis {
     /// accepted effects. These values are computed on the control recordings, or on the calibration recordings if there
     /// are no control recordings. `None` if no calibration was given.
     pub chi2_of_given: Option<[f64; 3]>,
-    /// Residuals of the fit without effects by kind, rest and move. They are compared with the residuals of the fit
-    /// with effects.
+    /// Residuals of the fit without effects by kind, rest and move. If effects were accepted, these residuals are
+    /// compared with the residuals of the fit with the accepted effects.
     pub residuals: ResidualsByPlace,
     /// Predicted rms errors of corrected signals (docs/model.md (35)). `before` is the error after correction by the
     /// given calibration, or by the fit without effects if no calibration was given. `after` is the error after
@@ -120,8 +120,8 @@ pub fn find_gap(
     gap_options: &GapOptions<'_>,
 ) -> Result<Gap, Error> {
     let refused = |faults| Ok(Gap { verdict: Verdict::DataFault, faults, analysis: None });
-    // Progress of the first fit is reported here, because the checks and the start values below already belong to this
-    // fit.
+    // The start of the first fit is reported before the checks and the start values below, because both count as part
+    // of this fit.
     gap_options.report(Progress::Fit { effects: &[] })?;
     let checked = match Checked::try_new(recordings, options) {
         Err(Error::Data(faults)) => return refused(faults),
@@ -190,8 +190,8 @@ enum Earth {
 
 impl Fits<'_> {
     /// Searches for effects, and validates the selected effects on unseen data. If an effect that is a function of time
-    /// is refused, the search is repeated without such effects of the same sensor. The forward search may have mistaken
-    /// a random walk of the bias for the effect.
+    /// is refused, the search is repeated without such effects of the same sensor, because the forward search may have
+    /// mistaken a random walk of the bias for the effect.
     fn search_and_accept(&mut self, before: &Rc<Fit>) -> Result<(Search, Earth, Accepted), Error> {
         let mut choices = self.options.choices();
         let first = self.search(before, &choices, false)?;
@@ -229,9 +229,9 @@ impl Fits<'_> {
         Ok((self.search_again(before, &others, search)?, earth))
     }
 
-    /// Repeats a search with fewer candidates. The removed candidates keep their scores and detection limits of the
-    /// first search. The result of the hand-motion test is taken from the first search, too: fewer candidates may
-    /// explain less of the residuals inside moves, and a new test could attribute these residuals to hand motion.
+    /// Repeats a search with fewer candidates. For the removed candidates, the scores and detection limits of the first
+    /// search are kept. The hand-motion test is not repeated: fewer candidates may explain less of the residuals inside
+    /// moves, so a new test could attribute these residuals to hand motion.
     fn search_again(&mut self, before: &Fit, choices: &[EffectChoice], first: Search) -> Result<Search, Error> {
         let mut again = self.search(before, choices, first.is_hand_moved)?;
         let is_missing = |name: &str| again.smallest_visible.iter().all(|(own, ..)| own != name);

@@ -1,4 +1,5 @@
-//! Fits of the models that the forward search compares, and their linearisation together with the candidates.
+//! Fits of the models that the forward search compares. Each fitted model is linearised together with the candidate
+//! effects.
 
 use std::sync::Arc;
 
@@ -39,9 +40,9 @@ impl<'a> ForwardSearch<'a> {
         (members.iter().filter_map(find).collect(), fields)
     }
 
-    /// Fits a model with the effects `members`, and linearises it. If `beside` requests the candidates, the
-    /// linearisation includes the candidate effects `open`. The sensor models (sensitivity and bias) `near` are the
-    /// start values of the fit.
+    /// Fits a model with the effects `members`, and linearises it. If `beside` is [`Beside::Candidates`], the
+    /// linearisation includes the candidate effects `open`. The fit starts at the sensor models (sensitivity and bias)
+    /// `near`.
     pub(super) fn stage(
         &self,
         prepared: &Prepared<'_>,
@@ -68,7 +69,7 @@ impl<'a> ForwardSearch<'a> {
                 own[term.linear] = shape;
             }
         }
-        // The fit has no prior for user-defined effects. Only the evidence below takes their prior into account.
+        // The fit has no prior for user-defined effects. The prior of these effects is used only in the evidence below.
         let width = |term: &Term<'_>| {
             let member = members.iter().find(|m| m.name == term.name());
             term.effect().and(member).map(|member| member.width)
@@ -178,8 +179,8 @@ impl<'a> ForwardSearch<'a> {
 }
 
 /// Whether the term is a temperature lag whose time constant exceeds the duration of the recordings. The low-passed
-/// temperature then hardly changes. The lag (low-passed temperature minus temperature) is nearly the negative
-/// temperature, and its time constant is not observable.
+/// temperature then hardly changes. The regressor of the lag (low-passed temperature minus temperature) is therefore
+/// nearly the negative temperature plus a constant, and the time constant is not observable.
 fn is_longer_than_recordings(term: &Term<'_>, model: &Model, longest_s: f64) -> bool {
     let is_lag = term.has_shape() && term.effect().is_some_and(|effect| effect.has_need(Need::TemperatureHistory));
     is_lag && model.values[term.first + term.linear] > longest_s

@@ -19,8 +19,8 @@ use crate::evaluate::{Evaluation, Uncertainty, evaluate, evaluate_corrected};
 use crate::recording::Recording;
 use crate::verdict::RecordingSet;
 
-/// Number of cross-validation folds if there are no control recordings. Each fold is predicted with a fit to the other
-/// two thirds of the rests and moves.
+/// Number of cross-validation folds if there are no control recordings. Each fold is a third of the rests and moves and
+/// is predicted with a fit to the other two thirds.
 pub const FOLDS: usize = 3;
 
 /// A model fitted to the recordings of a unit.
@@ -39,8 +39,8 @@ pub struct Fit {
 pub struct Control {
     /// Figures of merit, and residuals of rests and moves.
     pub evaluation: Evaluation,
-    /// For each rest: chi2, with three degrees of freedom, of the difference between its mean angular rate and the mean
-    /// over all rests of the same recording. `None` for rests that the evaluation excludes.
+    /// For each rest: chi2, with three degrees of freedom, of the difference between the mean angular rate of the rest
+    /// and the mean over all rests of the same recording. `None` for rests that the evaluation excludes.
     pub rate_chi2: Vec<Option<f64>>,
     /// Significant change of the biases from the calibration recordings to the control recordings. `None` if the fit
     /// without effects, or this fit, has no such change.
@@ -52,8 +52,8 @@ pub struct Control {
 
 impl Control {
     /// The evaluation on which the acceptance of effects is based. If the biases changed from the calibration
-    /// recordings to the control recordings, this is the evaluation with the changed biases. A change of the biases is
-    /// evidence neither for nor against an effect.
+    /// recordings to the control recordings, this is the evaluation with the changed biases. The biases are changed
+    /// because such a change is evidence neither for nor against an effect.
     pub fn judged(&self) -> &Evaluation {
         self.with_own_biases.as_ref().unwrap_or(&self.evaluation)
     }
@@ -64,8 +64,8 @@ pub(super) struct Fits<'a> {
     pub(super) checked: &'a Checked<'a>,
     pub(super) control: &'a [Recording<'a>],
     pub(super) options: &'a GapOptions<'a>,
-    /// Start values for the next fit: the final fit of the last search. The solutions with the selected effects are
-    /// close to it.
+    /// Start values for the next fit: the parameters of the final fit of the last search. The solutions with the
+    /// selected effects are close to these values.
     pub(super) warm_start: Option<WarmStart>,
     /// Number of parameters in the selected form (for example linear or quadratic) of each selected effect.
     forms: Vec<(String, usize)>,
@@ -169,7 +169,7 @@ impl<'a> Fits<'a> {
         require_independent((recordings, &rests), (self.control, &control_rests))
     }
 
-    /// Evaluates a calibration on the control recordings, which no fit uses.
+    /// Evaluates a calibration on the control recordings. No fit uses these recordings.
     fn judge(&self, outcome: &Outcome) -> Result<Control, Error> {
         let options = self.checked.options();
         let corrected = self.corrected_set(outcome, RecordingSet::Control)?;
@@ -199,8 +199,8 @@ impl<'a> Fits<'a> {
         Ok(Control { evaluation, rate_chi2, step, with_own_biases })
     }
 
-    /// Evaluation on the control recordings with biases that are estimated from these recordings. `None` if a
-    /// calibration with these biases is not valid.
+    /// Evaluation of a calibration on the control recordings, with biases that are estimated from these recordings.
+    /// `None` if a calibration with these biases is not valid.
     fn with_own_biases(
         &self,
         outcome: &Outcome,
@@ -263,8 +263,8 @@ pub(super) fn with_samples<'a>(recordings: &[Recording<'a>], samples: &'a [Corre
 /// chi2 of the mean angular rate at each rest of the control recordings.
 ///
 /// Some gyroscope effects, for example an isotropic g-sensitivity, are observable only in these means. The noise is
-/// estimated from the raw samples. The noise of corrected samples would be too small: the correction of a delay smooths
-/// the samples, but does not make their mean more accurate.
+/// estimated from the raw samples. A noise estimate from corrected samples would be too small, because the correction
+/// of a delay smooths the samples but does not make their mean more accurate.
 fn rate_chi2(
     calibration: &Calibration<f64>,
     evaluation: &Evaluation,

@@ -1,5 +1,5 @@
-//! Forward selection of effects: all candidates are scored, the best candidate is added, and the model is refitted. At
-//! the end, an effect is removed if the model without it explains the residuals equally well.
+//! Forward selection of effects: all candidates are scored, the best candidate is added to the model, and the model is
+//! refitted. At the end, an effect is removed if the model without this effect explains the residuals equally well.
 
 mod beside_patterns;
 
@@ -28,15 +28,15 @@ use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
 /// Maximum number of effects in a model.
 pub(super) const MOST_EFFECTS: usize = 6;
-/// Maximum number of rounds. In each round, effects are selected while the generic hypotheses (unknown variations of a
-/// bias or scale) are in the model. Then generic hypotheses are selected while these effects are in the model.
+/// Maximum number of rounds. In each round, effects are first selected in a model with the generic hypotheses (unknown
+/// variations of a bias or scale). Generic hypotheses are then evaluated in a model with these effects.
 const MOST_ROUNDS: usize = 2;
 /// Smallest standard deviation of the prior of an effect's parameter, in multiples of the parameter's typical size.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
 /// Minimum range of the temperature, in kelvin, for temperature effects to be candidates. Temperatures are averaged
 /// over [`MEAN_S`] before their range is determined.
 const LEAST_CHANGE_K: f64 = 0.5;
-/// Time over which temperature readings are averaged to suppress their noise, s.
+/// Time, s, over which temperature readings are averaged to reduce the noise of the readings.
 const MEAN_S: f64 = 1.0;
 
 /// Searches the checked recordings for effects among `candidates` and `user_fields`.
@@ -62,8 +62,9 @@ pub fn search(
 
 /// Whitened residuals of the model without effects, and their Jacobian. Other methods of model selection can be
 /// compared with [`search`] on this input. `is_hand_moved` is the result of an earlier search
-/// ([`Search::is_hand_moved`]). If it is `None`, hand motion is tested here. The test depends on the candidates.
-/// Linearisations with different candidates therefore have equal rows only if `is_hand_moved` is given.
+/// ([`Search::is_hand_moved`]). If it is `None`, the recordings are tested for hand motion here. The result of this
+/// test depends on the candidates, and it determines which residuals are used. Linearisations with different candidates
+/// are therefore certain to contain the same residuals only if `is_hand_moved` is given.
 ///
 /// # Errors
 /// The errors are those of [`search`].
@@ -140,7 +141,7 @@ fn centred_temperatures(recordings: &[Recording<'_>]) -> Vec<Option<Vec<f64>>> {
     recordings.iter().map(|recording| recording.temperature_degc.map(centred)).collect()
 }
 
-/// Whether the range of the averaged temperature is at least [`LEAST_CHANGE_K`].
+/// Whether the range of the averaged temperature over all recordings is at least [`LEAST_CHANGE_K`].
 fn is_warmed(recordings: &[Recording<'_>]) -> bool {
     let warmed = recordings.iter().filter_map(|recording| Some((recording, recording.temperature_degc?)));
     let means = warmed.flat_map(|(recording, degc)| {
@@ -167,12 +168,13 @@ pub(super) struct ForwardSearch<'a> {
     pub(super) fits: RefCell<Vec<(FitKey, Model)>>,
     /// The most recent fits, the latest first, each with the linearisation at its solution.
     pub(super) recent: RefCell<Vec<(FitKey, Arc<Linear>)>>,
-    /// The design of the model without effects, with the columns of all candidates; `None` until it is computed.
+    /// The linearised residuals of the model without effects, with the Jacobian columns of all candidates; `None` until
+    /// they are computed.
     pub(super) ground: RefCell<Option<Arc<Design>>>,
 }
 
 impl<'a> ForwardSearch<'a> {
-    /// A new search, and the candidates whose requirements the recordings meet.
+    /// A new search, and the candidates whose requirements (for example a temperature column) the recordings meet.
     fn new(
         checked: &Checked<'_>,
         candidates: &[EffectChoice],
@@ -247,7 +249,8 @@ impl<'a> ForwardSearch<'a> {
         let of_stand = |scattering: &Scattering| scattering.0.starts_with("stand");
         let scattering = contradiction.or_else(|| scattering_rests(&selected.stage, &plain_scales)).filter(of_stand);
         if scattering.is_some() {
-            // The stand does not follow its model, so effects of the sensors are searched without the stand's angles.
+            // The stand does not follow the stand model, so effects of the sensors are searched without the stand's
+            // angles.
             (selected, patterns) = self.without_stand(prepared, triads, &open)?;
             contradiction = scattering;
             open.retain(|choice| choice.effect.sensor != Sensor::Encoder);
@@ -292,8 +295,8 @@ impl<'a> ForwardSearch<'a> {
         let Judgement { scores, blind, visible } = first;
         let mut ranking: Vec<Score> = scores.into_iter().map(|judged| judged.score).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
-        // Detection limits relative to the final model. For effects in the final model they are relative to the model
-        // without effects.
+        // The detection limits of effects that are not in the final model are relative to this model. The limits of
+        // effects in the final model are relative to the model without effects.
         let mut smallest_visible = last.map(|last| last.visible).unwrap_or_default();
         for entry in visible {
             if !smallest_visible.iter().any(|(name, ..)| *name == entry.0) {

@@ -1,9 +1,9 @@
 //! Generic hypotheses: variations of a bias or a scale that no effect of the catalogue describes (docs/model.md (24)).
 //!
 //! A hypothesis consists of a block and a kernel. The block is the sensor parameter that varies. The kernel is the
-//! covariance of the parameter's deviations at two times. Each eigenvector of the kernel gives one column of the linear
-//! model, and the coefficients of the columns have independent normal priors. The evidence of a hypothesis is therefore
-//! computed in the same way as the evidence of an effect.
+//! covariance of the parameter's deviations at two times. Each eigenfunction of the kernel gives one Jacobian column of
+//! the linear model for each axis, and the coefficients of the columns have independent normal priors. The evidence of
+//! a hypothesis is therefore computed in the same way as the evidence of an effect.
 
 use std::sync::Arc;
 
@@ -60,7 +60,8 @@ impl Block {
     }
 }
 
-/// Combinations of block and kernel that are tested if accelerometer samples inside moves are not used.
+/// Combinations of sensor parameter (block) and kernel that are tested if accelerometer samples inside moves are not
+/// used.
 const ALL: [(Block, Kernel); 22] = {
     use Block::{AccelerometerBias, AccelerometerScale, GyroscopeBias, GyroscopeScale};
     use Kernel::{Attitude, Force, GravityDirection, Heading, LastMotion, RandomWalk, Rate, Session, Temperature};
@@ -90,7 +91,8 @@ const ALL: [(Block, Kernel); 22] = {
     ]
 };
 /// Combinations that are tested if accelerometer samples inside moves are used. Inside moves, the angular rate may
-/// change the accelerometer bias, so this combination is tested in addition to [`ALL`].
+/// change the accelerometer bias. The combination of accelerometer bias and rate is therefore tested in addition to
+/// [`ALL`].
 const INSIDE: [(Block, Kernel); ALL.len() + 1] = {
     let mut all = [(Block::AccelerometerBias, Kernel::Rate); ALL.len() + 1];
     let mut k = 0;
@@ -113,15 +115,17 @@ enum Shape {
     /// The deviation of the parameter is a linear combination of eigenfunctions of the kernel.
     Varies(Arc<Shares>),
     /// The deviation is a nonlinear function of the sensor's input (angular rate or specific force). The `f64` is the
-    /// largest magnitude of the input. Each axis has three kinds of columns: the input multiplied by smooth functions
-    /// of this input, the products of the inputs on two axes and, for the gyroscope, the angular acceleration.
+    /// largest magnitude of the input. Each axis has columns of three kinds: the input on this axis multiplied by
+    /// smooth functions of the same input, the products of the inputs on two axes and, for the gyroscope, the angular
+    /// acceleration.
     Follows(Smooth<f64>, f64),
     /// The deviation is linear in the products of two components of the angular rate and in the components of the
     /// angular acceleration.
     Turns,
 }
 
-/// Correlation length of the smooth function of the input on one axis, as a share of the largest input of the sensor.
+/// Correlation length of the smooth function of the input (angular rate or specific force) on one axis, as a share of
+/// the largest input.
 const CURVE_LENGTH: f64 = 0.5;
 /// Number of nodes of the smooth function of the input on one axis. The nodes are equally spaced from minus to plus the
 /// largest input.
@@ -140,9 +144,9 @@ pub(crate) fn hypotheses(
 ) -> Vec<Hypothesis> {
     let all: &[(Block, Kernel)] = if inside { &INSIDE } else { &ALL };
     let pairs: Vec<(Block, Kernel)> = all.iter().copied().filter(|(block, kernel)| asked(*block, *kernel)).collect();
-    // The kernels whose eigenfunctions are needed, each with a flag. If the flag is true, the eigenfunctions are
-    // computed from values of the kernel in the middle of the moves, otherwise from values at the rests. Hypotheses
-    // with a rate or force kernel use no eigenfunctions of this kind.
+    // `known` lists the kernels whose eigenfunctions are needed, each with a flag. If the flag is true, the
+    // eigenfunctions are computed from values of the kernel in the middle of the moves, otherwise from values at the
+    // rests. Hypotheses with a rate or force kernel need no such eigenfunctions.
     let varies = |(block, kernel): (Block, Kernel)| {
         (!matches!(kernel, Kernel::Rate | Kernel::Force)).then_some((kernel, block == Block::GyroscopeScale))
     };
@@ -182,7 +186,8 @@ impl Hypothesis {
         self.block.typical()
     }
 
-    /// Number of Jacobian columns. A third of them belongs to each axis, in the order x, y, z.
+    /// Number of Jacobian columns. The first third belongs to the x axis, the second to the y axis, and the last to the
+    /// z axis.
     pub(crate) fn width(&self) -> usize {
         3 * match &self.shape {
             Shape::Varies(shares) => shares.width(),

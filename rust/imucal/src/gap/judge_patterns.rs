@@ -1,4 +1,5 @@
-//! Comparison of generic hypotheses with the selected effects (docs/model.md (24)).
+//! Comparison of generic hypotheses with the selected effects (docs/model.md (24)). A generic hypothesis is a variation
+//! of a bias or scale that no effect of the catalogue describes.
 
 use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;
@@ -17,8 +18,9 @@ use crate::joint::{Kinds, Prepared, Terms};
 impl ForwardSearch<'_> {
     /// Evaluates generic hypotheses (unknown variations of a bias or scale) in a model without effects and in a model
     /// with the selected effects. The evaluation uses rests and rest-to-rest moves. If the search uses samples inside
-    /// moves, the evaluation is repeated with these samples. The second result is present if the estimated effects
-    /// differ significantly with and without the stand's angles.
+    /// moves, the evaluation is repeated with these samples. The second result is a contradiction: the effects
+    /// estimated with and without the stand's angles differ significantly. It is `None` if they do not differ
+    /// significantly.
     pub(super) fn patterns(
         &mut self,
         prepared: &Prepared<'_>,
@@ -44,8 +46,8 @@ impl ForwardSearch<'_> {
         Ok((patterns, contradiction))
     }
 
-    /// Evaluates generic hypotheses with the kinds of residuals in `self.kinds`. The second result is the model with
-    /// the selected effects, limited to the effects that these residuals determine.
+    /// Evaluates generic hypotheses on the kinds of residuals in `self.kinds`. The second result is the model with the
+    /// selected effects. Effects that these residuals do not determine are left out of this model.
     fn pattern(
         &self,
         prepared: &Prepared<'_>,

@@ -1,7 +1,8 @@
-//! Covariance kernels, which describe how a sensor parameter varies (docs/model.md (24)).
+//! Covariance kernels of generic hypotheses. A generic hypothesis is a variation of a sensor parameter (bias or scale)
+//! that no effect of the catalogue describes. The kernel is the covariance of this variation (docs/model.md (24)).
 
-/// Covariance of a parameter's deviations at two times. Each kernel depends on one quantity at the two times, for
-/// example temperature.
+/// Covariance of a parameter's deviations at two times. Each kernel is a function of one quantity, for example of the
+/// temperatures at the two times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
     /// Deviations follow a random walk in time.
@@ -21,7 +22,7 @@ pub enum Kernel {
     Rate,
     /// Deviations are a smooth function of the specific force.
     Force,
-    /// Deviations are constant within a recording and differ from one recording to the next.
+    /// Deviations are constant within each recording and differ between recordings.
     Session,
     /// Deviations are a smooth function of time.
     Time,

@@ -1,5 +1,5 @@
 //! Gram matrices (products of Jacobian columns) of a model to which the columns of a generic hypothesis (a variation of
-//! a bias or scale) are added. There is one matrix for each group of residual rows.
+//! a bias or scale) are added. There is one Gram matrix for each group (kind) of residuals.
 
 use faer::Mat;
 
@@ -45,7 +45,7 @@ impl<'a> Known<'a> {
     }
 
     /// Gram matrices of the design with the additional columns. The additional columns are inserted before the
-    /// residual, which stays last.
+    /// residual, so that the residual stays the last column.
     pub(crate) fn with(&self, others: &Others<'_>) -> Gram {
         let (known, width) = (self.gram.residual, others.width);
         let last = known + width;

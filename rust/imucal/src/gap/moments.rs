@@ -1,5 +1,5 @@
-//! Evaluation times of generic hypotheses (unknown variations of a bias or scale), and whitened Jacobian columns of the
-//! hypotheses.
+//! Whitened Jacobian columns of generic hypotheses (unknown variations of a bias or scale), and the times, at rests and
+//! inside moves, at which the hypotheses are evaluated.
 
 use std::cmp::Ordering::Equal;
 use std::sync::Arc;
@@ -18,11 +18,11 @@ use crate::numerics::stats::dot;
 use crate::rests::moves::Move;
 
 /// Interval between the times inside moves at which hypotheses are evaluated, in blocks of samples (about 40 ms each).
-/// It applies if accelerometer samples inside moves are not used. The interval is short enough, because biases vary
-/// slowly.
+/// The constant applies if accelerometer samples inside moves are not used. Otherwise, hypotheses are evaluated in
+/// every block. The interval is short enough, because biases vary slowly.
 const EVERY: usize = 5;
 /// Minimum angular rate about an axis, rad/s, that determines the sense of rotation about the axis. At lower rates, the
-/// sense of the last rotation is kept. The value exceeds the noise of a consumer gyroscope.
+/// sense of the last rotation is kept. The value is larger than the noise of a consumer gyroscope.
 const LEAST_RATE_RADPS: f64 = 0.05;
 
 /// Maximum number of epochs (rests and moves, see [`Epoch`]). The time of the computation grows with the third power of
@@ -31,13 +31,13 @@ const LEAST_RATE_RADPS: f64 = 0.05;
 const MOST_EPOCHS: usize = 240;
 
 /// A rest or a move, during which the deviation of a sensor parameter is constant. If there are more than
-/// [`MOST_EPOCHS`] rests and moves, an epoch consists of several consecutive ones. In other modules, an epoch is a part
-/// of a long rest instead.
+/// [`MOST_EPOCHS`] rests and moves, an epoch consists of several consecutive rests and moves. In other modules, the
+/// word epoch means a part of a long rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Epoch {
     pub(crate) recording: usize,
     /// Time since the first sample of the recording, s: the middle of the rest or move, or the mean of the middles if
-    /// the epoch consists of several.
+    /// the epoch consists of several rests and moves.
     pub(crate) time_s: f64,
 }
 
@@ -53,8 +53,8 @@ pub(crate) struct Setting<'a> {
 
 impl<'a> Setting<'a> {
     /// `terms` are the effects of the model. Small effects may be omitted, because they hardly change the Jacobian.
-    /// Large effects must not be omitted, because they may change the body axes from which the directions of the tilt
-    /// residuals are constructed, see [`has_axes`](Self::has_axes).
+    /// Large effects must not be omitted, because they may change the body axes that define the directions of the tilt
+    /// residuals, see [`has_axes`](Self::has_axes).
     pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, model: &Model) -> Result<Self, Error> {
         let values = if terms.count == 0 { Vec::new() } else { model.values.clone() };
         let plain = Model { values, stand: Vec::new(), ..model.clone() };
@@ -146,7 +146,7 @@ impl<'a> Setting<'a> {
         (parts.iter().map(mean).collect(), columns)
     }
 
-    /// Deviations of the sensor parameter on each axis if the columns of a hypothesis have the coefficients `weights`.
+    /// Deviations of the sensor parameter on each axis for given coefficients `weights` of the columns of a hypothesis.
     /// For a hypothesis about rests: the index of each rest that the fit uses, and the deviation at the rest. For a
     /// hypothesis about moves: the index of the rest before each move, and the deviation in the middle of the move.
     pub(crate) fn wrong(&self, hypothesis: &Hypothesis, weights: &[f64]) -> Vec<(usize, Vector3<f64>)> {

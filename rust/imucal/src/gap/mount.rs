@@ -23,13 +23,14 @@ use crate::numerics::stats::median;
 use crate::parameters::STAND_PARAMETERS;
 use crate::recording::Recording;
 
-/// Minimum number of rests before a slip of the mount, and also after the slip.
+/// A slip of the mount is detected only if there are at least this number of rests before it and this number after it.
 const FEWEST_RESTS: usize = 4;
-/// A step of the mount's attitude is reported as a slip if chi2(without step) / chi2(with step) > SLIP_FACTOR. If the
-/// attitude drifts steadily, this ratio is 4, so the threshold must exceed 4.
+/// A step of the unit's attitude on the mount is reported as a slip if chi2(without step) / chi2(with step) >
+/// SLIP_FACTOR. A steady drift of the attitude gives the ratio 4 and is not a slip, so the threshold must exceed 4.
 const SLIP_FACTOR: f64 = 10.0;
 /// Maximum scatter of the measured gravity direction about the direction computed from the stand's angles, deg (1
-/// sigma). The value is the largest scatter of a rigid mount on a low-cost stand. A larger scatter is reported as play.
+/// sigma). The value is the largest scatter that occurs with a rigid mount on a low-cost stand. A larger scatter is
+/// reported as play of the mount.
 const PLAY_DEG: f64 = 0.25;
 /// Step of the numerical derivatives (central differences) with respect to stand parameters and motor angles, rad.
 const STEP_RAD: f64 = 1e-4;
@@ -115,7 +116,7 @@ pub fn loose_mounts(accelerometer: &Triad<f64>, rests: &[StandRest], recordings:
 
 /// Median angle, deg, over all samples between two directions of gravity: the direction of the raw accelerometer
 /// sample, and the direction computed from the motor angles. The computation assumes a stand without errors and the
-/// mount that fits best. `None` without motor angles.
+/// mount angles that fit best. `None` without motor angles.
 pub fn stand_mismatch_deg(recording: &Recording<'_>) -> Option<f64> {
     let angles = recording.stand_rad?;
     let known = (0..recording.len()).filter(|&k| angles[k].iter().all(|angle| angle.is_finite()));
@@ -170,7 +171,7 @@ struct Residuals<'a> {
     rests: Vec<&'a StandRest>,
     /// Residuals of the direction up. Each rest has three consecutive components.
     values: Mat<f64>,
-    /// Orthonormal basis of the residuals that errors of the stand can cause.
+    /// Orthonormal basis of the space of all residuals that errors of the stand can cause.
     basis: Mat<f64>,
     /// Derivatives of the gravity directions with respect to the three mount angles.
     by_mount: Mat<f64>,

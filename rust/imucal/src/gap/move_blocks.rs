@@ -1,7 +1,7 @@
 //! Division of a move into blocks of 40 ms, with the mean attitude, rate and force of each block.
 //!
-//! Residuals inside moves are computed from means over 40 ms, because single accelerometer samples are dominated by
-//! noise. The motion changes little within 40 ms.
+//! Residuals inside moves are computed from means over 40 ms, because noise dominates single accelerometer samples. The
+//! attitude and the rate change little within 40 ms.
 
 use std::ops::Range;
 
@@ -12,7 +12,8 @@ use super::residual_kinds::Regressor;
 use crate::evaluate::MoveReport;
 use crate::recording::{Recording, Samples};
 
-/// Length of a block, s. It is short compared with a move of one second, and contains two sample intervals at 50 Hz.
+/// Length of a block, s. It is short compared with the duration of a short move (one second), and equals two sample
+/// intervals at a rate of 50 Hz.
 const BLOCK_S: f64 = 0.04;
 
 /// Minimum range of the temperature over a recording, K. If the range is smaller, the dependence of residuals on
@@ -33,7 +34,8 @@ pub(super) struct Block {
     /// move.
     rotation: Matrix3<f64>,
     /// Time from the start of the recording to the first sample of the block, s. Absolute time stamps (for example
-    /// seconds since 1970) would change too little in relation to their size to be a regressor.
+    /// seconds since 1970) cannot be used as a regressor, because their change during a recording is too small relative
+    /// to their size.
     start_s: f64,
     /// Time from the start of the move to the last sample of the block, s.
     pub(super) since_start_s: f64,
@@ -130,15 +132,15 @@ impl MoveBlocks {
 
 impl Block {
     /// Mean over the block, in the body frame, of a direction that is constant in the world. `at_start` is this
-    /// direction in the body frame at the start of the move. The mean uses the same samples as the mean specific force,
-    /// so the errors of the trapezoidal rule cancel in the difference of the two means.
+    /// direction in the body frame at the start of the move. This mean uses the same samples and weights as the mean
+    /// specific force of the block, so the errors of the trapezoidal rule cancel in the difference of the two means.
     pub(super) fn mean_of_constant(&self, at_start: &Vector3<f64>) -> Vector3<f64> {
         self.rotation.tr_mul(at_start)
     }
 }
 
-/// The temperatures of a recording and their mean. The range of the temperature is large enough to test whether
-/// residuals depend on it.
+/// The temperatures of a recording and the mean of these temperatures. The range of the temperatures is large enough to
+/// test whether residuals depend on temperature.
 pub(super) struct RelativeTemperature<'a> {
     temperature_degc: &'a [f64],
     mean_degc: f64,
@@ -167,8 +169,8 @@ impl<'a> RelativeTemperature<'a> {
     }
 }
 
-/// Indices of the first and last samples of the blocks. The last block also contains the samples that do not fill a
-/// further block.
+/// Indices of the first and last samples of the blocks. If the remaining samples of the move do not fill another block,
+/// they are added to the last block.
 fn edges(time_s: &[f64], span: &MoveReport) -> Vec<usize> {
     let (first, last) = (span.first, span.last);
     let samples = BLOCK_S * (last - first) as f64 / (time_s[last] - time_s[first]);

@@ -20,17 +20,17 @@ pub struct GapOptions<'a> {
     pub progress: Option<ReportProgress<'a>>,
 }
 
-/// A calibration to be evaluated on the control recordings. Without control recordings, it is evaluated on the
-/// calibration recordings.
+/// A given calibration, with which the result of the search is compared. It is evaluated on the control recordings or,
+/// without control recordings, on the calibration recordings.
 #[derive(Clone, Copy)]
 pub struct GivenCalibration<'a> {
     /// The calibration, in the symmetric body frame, without user-defined effects.
     pub calibration: &'a Calibration<f64>,
     /// Local gravity with which the calibration was made, m/s^2.
     pub gravity_mps2: f64,
-    /// The recordings for the evaluation, after correction by this calibration. If `None`, this crate corrects them. If
-    /// the calibration has user-defined effects, the corrected recordings are required, because this crate cannot
-    /// evaluate such effects.
+    /// The recordings for the evaluation, after correction by this calibration. If `None`, this crate corrects the
+    /// recordings. Corrected recordings are required if the calibration has user-defined effects, because this crate
+    /// cannot evaluate such effects.
     pub corrected: Option<&'a [Recording<'a>]>,
 }
 

@@ -1,5 +1,5 @@
-//! Expected errors of calibration parameters, and the resulting errors of corrected signals that are averaged over one
-//! second.
+//! Expected errors of calibration parameters, and the errors of the corrected signals that result from them. The
+//! signals are averaged over one second.
 
 use std::ops::Range;
 
@@ -19,9 +19,9 @@ use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording, Samples};
 /// so averaging over one second hardly changes them. White noise of density N has the standard deviation N / sqrt(1 s)
 /// after averaging.
 pub(super) const WINDOW_S: f64 = 1.0;
-/// Lower bound of the estimated size of an effect, as a fraction of the effect's typical size.
+/// Lower bound of the estimated size of an effect, as a fraction of the typical size of this effect.
 const LEAST_SIZE: f64 = 0.01;
-/// Number of fixed-point iterations for the estimated size of an effect. The iteration converges after a few steps.
+/// Number of fixed-point iterations that estimate the size of an effect. The iteration converges in fewer steps.
 const SIZE_ITERATIONS: usize = 30;
 /// Step of the numerical derivative with respect to a time constant, as a share of the time constant.
 const SHAPE_STEP: f64 = 0.01;
@@ -32,7 +32,8 @@ pub(super) type Signals = [f64; 6];
 /// The estimated parameters of a calibration. A parameter with a standard deviation of zero was not estimated and is
 /// omitted.
 pub(super) struct Parameters {
-    /// Index of each parameter among all parameters of the calibration, including those that were not estimated.
+    /// Index of each estimated parameter in the list of all parameters of the calibration. This list also contains
+    /// parameters that were not estimated.
     places: Vec<usize>,
     /// Standard deviations, in the units of the parameters.
     sigma: Vec<f64>,
@@ -81,13 +82,13 @@ impl Parameters {
         self.places.len()
     }
 
-    /// Change of the corrected signals in each window if one parameter changes by its standard deviation. The shape is
-    /// (P, windows) for P parameters.
+    /// For each parameter: the change of the corrected signals in each window if this parameter changes by its standard
+    /// deviation. The shape is (P, windows) for P parameters.
     ///
-    /// `corrected` is `recording` after correction. `user_fields` contains, for each user-defined effect, its sensor
-    /// and the error of this sensor per unit of each parameter at each sample of `corrected`. Effects are evaluated at
-    /// the corrected signals instead of the true signals. The difference is negligible, because effects are small
-    /// compared with the signals.
+    /// `corrected` is `recording` after correction. `user_fields` contains, for each user-defined effect, the sensor on
+    /// which it acts, and the error of this sensor per unit of each parameter at each sample of `corrected`. Effects
+    /// are evaluated at the corrected signals instead of the true signals. The difference is negligible, because
+    /// effects are small compared with the signals.
     pub(super) fn slopes(
         &self,
         outcome: &Outcome,
@@ -107,9 +108,10 @@ impl Parameters {
     /// Expected errors of the parameters, and the covariance of these errors. Each error is divided by the standard
     /// deviation of its parameter. `typical` are the typical sizes of the linear parameters of each effect.
     ///
-    /// The prior width in the fit is at least the typical size of the effect (docs/model.md (23)). If the estimated
-    /// effect is smaller, the result is computed for a prior with the estimated size as its width. This prior also
-    /// reduces the uncertainty in directions of parameter space that the data do not determine.
+    /// The prior in the fit has at least the typical size of the effect as its standard deviation (docs/model.md (23)).
+    /// If the estimated effect is smaller, the result is computed for a narrower prior whose standard deviation is the
+    /// estimated size. The narrower prior also reduces the uncertainty in directions of parameter space that the data
+    /// do not determine.
     pub(super) fn expected_errors(&self, outcome: &Outcome, typical: &[Vec<f64>]) -> (Vec<f64>, Mat<f64>) {
         let (mut errors, mut covariance) = (vec![0.0; self.count()], self.correlation.clone());
         let mut first = 21;
@@ -133,9 +135,9 @@ impl Parameters {
     }
 }
 
-/// Expected errors and covariance of the parameters for a narrower prior of one effect. The prior width of each of its
-/// parameters is s x typical size. The factor s, at most 1, is the estimated size of the effect and is the same for all
-/// its parameters.
+/// Expected errors and covariance of the parameters for a narrower prior of one effect. The prior of each parameter of
+/// this effect has the standard deviation s x typical size. The factor s is the estimated size of the effect relative
+/// to its typical size, at most 1. It is the same for all parameters of the effect.
 fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64]) -> (Vec<f64>, Mat<f64>) {
     let (n, p) = (covariance.nrows(), own.len());
     let (mut square, mut shift, mut narrowed) = (1.0f64, vec![0.0; n], covariance.clone());
@@ -385,8 +387,8 @@ mod tests {
             for (k, ((above, below), slope)) in above.iter().zip(&below).zip(slope).enumerate() {
                 for axis in 0..6 {
                     let numeric = (above[axis] - below[axis]) / (2.0 * step) * sigma;
-                    // The slopes of the base parameters are computed without effects. Their relative error is therefore
-                    // about 1 %.
+                    // The derivatives with respect to the base parameters are computed without effects. The relative
+                    // error of these derivatives is therefore about 1 %.
                     assert!(
                         (numeric - slope[axis]).abs() < 0.02 * size + 1e-12,
                         "{} window {k} axis {axis}: {numeric:e} {:e}",

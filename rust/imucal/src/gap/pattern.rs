@@ -1,6 +1,7 @@
 //! Tests of generic hypotheses (docs/model.md (24)). A generic hypothesis is a variation of a bias or scale, for
-//! example with temperature, that no effect of the catalogue describes. In a model without effects, a hypothesis is an
-//! alternative to the selected effects. In a model with these effects, it explains additional variations.
+//! example with temperature, that no effect of the catalogue describes. Each hypothesis is added to two models. In the
+//! model without effects, it is an alternative to the selected effects. In the model with the selected effects, it
+//! describes a variation that is present in addition to these effects.
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 use nalgebra::Vector3;
@@ -24,20 +25,22 @@ const LEAD: f64 = 3.0;
 /// A generic hypothesis replaces the selected effects only if its log Bayes factor is above this number of nats. 8 nats
 /// are odds of 3000 to 1.
 const LEAST: f64 = 8.0;
-/// The evaluation of a hypothesis is continued only if it increases the log evidence by more than this number of nats.
-/// The increase is computed with the noise scales of the model without the hypothesis.
+/// The evidence of a hypothesis is computed exactly only if an approximate computation shows an increase of the log
+/// evidence by more than this number of nats. The approximation uses the noise scales of the model without the
+/// hypothesis.
 const LEAST_GAIN: f64 = 2.0;
 /// A generic hypothesis is reported in addition to the selected effects only if its log Bayes factor is above this
 /// number of nats.
 const NOT_ALL: f64 = 12.0;
 /// A generic hypothesis is reported in addition to the selected effects only if ln B > REMAINDER x ln B_effects. B and
-/// B_effects are the Bayes factors of the hypothesis and of the effects. Linearisation errors of large effects may
-/// cause a smaller ln B.
+/// B_effects are the Bayes factors of the hypothesis and of the effects. A hypothesis with a smaller ln B may only
+/// describe linearisation errors of large effects.
 const REMAINDER: f64 = 0.02;
 /// A generic hypothesis is reported only if d > REMAINDER_OF_CHI2 x d_effects. d and d_effects are the decreases of
 /// chi2 by the hypothesis and by the selected effects. For a hypothesis that replaces the effects, d is replaced by d -
-/// d_effects. Linearisation errors of large effects may cause smaller decreases. The limit [`REMAINDER`] is not
-/// sufficient, because the log Bayes factor grows only with the logarithm of an effect's size.
+/// d_effects. A hypothesis with a smaller decrease may only describe linearisation errors of large effects. The limit
+/// [`REMAINDER`] alone is not sufficient, because the log Bayes factor grows only with the logarithm of an effect's
+/// size.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 
 /// The generic hypothesis (unknown variation of a bias or scale) with the largest evidence, and its fit.
@@ -55,7 +58,7 @@ pub(super) struct BestGeneric {
     wrong: Vec<(usize, Vector3<f64>)>,
 }
 
-/// A model and its evidence. Generic hypotheses are added to it one at a time and compared.
+/// A model and its evidence. Generic hypotheses are added to this model one at a time and compared.
 struct Judge<'a> {
     known: Known<'a>,
     model: &'a [Column],
@@ -68,15 +71,15 @@ impl<'a> Judge<'a> {
     }
 
     /// Adds a hypothesis of `width` columns to the model. Returns the largest evidence over the trial prior widths, and
-    /// its prior width. `None` if the log evidence increases by at most [`LEAST_GAIN`].
+    /// the prior width with this evidence. `None` if the log evidence increases by at most [`LEAST_GAIN`].
     fn evaluate(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<(Evidence, f64)> {
         let Self { known, model, before } = self;
         let (gram, typical) = (known.with(others), hypothesis.typical());
         let own = (model.len()..model.len() + width).map(|place| (place, typical));
         let weighing = Weighing::new(&gram, model, own.collect());
         let swept = weighing.sweep(&before.scales)?;
-        // The evidence is first computed with the noise scales s_g^2 of the model. If the hypothesis hardly increases
-        // this evidence, it is not significant with smaller noise scales either.
+        // The evidence is first computed with the noise scales s_g^2 of the model. A hypothesis that hardly increases
+        // this evidence is not significant at its own (smaller) noise scales either.
         let (mut best, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > LEAST_GAIN)?;
         let (mut evidence, swept) = weighing.evidence(best, swept)?;
         // A hypothesis that explains a large part of the residuals reduces the noise scales. With smaller noise scales,

@@ -9,16 +9,16 @@
 //! r are the residuals and J is their Jacobian at the parameters theta_0. delta_f is the change of the parameters that
 //! is estimated without fold f. s_g^2 is the noise scale of the group g of a row, and P contains the precisions of the
 //! priors. l_i is the log predictive density of item i, and n is the number of items. u is 0, or the variance of the
-//! prediction J delta_f if the model contains generic hypotheses. Rows outside a fold do not determine how, for
-//! example, a random walk continues within the fold. With u = 0, the error of the predicted walk would therefore hide
-//! all other differences between two models.
+//! prediction J delta_f if the model contains generic hypotheses. For example, the rows outside a fold do not determine
+//! how a random walk continues within the fold. With u = 0, the error of the predicted walk would therefore hide all
+//! other differences between two models.
 //!
 //! If residuals exceed sensor noise, p-values computed from sensor noise are too small. Cross-validation remains valid
 //! in this case, because an effect that only fits excess scatter does not improve the prediction. Each superfluous
 //! parameter decreases the log predictive density by about half a nat. The standard deviation of the gain is estimated
 //! from the gains of the individual items (Vuong, Econometrica 57, 1989, 307-333). A few outliers therefore cannot make
 //! an effect significant. An item is a rest or a move. A fold is a contiguous period of time. Single rests are not held
-//! out, because biases vary slowly, and any model would predict a single rest well from its neighbours.
+//! out: because biases vary slowly, any model would predict a single rest well from the rests before and after it.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -54,7 +54,7 @@ impl Gain {
     }
 }
 
-/// Residuals and Jacobian for cross-validation.
+/// Residuals and Jacobian from which the folds of the cross-validation are formed.
 pub(crate) struct Held<'a> {
     /// Jacobian of a design, one column for each parameter, without the residual.
     pub(crate) columns: &'a Mat<f64>,

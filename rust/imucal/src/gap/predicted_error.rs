@@ -1,4 +1,5 @@
-//! Predicted errors of corrected signals with and without effects. The prediction does not need the true signals.
+//! Predicted errors of signals that are corrected by a calibration without effects and by a calibration with effects.
+//! The prediction does not need the true signals.
 //!
 //! ```text
 //! after^2 = noise^2 + E |D e|^2,   before^2 = noise^2 + E |d + D e|^2          model.md (35)
@@ -23,10 +24,11 @@ use crate::error::Error;
 use crate::numerics::stats::quantile;
 use crate::recording::Recording;
 
-/// Averaging time before the correction, s. Means are corrected instead of single samples, because this takes less
-/// time. The result hardly changes, because calibration errors vary as slowly as the motion.
+/// Averaging time before the correction, s. Means over this time are corrected instead of single samples, because this
+/// is faster. The predicted errors hardly change, because calibration errors vary as slowly as the motion.
 const BRIEF_MEAN_S: f64 = 0.1;
-/// Number of random draws from which the 95 % interval of the improvement factor is computed.
+/// Number of random draws from which the 95 % interval of the improvement factor ([`PredictedError::factor`]) is
+/// computed.
 const DRAWS: usize = 1000;
 /// Seed of the random draws. It is fixed, so that results are reproducible.
 const SEED: u64 = 1;
@@ -36,9 +38,9 @@ const INTERVAL: [f64; 2] = [0.025, 0.975];
 /// (docs/model.md (10)). The variance of this estimate is var(N^2) = N^4 x NOISE_VARIANCE_S / T, where T is the total
 /// duration of the rests, s.
 const NOISE_VARIANCE_S: f64 = 0.25;
-/// In a random draw, the mean squared error and the mean squared noise are at least this share of the expected mean
-/// squared noise. Without this bound, random products of noise and errors could make the mean squared error of a draw
-/// negative.
+/// Lower bound of the mean squared error and of the mean squared noise in a random draw, as a share of the expected
+/// mean squared noise. Without this bound, random products of noise and errors could make the mean squared error of a
+/// draw negative.
 const LEAST_MEAN_SQUARE: f64 = 0.1;
 
 /// Predicted errors of the corrected angular rate and specific force.
@@ -123,8 +125,8 @@ impl BriefMeans {
     }
 }
 
-/// Sum with small rounding errors. The time of a mean can coincide with the edge of a window, where a larger rounding
-/// error would assign the mean to the wrong window.
+/// Sum with small rounding errors. The mean time of some samples can coincide with the edge of a one-second window, and
+/// a larger rounding error would assign these samples to the wrong window.
 fn sum(values: &[f64]) -> f64 {
     values.split_first().map_or(0.0, |(first, others)| first + pairwise_sum(others))
 }
@@ -171,7 +173,7 @@ pub fn predicted_errors(
     user: Option<&UserCorrection<'_>>,
 ) -> Result<PredictedErrors, Error> {
     let parameters = Parameters::of(after);
-    // The column of a parameter is the change of the corrected signals in each window if the parameter changes by one
+    // Each parameter has a column: the change of the corrected signals in each window if the parameter changes by one
     // standard deviation. The last column is the difference between the signals corrected by the two calibrations.
     let mut columns: Vec<Vec<Signals>> = vec![Vec::new(); parameters.count() + 1];
     for (index, recording) in recordings.iter().enumerate() {
@@ -226,8 +228,9 @@ fn difference(before: &Recording<'_>, after: &Recording<'_>, windows: &Windows) 
         .collect()
 }
 
-/// For each pair of columns: the mean of their product over all windows and the given axes. The second result is the
-/// number of values in each mean. A window is omitted on an axis on which any column is not finite.
+/// For each pair of columns: the mean of the product of the two columns over all windows and the given axes. The second
+/// result is the number of values in each mean. The value of a window on an axis is omitted if any column is not finite
+/// there.
 fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat<f64>, usize) {
     let windows = columns.first().map_or(0, Vec::len);
     let (mut sums, mut count) = (Mat::<f64>::zeros(columns.len(), columns.len()), 0);
@@ -245,7 +248,8 @@ fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat
     (sums * faer::Scale(1.0 / count as f64), count)
 }
 
-/// Mean squared errors that no correction removes, for angular rate and specific force averaged over one second.
+/// Mean squared noise of the angular rate and of the specific force, averaged over one second, including other errors
+/// that the correction does not remove.
 ///
 /// The Earth's rate counts as an error of the angular rate, because the correction does not remove it and its
 /// body-frame components change with attitude.
@@ -270,9 +274,9 @@ fn noise_mean_squares(after: &Outcome) -> [f64; 2] {
 struct Signal<'a> {
     /// Mean squared noise of a one-second average.
     noise: f64,
-    /// (P+1, P+1) mean products of the signal changes. Each of the first P rows and columns belongs to a change of one
-    /// parameter by its standard deviation. The last row and column belong to the difference between the signals
-    /// corrected by the two calibrations.
+    /// (P+1, P+1) mean products of signal changes, for P parameters. Each of the first P rows and columns belongs to
+    /// the signal change if one parameter changes by its standard deviation. The last row and column belong to the
+    /// difference between the signals corrected by the two calibrations.
     gram: Mat<f64>,
     /// (P,) expected errors of the parameters, in standard deviations.
     errors: &'a [f64],

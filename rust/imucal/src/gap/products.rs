@@ -16,7 +16,7 @@ use crate::numerics::stats::dot;
 use crate::numerics::workers::{in_order, processors};
 use asked::Asked;
 
-/// The rows of one group of residuals, as ranges of consecutive row indices.
+/// The indices of the rows of one group of residuals, as ranges of consecutive indices.
 pub(super) struct Rows {
     group: usize,
     runs: Vec<Range<usize>>,
@@ -37,9 +37,10 @@ impl Gram {
     }
 
     /// Gram matrices with only the products that scoring needs: model column x any column, column x column within a
-    /// block of candidates, and residual x any column. All other entries are NaN. In the Gram matrices, the model's
-    /// columns come first, and the residual comes last. Column k of a Gram matrix is stored at position `order[k]` of
-    /// each row of `rows`. The second result contains the residuals of the samples inside moves.
+    /// block (the columns of one candidate effect at one trial time constant), and residual x any column. All other
+    /// entries are NaN. In the Gram matrices, the model's columns come first, and the residual comes last. Column k of
+    /// a Gram matrix is stored at position `order[k]` of each row of `rows`. The second result contains the residuals
+    /// of the samples inside moves.
     pub(crate) fn beside(
         (rows, group_of_row): (&Lanes, &[usize]),
         insides: Option<&Insides>,
@@ -63,8 +64,8 @@ impl Gram {
     }
 
     /// Gram matrices A^T A, one for each group of rows in `self`. A contains the rows of the group in `columns` and
-    /// `residual`. The products column x column are computed only once and stored in `products`. The products column x
-    /// residual and residual x residual are computed in each call.
+    /// `residual`. The products column x column are computed in the first call, stored in `products`, and reused in
+    /// later calls. The products column x residual and residual x residual are computed in each call.
     pub(crate) fn with_residual(
         &self,
         products: &OnceLock<Vec<Mat<f64>>>,
@@ -144,7 +145,8 @@ impl Part<'_> {
     }
 }
 
-/// Number of rows per partial sum. The number is fixed, so that rounding does not depend on the number of threads.
+/// Number of rows in each partial sum of a Gram matrix. The number is fixed, so that rounding errors do not depend on
+/// the number of threads.
 const TOGETHER: usize = 2048;
 
 /// Applies a function to consecutive parts of the rows. Returns the results in the order of the parts.
@@ -153,7 +155,7 @@ fn in_parts<R: Send>(threads: usize, rows: usize, work: impl Fn(Range<usize>) ->
     in_order(threads, rows.div_ceil(TOGETHER), of_part)
 }
 
-/// Computes `A^T A`. One triangle is computed, and is then copied to the other triangle.
+/// Computes `A^T A`. The lower triangle is computed and then copied to the upper triangle.
 pub(super) fn square(a: MatRef<'_, f64>, threads: usize) -> Mat<f64> {
     let mut sum = Mat::zeros(a.ncols(), a.ncols());
     let of_part = |rows: Range<usize>| lower_square(a.subrows(rows.start, rows.len()));

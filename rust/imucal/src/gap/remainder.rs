@@ -8,17 +8,18 @@ use super::{GenericFinding, Scattering};
 /// Description of the residuals that the final model leaves unexplained.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Remainder {
-    /// Whether noise explains the residuals and, if it does not, whether the deviation is systematic or random.
+    /// Whether noise explains the residuals and, if noise does not explain them, whether the cause is a systematic
+    /// deviation or a random walk.
     pub kind: RemainderKind,
     /// The part of the model or of the data that deviates; `None` if noise explains the residuals. It is a name from
     /// [`super::Block::name`], the name of a group of residuals, `encoder`, `recordings`, `accel`, `gyro` or `biases`.
-    /// `accel` and `gyro` are the sensor of an effect that is not confirmed. `biases` means that the biases of both
-    /// sensors changed between sessions.
+    /// `accel` or `gyro` is the sensor of an effect that unseen data do not confirm. `biases` means that the biases of
+    /// both sensors changed between sessions.
     pub block: Option<&'static str>,
-    /// How `block` deviates. It is a name from [`Kernel::name`], or `white`, `contradiction`, `between_sessions`,
-    /// `above_noise` or `not_confirmed`. `None` if noise explains the residuals.
+    /// How `block` deviates from the model. It is a name from [`Kernel::name`], or `white`, `contradiction`,
+    /// `between_sessions`, `above_noise` or `not_confirmed`. `None` if noise explains the residuals.
     pub pattern: Option<&'static str>,
-    /// p-value under the hypothesis that noise is the only error. It is the p-value of the residuals of unseen data if
+    /// p-value under the hypothesis that noise is the only error. It is computed from the residuals of unseen data if
     /// `pattern` is `None`, `above_noise` or `not_confirmed`, or if `block` is `recordings`. Otherwise, it is the
     /// p-value of the test that found `pattern`.
     pub p_value: f64,
@@ -51,7 +52,8 @@ impl RemainderKind {
 }
 
 impl Remainder {
-    /// The remainder if noise explains the residuals. `p_value` is the p-value of these residuals.
+    /// The result if noise explains the residuals. `p_value` is the p-value of the residuals of unseen data under the
+    /// hypothesis that noise is the only error.
     pub(super) fn nothing(p_value: f64) -> Self {
         Self { kind: RemainderKind::Nothing, block: None, pattern: None, p_value, matters: false }
     }

@@ -1,4 +1,5 @@
-//! Residuals of a calibration for each kind and body axis, with their standard deviations from sensor noise.
+//! Residuals of a calibration for each kind of residual and each body axis, and the standard deviation of each residual
+//! from sensor noise.
 //!
 //! ```text
 //! rest_norm        |f| - g at a rest
@@ -23,8 +24,8 @@ use crate::evaluate::{MoveReport, RestReport};
 use crate::recording::Samples;
 use crate::rests::noise_density::variance_by_axis;
 
-/// Lower bounds of the noise densities, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). The measured density is zero in simulations
-/// without noise, and residuals cannot be divided by zero.
+/// Lower bounds of the noise densities of accelerometer and gyroscope, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). The measured
+/// density is zero in simulations without noise, but residuals are divided by their noise.
 const LEAST_DENSITY: [f64; 2] = [1e-5, 1e-6];
 
 /// Lower bound of 1 - u_i^2, where u is the direction up and i a body axis. The variance of a direction residual on
@@ -41,15 +42,16 @@ pub(super) struct Channel {
     pub(super) values: Vec<f64>,
     /// Standard deviation of each residual from sensor noise, in the unit of the kind.
     pub(super) sigma: Vec<f64>,
-    /// Number of rests or moves that contribute residuals. All blocks of a move have the attitude errors of the move in
-    /// common, so the moves are counted instead of the blocks.
+    /// Number of rests or moves that contribute residuals. Inside a move, each block of 40 ms contributes a force
+    /// residual. The residuals of a move are not independent, because the attitude error of the move affects all of
+    /// them. The moves are therefore counted instead of the blocks.
     pub(super) items: usize,
-    /// Quantities on which the residuals may depend (regressors). Each has one row for each residual, with the
-    /// components of the quantity.
+    /// Quantities on which the residuals may depend (regressors). For each regressor: one row for each residual, with
+    /// the components of the quantity.
     pub(super) regressors: Vec<(Regressor, Vec<Vec<f64>>)>,
 }
 
-/// The residuals of one rest or move, summarised by their chi2.
+/// One rest or move, with the chi2 of its residuals.
 pub(super) struct Item {
     pub(super) recording: usize,
     /// Index of the rest or move in the calibration's list of rests or of moves.
@@ -87,8 +89,8 @@ struct Noise {
 }
 
 impl Residuals {
-    /// `bias_instability` is the bias instability of the gyroscope, rad/s. `inside_moves` is true if the unit is
-    /// rotated without translation. Only then is the specific force inside moves compared with gravity.
+    /// `bias_instability` is the bias instability of the gyroscope, rad/s. `inside_moves` is true if the moves rotate
+    /// the unit without translation. The specific force inside moves is compared with gravity only in this case.
     pub(super) fn new(fit: &CorrectedFit<'_>, bias_instability: Option<[f64; 3]>, inside_moves: bool) -> Self {
         let outcome = fit.outcome;
         let (accelerometer, gyroscope) = noise_densities(outcome);
@@ -254,7 +256,7 @@ impl Channel {
 
 impl CorrectedFit<'_> {
     /// Direction up in the body frame before and after a move, as estimated by the fit. If the fit excluded the move,
-    /// it is the direction that the accelerometer measured at the rest.
+    /// these are the directions that the accelerometer measured at the rests before and after the move.
     fn gravity_at_ends(&self, span: &MoveReport) -> [Vector3<f64>; 2] {
         [(span.gravity_before, span.from_rest), (span.gravity_after, span.to_rest)].map(|(known, rest)| {
             if known.iter().all(|value| value.is_finite()) {
@@ -288,7 +290,8 @@ fn direction_sigma(span: &MoveReport, noise: &Noise, gravity_mps2: f64) -> f64 {
     (noise.gyroscope.norm_squared() / 3.0 * span.duration_s + ends).sqrt()
 }
 
-/// Whether a rest or move was used in the fit or was excluded only as an outlier.
+/// Whether the residuals of a rest or move are examined: the fit used the rest or move, or excluded it only as an
+/// outlier.
 fn is_examined(excluded: Option<&str>) -> bool {
     excluded.is_none_or(|reason| reason.starts_with("contradicts"))
 }

@@ -4,15 +4,15 @@
 use crate::calibrate::Outcome;
 use crate::recording::Recording;
 
-/// A calibration, and its recordings after correction by this calibration.
+/// A calibration, and the recordings from which it was estimated, corrected by this calibration.
 #[derive(Clone, Copy)]
 pub struct CorrectedFit<'a> {
     /// The calibration, in the symmetric body frame.
     pub outcome: &'a Outcome,
-    /// The recordings after correction, in SI units and in the body frame, in the order of the calibration's
-    /// recordings.
+    /// The corrected recordings, in SI units and in the body frame. Their order is the order in which the calibration
+    /// used them.
     pub corrected: &'a [Recording<'a>],
-    /// Local gravity that was used to make the calibration, m/s^2.
+    /// Local gravity with which the calibration was estimated, m/s^2.
     pub gravity_mps2: f64,
 }
 
@@ -56,8 +56,8 @@ impl ResidualKind {
 pub enum Regressor {
     /// Angular acceleration, three components.
     AngularAcceleration,
-    /// Direction of gravity in the body frame. For direction residuals after moves, the regressor is the attitude error
-    /// due to a rate error that is proportional to a component of the specific force.
+    /// Direction of gravity in the body frame. For direction residuals after moves: attitude error at the end of the
+    /// move, due to a rate error inside the move that is proportional to a component of the specific force.
     Gravity,
     /// Squares and products of the components of gravity.
     GravitySquared,
@@ -66,12 +66,12 @@ pub enum Regressor {
     RateSquared,
     /// Sign of each component of the rotation vector of the last move before a rest.
     SignOfTheLastTurn,
-    /// Magnitude of the angular rate on each axis. Residuals depend on it if the scale differs between positive and
-    /// negative rates.
+    /// Magnitude of the angular rate on each axis. Residuals depend on this magnitude if the gyroscope scale differs
+    /// between positive and negative rates.
     SignOfTheRate,
     /// Temperature. At rests: mean over the rest, degC. Inside moves: difference from the mean of the recording, K.
     Temperature,
-    /// Time from the start of the recording to the first sample of the rest or block, s.
+    /// Time from the start of the recording to the first sample of the rest, or of the 40 ms block inside a move, s.
     Time,
 }
 

@@ -1,10 +1,11 @@
 //! Residuals of recordings by kind and body axis, by rest and by move, and the quantities on which the residuals
-//! depend. These figures locate the disagreement between recordings and a calibration.
+//! depend. They show where the recordings disagree with a calibration, and on what the disagreement depends.
 //!
-//! A channel consists of all residuals of one kind on one body axis. A channel, a rest or a move is significant if its
-//! chi2 exceeds the threshold for a family-wise false alarm probability of 0.1 %. Dependence is tested by linear
-//! regression of a channel on each [`Regressor`]. Let `r` be the share of the sum of squares over `n` rests or moves
-//! that the regression explains. Under the null hypothesis of no dependence, `-n ln(1 - r)` has a chi2 distribution.
+//! A channel consists of all residuals of one kind on one body axis. A channel, a rest or a move is significant if the
+//! chi2 of its residuals exceeds a threshold. Noise alone exceeds the threshold in any of the channels with a
+//! probability of 0.1 %, and likewise for the rests and for the moves. Dependence is tested by linear regression of a
+//! channel on each [`Regressor`]. Let `r` be the share of the sum of squares over `n` rests or moves that the
+//! regression explains. Under the null hypothesis of no dependence, `-n ln(1 - r)` has a chi2 distribution.
 
 use std::collections::HashMap;
 
@@ -17,8 +18,8 @@ use crate::correct::is_left_in_data;
 use crate::numerics::lsq::singular;
 use crate::numerics::stats::{p_value, rms};
 
-/// Significance level. For channels, rests and moves, it is divided by the number of tests of the same kind
-/// (Bonferroni). For dependences, it is not divided.
+/// Maximum p-value of a significant test. For channels, rests and moves, it is divided by the number of channels, rests
+/// or moves (Bonferroni). For the dependences of a channel on a regressor, it is not divided.
 const SIGNIFICANCE: f64 = 1e-3;
 /// Maximum number of regressors (explanatory quantities) that are reported for a channel of residuals.
 const MOST_REGRESSORS: usize = 3;
@@ -31,7 +32,8 @@ const DEPENDENT_COLUMNS: f64 = 1e-6;
 /// of each move.
 const ALONG_ONE_AXIS: f64 = 0.8;
 
-/// Residuals of a calibration on its own recordings. They can be compared with the residuals of a second calibration.
+/// Residuals of a calibration on the recordings from which it was estimated. They can be compared with the residuals of
+/// a second calibration.
 #[derive(Clone, Debug)]
 pub struct ResidualsByPlace {
     /// Residuals by kind and body axis.
@@ -98,11 +100,11 @@ pub struct ItemResidual {
     pub left_out: bool,
 }
 
-/// Residuals of the calibration `before` on its recordings. If `after` is given, they are compared with the residuals
-/// of `after`, a second calibration from the same recordings.
+/// Residuals of the calibration `before` on the recordings from which it was estimated. If `after` is given, they are
+/// compared with the residuals of `after`, a second calibration from the same recordings.
 ///
-/// `inside_moves` is true if the unit is rotated without translation. The specific force inside moves is then compared
-/// with gravity.
+/// `inside_moves` is true if the moves rotate the unit without translation. The specific force inside moves is then
+/// also compared with gravity.
 pub fn residuals_by_place(
     before: &CorrectedFit<'_>,
     after: Option<&CorrectedFit<'_>>,
@@ -190,8 +192,8 @@ fn explained_share(channel: &Channel, rows: &[Vec<f64>]) -> Option<(f64, usize)>
     if independent == 0 || independent + 2 >= n {
         return None;
     }
-    // A is the matrix of `columns`, and A = U S V^T is its singular value decomposition, with S = `sizes` and
-    // V = `right`. `products` is A^T z. The components of z along the columns of U are U^T z = S^-1 V^T A^T z.
+    // A is the matrix of `columns`, and A = U S V^T is its singular value decomposition, with S = `sizes` and V =
+    // `right`. `products` is A^T z. The components of z along the columns of U are then U^T z = S^-1 V^T A^T z.
     let products: Vec<f64> = columns.iter().map(|column| column.iter().zip(&z).map(|(a, z)| a * z).sum()).collect();
     let explained: f64 = (0..independent)
         .map(|k| ((0..width).map(|j| right[(j, k)] * products[j]).sum::<f64>() / sizes[k]).powi(2))

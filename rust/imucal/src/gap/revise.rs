@@ -19,17 +19,18 @@ use crate::numerics::stats::p_value;
 /// smaller by less than this threshold. An alias replaces the effect if its log evidence is larger by more than this
 /// threshold. 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
-/// Maximum p-value of the likelihood ratio between the models with and without an effect. An effect with a larger
-/// p-value is superfluous.
+/// Maximum p-value of an effect, from the likelihood ratio of the models with and without the effect. An effect with a
+/// larger p-value is superfluous and is removed.
 const SUPERFLUOUS: f64 = 1e-3;
-/// A temperature lag is fitted a second time, from a trial time constant, if trial and estimate differ by more than a
-/// factor of 2: |ln(trial / estimate)| > FAR.
+/// A temperature lag is fitted a second time if the best trial value and the estimate of its time constant differ by
+/// more than a factor of 2: |ln(trial value / estimate)| > FAR. The second fit starts at the trial value.
 const FAR: f64 = 0.7;
-/// If the largest log Bayes factor is above this number of nats, candidates are fitted and compared by these fits. The
-/// scores of such large effects have linearisation errors that exceed the differences between candidates.
+/// If the largest log posterior odds (log Bayes factor + log prior odds) are above this number of nats, candidates are
+/// compared by nonlinear fits instead of scores, because the linearisation errors of the scores of such large effects
+/// exceed the differences between candidates.
 const VERY_MUCH: f64 = 2000.0;
-/// A candidate is fitted and compared (see [`VERY_MUCH`]) if its log Bayes factor is above CLOSE x the largest log
-/// Bayes factor.
+/// Only candidates whose log posterior odds are above CLOSE x the largest log posterior odds are fitted for the
+/// comparison that [`VERY_MUCH`] describes.
 const CLOSE: f64 = 0.9;
 
 impl Judged {
@@ -61,10 +62,11 @@ struct Replacement {
 
 impl ForwardSearch<'_> {
     /// The candidate with the largest posterior odds (Bayes factor x prior odds) among the candidates that satisfy
-    /// `good`, and the names of its rivals.
+    /// `good`, and the names of the rivals of this candidate.
     ///
-    /// If the largest log Bayes factor exceeds [`VERY_MUCH`], all candidates above [`CLOSE`] x this factor are fitted.
-    /// The candidate whose fit has the largest posterior odds is then returned.
+    /// If the largest log posterior odds exceed [`VERY_MUCH`], all candidates whose log posterior odds are above
+    /// [`CLOSE`] x the largest ones are fitted. The candidate whose fit has the largest posterior odds is then
+    /// returned.
     pub(super) fn best<'j>(
         &self,
         prepared: &Prepared<'_>,
@@ -105,12 +107,12 @@ impl ForwardSearch<'_> {
     /// Replaces an effect by an alias if the log posterior odds (log evidence + log prior odds) of the alias are larger
     /// by more than [`RIVAL_NATS`]. An alias is an effect that causes nearly the same residuals. Aliases with a time
     /// constant are compared because candidates are scored only at a few trial time constants. The effects of the
-    /// temperature history (lag, rate and hysteresis) are compared because adding the temperature effect changes their
-    /// evidence. Aliases whose log posterior odds are smaller than the largest ones by less than [`RIVAL_NATS`] become
-    /// rivals. A temperature lag is also fitted from a second start value of its time constant, because effects may
-    /// have been added after its selection. If a temperature lag is not distinguishable from an effect of the rate of
-    /// change of temperature, the alias with the largest posterior odds replaces it. Returns whether an effect was
-    /// replaced.
+    /// temperature history (lag, rate and hysteresis) are compared because the evidence of each of them changes when
+    /// the temperature effect is added. Aliases whose log posterior odds are smaller than the largest ones by less than
+    /// [`RIVAL_NATS`] become rivals. A temperature lag is also fitted from a second start value of its time constant,
+    /// because the best time constant may change when effects are added after the lag. If a temperature lag is not
+    /// distinguishable from an effect of the rate of change of temperature, the alias with the largest posterior odds
+    /// replaces it. Returns whether an effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,
@@ -175,10 +177,10 @@ impl ForwardSearch<'_> {
         Ok(swapped)
     }
 
-    /// The fit of the model in which the effect `other` replaces the effect `own`, which has the index `k` in the
-    /// model. The fit of a temperature lag starts at the time constant `lag_s`. If `own` is an effect of the
-    /// temperature history, the form of `other` with the largest evidence is used, up to the number of parameters of
-    /// `own`.
+    /// The fit of the model in which the effect `other` replaces the effect `own`. `k` is the index of `own` among the
+    /// effects of the model. The fit of a temperature lag starts at the time constant `lag_s`. If `own` is an effect of
+    /// the temperature history, the form of `other` with the largest evidence is used, up to the number of parameters
+    /// of `own`.
     fn replacement(
         &self,
         prepared: &Prepared<'_>,
@@ -205,8 +207,8 @@ impl ForwardSearch<'_> {
             let at_best = if is_of_history(own) {
                 found.evidence.clone()
             } else {
-                // The time constant of the alias is fixed for the comparison, because candidates too are scored at a
-                // fixed time constant.
+                // For the comparison, the time constant of the alias is kept fixed, because all candidates are scored
+                // at fixed time constants.
                 let shape = found.place(other.name).map_or(0, |place| place.end - 1);
                 let mut columns = found.design.model.clone();
                 columns.remove(shape);
@@ -228,9 +230,9 @@ impl ForwardSearch<'_> {
     }
 
     /// Selects the form of each effect in the model that has several forms, such as the degree of a temperature effect.
-    /// A form with more parameters is selected if its log evidence is larger by more than [`RIVAL_NATS`]. Another form
-    /// may have the largest evidence after further effects have been added to the model. Returns whether a form was
-    /// changed.
+    /// A form with more parameters is selected if its log evidence is larger by more than [`RIVAL_NATS`]. The form is
+    /// selected again because, after further effects have been added to the model, another form may have the largest
+    /// evidence. Returns whether a form was changed.
     pub(super) fn choose_forms(
         &self,
         prepared: &Prepared<'_>,
@@ -267,7 +269,7 @@ impl ForwardSearch<'_> {
         Ok(changed)
     }
 
-    /// Removes an effect if the removal does not reduce the posterior odds, or does not reduce the likelihood
+    /// Removes effects whose removal does not reduce the posterior odds of the model, or does not reduce the likelihood
     /// significantly. For example, an effect that resembles the sum of two other effects may be selected first. It is
     /// superfluous when both other effects have been selected. The temperature effect of a bias is kept if the model
     /// contains the temperature lag of the same bias. Returns whether an effect was removed.

@@ -20,12 +20,13 @@ use crate::joint::{LEAST_CHANGE_PARTLY, STAND_MOVES, STAND_RESTS};
 use crate::numerics::stats::p_value;
 use crate::numerics::workers::{in_order, processors};
 
-/// Trial widths (standard deviations) of an effect's prior, in multiples of the typical sizes of its parameters.
+/// Trial widths (standard deviations) of the prior of an effect, in multiples of the typical sizes of the effect's
+/// parameters.
 const WIDTHS: [f64; 8] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
 /// Prior width, in multiples of the typical size, that is too large to influence the fit.
 const NO_PRIOR: f64 = 1e4;
-/// A direction in parameter space is observable if a parameter vector of one typical size along it changes chi2 by at
-/// least this value. A vector of a hundred typical sizes then changes chi2 by at least 1.
+/// A direction in parameter space is observable if a change of the parameters by one typical size in this direction
+/// changes chi2 by at least this value. A change by a hundred typical sizes then changes chi2 by at least 1.
 const LEAST_CHANGE: f64 = LEAST_CHANGE_PARTLY * LEAST_CHANGE_PARTLY;
 /// Sensor noise explains the residuals of a group if the p-value of their chi2 is above this value. If noise explains
 /// all groups, cross-validation is skipped.
@@ -33,10 +34,10 @@ const NOISE_CHANCE: f64 = 0.01;
 /// p-value below which the scatter of residuals at rests is significant.
 const SCATTER_CHANCE: f64 = 1e-6;
 /// The scatter of the residuals at rests is reported only if their standard deviation is larger than WIDE x white
-/// noise. Coloured noise and bias instability may cause smaller ratios.
+/// noise. Coloured noise and bias instability may cause ratios up to this value.
 const WIDE: f64 = 2.5;
-/// If effects were selected, scatter is not reported if its variance is at most this share of the residual variance of
-/// the model without effects. Linearisation errors of a large effect may cause such scatter.
+/// Share of the residual variance of the model without effects. If effects were selected, scatter with a variance up to
+/// this share is not reported, because linearisation errors of a large effect may cause it.
 const REMAINDER: f64 = 0.05;
 
 /// A candidate's score at the prior width and the trial time constant with the largest evidence.
@@ -60,8 +61,8 @@ pub(super) struct Judgement {
 pub(super) fn judge(stage: &Stage) -> Judgement {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
-    // Observability is computed with noise scales s_g^2 of one. A missing effect increases the estimated scales. With
-    // these scales, a large missing effect would seem less observable.
+    // Observability is computed with all noise scales s_g^2 equal to one. A missing effect increases the estimated
+    // noise scales. With the increased scales, a large missing effect would seem less observable than it is.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
     let all = Common::new(gram, model, candidates.iter().flat_map(Candidate::asides).collect());
     let widened = all.sweep(&stage.evidence.scales);
@@ -136,7 +137,7 @@ fn look_at(
     let dof = unwidened.as_ref().unwrap_or(&left).directions(LEAST_CHANGE);
     let judged = || {
         // The noise scales depend little on the prior width. They are therefore estimated only once, with a prior that
-        // has no influence.
+        // is too wide to influence the fit.
         let (free, settled) = beside.evidence(NO_PRIOR, swept)?;
         let (width, _) = beside.left(&settled).best_width(&WIDTHS)?;
         let statistic = (before.deviance - free.deviance).max(0.0);
@@ -155,7 +156,7 @@ fn look_at(
 }
 
 /// Increase of the log predictive density of held-out rests and moves due to a candidate. `None` if sensor noise
-/// explains the residuals of the model with the candidate. In this case the p-value of the candidate is valid, and
+/// explains the residuals of the model with the candidate. In this case, the p-value of the candidate is reliable, so
 /// cross-validation is not needed.
 pub(super) fn gain(stage: &Stage, judged: &Judged) -> Option<Gain> {
     let Design { gram, model, candidates, .. } = &*stage.design;
@@ -199,9 +200,9 @@ impl Candidate {
     }
 }
 
-/// For each candidate: the residuals that an effect of typical size causes in the model without this candidate. The
-/// parameters of the model are refitted to these residuals. A candidate with a time constant has several trial values.
-/// The result is for the value at which the refit removes the smallest share of chi2.
+/// For each candidate: the residuals that remain if the unit has this effect at its typical size, the model lacks it,
+/// and the model's parameters are refitted. For an effect with a time constant, the result is for the trial value at
+/// which the refit removes the smallest share of chi2.
 pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
     const NAMES: [&str; 11] = [
         "rest_norm",
@@ -272,8 +273,8 @@ fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Optio
 /// The kind of residuals with the largest significant excess over noise. Only residuals at rests and residuals relative
 /// to the stand are tested. Residuals of moves are not tested, because gyroscope noise may increase in motion without a
 /// missing effect. If effects were selected, only residuals of their sensors and of the stand are tested, because a
-/// real unit has several small deviations from the model. An excess up to the linearisation error [`REMAINDER`] of
-/// large effects is tolerated. `before` are the noise scales of the model without effects.
+/// real unit has several small deviations from the model. An excess that linearisation errors of large effects may
+/// cause (see [`REMAINDER`]) is tolerated. `before` are the noise scales of the model without effects.
 pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scattering> {
     const NAMES: [(usize, Sensor, &str); 6] = [
         (0, Sensor::Accelerometer, "accel_norm"),
@@ -303,9 +304,9 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scatteri
     NAMES.into_iter().filter_map(of).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Compares the sizes of sensor effects estimated with and without the stand's angles (Hausman, Econometrica 46, 1978,
-/// 1251-1271). A significant difference shows that the stand does not follow its model. The test uses the variance of
-/// the estimate without the stand's angles, which is the larger of the two variances.
+/// Compares the sensor effects that are estimated with and without the stand's angles (Hausman, Econometrica 46, 1978,
+/// 1251-1271). A significant difference shows that the stand does not follow the stand model. The test uses the
+/// variance of the estimate without the stand's angles, which is the larger of the two variances.
 pub(super) fn contradiction_of_stand(alone: &Stage, with_stand: &Stage) -> Option<Scattering> {
     let (mut chi2, mut dof) = (0.0, 0);
     for member in &alone.members {

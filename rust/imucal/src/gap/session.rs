@@ -4,10 +4,10 @@
 //! |f_k| - g = u_k . d_a + noise,     mean rate at rest k = d_g + noise,     k over the rests of the control recordings
 //! ```
 //!
-//! f_k is the mean specific force at rest k, u_k its direction, and g is local gravity. f_k and the mean rates are
-//! corrected by the calibration. d_a and d_g are the changes of the accelerometer and gyroscope biases between the two
-//! sessions. An effect that is missing from the model causes almost equal errors in both sessions, so it is rarely
-//! mistaken for a change of the biases.
+//! f_k is the mean specific force at rest k, u_k is the direction of f_k, and g is local gravity. f_k and the mean
+//! rates are corrected by the calibration. d_a and d_g are the changes of the accelerometer and gyroscope biases
+//! between the two sessions. An effect that is missing from the model causes almost equal errors in both sessions, so
+//! it is rarely mistaken for a change of the biases.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
@@ -19,20 +19,20 @@ use crate::numerics::stats::p_value;
 use crate::recording::Recording;
 use crate::rests::noise_density::variance_by_axis;
 
-/// The changes are estimated only if the control recordings contain at least this number of rests: twice the number of
-/// unknowns of a sensor.
+/// Minimum number of rests in the control recordings for the changes of the biases to be estimated. It is twice the
+/// number of unknowns per sensor (the changes of three bias components).
 const LEAST_RESTS: usize = 6;
 /// Maximum p-value of a significant change of one sensor's biases.
 const SIGNIFICANCE: f64 = 1e-6;
 /// A change of the bias is reported only if, on any axis, |change| > LEAST_SIZE x scatter of the bias between the rests
-/// of one session. A smaller change hardly affects the errors, because biases scatter by a similar amount within a
-/// recording.
+/// of one session. A smaller change hardly increases the errors of corrected signals, because biases scatter by a
+/// similar amount within a recording.
 const LEAST_SIZE: f64 = 3.0;
 /// Minimum value of the smallest eigenvalue of the mean of `u u^T` over the rests, where u is the direction up. Below
 /// this value, not all components of a change are observable. The eigenvalue is 1/3 for directions distributed
 /// uniformly over the sphere.
 const LEAST_SPREAD: f64 = 0.02;
-/// Index of the first bias of each sensor among the parameters of a calibration.
+/// Indices of the first bias of the accelerometer and of the gyroscope among the parameters of a calibration.
 const BIASES: [usize; 2] = [0, 9];
 
 /// Change of the biases from the calibration recordings to the control recordings.
@@ -42,7 +42,7 @@ pub struct SessionStep {
     pub accelerometer_mps2: Option<[f64; 3]>,
     /// Change of the gyroscope's bias, rad/s; `None` if it is not significant.
     pub gyroscope_radps: Option<[f64; 3]>,
-    /// The smaller p-value of the two changes.
+    /// The smaller of the p-values of the significant changes.
     pub p_value: f64,
     /// Mean temperature of the control recordings minus mean temperature of the calibration recordings, K. `None` if
     /// any recording has no temperature.
@@ -69,8 +69,8 @@ impl Change {
 }
 
 impl SessionStep {
-    /// Changes of the biases of both sensors; `None` if neither is significant. `is_corrected` is true if the rest
-    /// means in `evaluation` are already corrected, which is the case if the calibration has effects.
+    /// Changes of the biases of both sensors; `None` if neither change is significant. `is_corrected` is true if the
+    /// rest means in `evaluation` are already corrected, which is the case if the calibration has effects.
     pub(super) fn find(
         outcome: &Outcome,
         evaluation: &Evaluation,

@@ -1,5 +1,5 @@
-//! Eigenfunctions of covariance kernels, at rests and inside moves. A kernel describes how a bias or scale varies in a
-//! generic hypothesis (docs/model.md (24)).
+//! Eigenfunctions of covariance kernels, evaluated at rests and inside moves. A generic hypothesis assumes that a bias
+//! or scale varies, and a kernel describes the variation (docs/model.md (24)).
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -20,7 +20,8 @@ pub(crate) struct Moment {
     /// angular rate.
     pub(crate) ahead: Vector3<f64>,
     pub(crate) temperature_degc: Option<f64>,
-    /// Sign of the current or, at rest, the last rotation about each axis; 0 before the first rotation.
+    /// Sense of rotation about each axis, 1 or -1. At rest, it is the sense of the last rotation; 0 before the first
+    /// rotation.
     pub(crate) signs: Vector3<f64>,
     /// Angular rate, rad/s.
     pub(crate) rate: Vector3<f64>,
@@ -61,7 +62,8 @@ pub(super) struct Shares {
     moves: Vec<Mat<f64>>,
 }
 
-/// Correlation length of the kernels of directions and attitudes. It is a distance between unit vectors.
+/// Correlation length of the kernels that depend on directions or attitudes, dimensionless. It is the length of a
+/// difference of unit vectors.
 const LENGTH: f64 = 0.6;
 /// Maximum number of eigenfunctions per axis for a random walk. With this number, the eigenfunctions resolve periods
 /// down to a tenth of the recording's duration.
@@ -71,7 +73,8 @@ const MOST: usize = 12;
 
 impl Shares {
     /// Computes the eigenfunctions of a kernel. If `in_moves` is true, the kernel is evaluated in the middle of the
-    /// moves, otherwise at the rests. `None` if the kernel is constant over these times.
+    /// moves, otherwise at the rests. `None` if the kernel is constant over these times, or if there are too few times
+    /// or temperatures.
     pub(super) fn new(kernel: Kernel, in_moves: bool, moments: &Moments) -> Option<Self> {
         let points: Vec<Moment> = if in_moves {
             moments.moves.iter().filter_map(|way| way.get(way.len() / 2)).copied().collect()
@@ -114,14 +117,14 @@ impl Shares {
     }
 }
 
-/// Covariances of the deviation at the moment `a` with the deviations at the moments `others`. `temperatures_k` is the
-/// range of the temperature.
+/// Covariances of the deviation at the moment `a` with the deviations at the moments `others`. The correlation length
+/// of the temperature kernel is a fixed share of `temperatures_k`, a range of temperatures in K.
 fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment], to: &mut [f64]) {
     let side = |m: &Moment| m.up.cross(&m.ahead);
     let tilt = |b: &Moment| (a.up - b.up).norm_squared();
     match kernel {
-        // For all variations in time, the random-walk kernel is evaluated first. The other variations are examined only
-        // if a random walk explains the residuals, so they have no kernels of their own here.
+        // For all variations in time, the random-walk kernel is evaluated first. The other variations in time are
+        // examined only if a random walk explains the residuals. Their kernels are therefore not needed here.
         Kernel::RandomWalk | Kernel::Time | Kernel::Switching | Kernel::White => {
             each(to, others, |b| if a.recording == b.recording { a.time_s.min(b.time_s) } else { 0.0 });
         }

@@ -5,7 +5,7 @@ use faer::Mat;
 
 use crate::numerics::leading_eigen::LeadingEigen;
 
-/// Eigenvalues below this share of the largest eigenvalue are omitted.
+/// Eigenfunctions whose eigenvalue is below this share of the largest eigenvalue are omitted.
 const SMALLEST: f64 = 1e-3;
 
 /// Eigenfunctions `f_c(x) = sqrt(n / trace K) sum_i k(x, x_i) U_ic / sqrt(s_c)`, where k is the centred kernel. K is
@@ -21,8 +21,8 @@ pub(crate) struct Smooth<T> {
 }
 
 impl<T> Smooth<T> {
-    /// Computes at most `most` eigenfunctions; `None` if the kernel is constant over all points. `kernel` writes the
-    /// covariances between one point and several other points.
+    /// Computes the eigenfunctions with the largest eigenvalues, at most `most`. `None` if the kernel is constant over
+    /// all points. `kernel` writes the covariances between one point and several other points.
     pub(crate) fn new(points: Vec<T>, kernel: impl Fn(&T, &[T], &mut [f64]), most: usize) -> Option<Self> {
         let n = points.len();
         let mut matrix = Mat::zeros(n, n);
@@ -64,8 +64,8 @@ impl<T> Smooth<T> {
 mod tests {
     use super::*;
 
-    /// The conditional mean of a random walk is linear between its points. At the points, the mean of the sum of
-    /// squares of the eigenfunctions must be one.
+    /// The conditional mean of a random walk is linear between the points at which it is given. At the points, the mean
+    /// of the sum of squares of the eigenfunctions must be one.
     #[test]
     fn functions_of_a_walk_rebuild_it_and_go_straight_between_points() {
         let points: Vec<f64> = (1..=5).map(f64::from).collect();

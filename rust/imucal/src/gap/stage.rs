@@ -1,4 +1,4 @@
-//! A fitted model of the forward search, linearised together with the candidate effects.
+//! A fitted model of the forward search, with the linearised residuals of this model and of the candidate effects.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use crate::joint::{Kinds, Model, WarmStart};
 pub(super) const NO_EVIDENCE: &str =
     "the residuals of these recordings have no evidence: look for numbers that are not finite";
 
-/// A model of the forward search.
+/// A fitted model of the forward search and its evidence.
 #[derive(Clone)]
 pub(super) struct Stage {
     pub(super) design: Arc<Design>,
@@ -37,7 +37,7 @@ impl Stage {
         Self { design: Arc::new(self.design.without(|own| own == name)), ..self.clone() }
     }
 
-    /// Start values for fits with the same effects.
+    /// The fitted parameters as start values for later fits with the same effects.
     pub(super) fn warm_start(&self) -> WarmStart {
         WarmStart::new(&self.model, self.places.iter().map(|(name, place)| (name.clone(), place.len())).collect())
     }
@@ -67,8 +67,9 @@ impl Member {
     }
 }
 
-/// Key by which an earlier fit is found again: kinds of residuals, number of moves, and the name, number of parameters,
-/// prior width and start value of the time constant of each effect. Two fits with equal keys have equal results.
+/// Key under which the result of a fit is stored: kinds of residuals, number of moves, and the name, number of
+/// parameters, prior width and start value of the time constant of each effect. Two fits with equal keys have equal
+/// results.
 pub(super) type FitKey = (Kinds, usize, Vec<(String, usize, f64, Option<f64>)>);
 
 /// The effects whose Jacobian columns are computed in addition to the columns of the model.

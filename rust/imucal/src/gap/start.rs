@@ -13,24 +13,23 @@ use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::{BLOCK_S, Kinds, Model, Prepared, Terms, is_unobservable_hand_held};
 
-/// Averaging time of the specific force inside moves for the detection of hand motion, s. Accelerations by a hand last
+/// Averaging time, s, of the specific force inside moves in the test for hand motion. Accelerations by a hand last
 /// longer than this time, so the average still contains them.
 const STRETCH_S: f64 = 4.0 * BLOCK_S;
-/// Hand motion is detected only if the averaged specific force scatters more than HAND x noise, and if effects do not
-/// explain this scatter.
+/// Ratio of the scatter of the averaged specific force inside moves to its noise. Hand motion is detected only if the
+/// ratio is above this value and effects do not explain the scatter.
 const HAND: f64 = 10.0;
-/// Threshold of the share of the averaged specific force's variance that effects of the angular acceleration (for
-/// example the lever arm of the accelerometer) do not explain. Hand motion is detected only if this share is above the
-/// threshold. Without hand motion, the share stays below the threshold even with a long lever arm and a noisy
-/// gyroscope.
+/// Share of the variance of the averaged specific force. Hand motion is detected only if effects of the angular
+/// acceleration, for example the lever arm of the accelerometer, leave more than this share unexplained. Without hand
+/// motion, the unexplained share is smaller even with a long lever arm and a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
 /// Standard deviation of the prior of the gyroscope's delay in the test for hand motion, in multiples of the typical
 /// delay.
 const LONG_DELAY: f64 = 100.0;
 
 impl ForwardSearch<'_> {
-    /// Fits the model without effects, and returns it with the candidates that can be tested. If hand motion is
-    /// detected, candidates that need the specific force inside moves are excluded.
+    /// Fits the model without effects. Returns this model and the candidate effects that can be tested. If hand motion
+    /// is detected, candidates that need the specific force inside moves are excluded.
     pub(super) fn start(
         &mut self,
         prepared: &Prepared<'_>,
@@ -97,8 +96,8 @@ impl ForwardSearch<'_> {
         let none = Terms::try_new(&[], &[], &self.samples, Kinds { in_motion: true, encoders: false })?;
         let linear = Arc::new(coarse.linearise(&none, &model.parameters())?);
         let seen = design(coarse, (&none, &[]), &none, &linear)?;
-        // Effects can only reduce the scatter. A recording needs no further test if its scatter without effects is
-        // below the threshold.
+        // Effects in the model can only reduce the scatter, so a recording needs no further test if its scatter without
+        // effects is below the threshold.
         let (gram, groups) = seen.insides_apart(coarse);
         let scales = groups.map(|group| Ok((group, inside(&gram, group, &seen.model)?)));
         let mut scattered: Vec<(usize, f64)> = scales.collect::<Result<_, Error>>()?;
@@ -133,8 +132,8 @@ impl ForwardSearch<'_> {
             return Ok(false);
         }
         // The Jacobian columns describe the errors of effects to first order in the parameters. A long delay of the
-        // gyroscope also causes errors of higher order. The delay is therefore fitted, and the test is repeated at the
-        // fit.
+        // gyroscope also causes errors of higher order. The delay is therefore fitted, and the test is repeated with
+        // the linearisation at the fitted delay.
         let Some(delay) =
             explaining.iter().find(|choice| choice.effect.number == Effect::<f64>::GYRO_TIME_OFFSET.number)
         else {

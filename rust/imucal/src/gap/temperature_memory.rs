@@ -1,8 +1,8 @@
 //! Effects of the temperature history in the forward search.
 //!
 //! A bias with a memory of the temperature (lag, rate or hysteresis) usually depends on the present temperature as
-//! well. The effect of the temperature and the effect of the temperature history on this bias are therefore treated as
-//! partners. A fit with only one of the partners may have a wrong time constant, favour a wrong effect, or fail the
+//! well. The effects of the temperature and of the temperature history on the same bias are therefore called partners.
+//! A fit with only one of the two partners may give a wrong time constant, favour a wrong effect, or fail the
 //! cross-validation.
 
 use imucal_core::effects::{Effect, Need};
@@ -16,19 +16,19 @@ use super::stage::{Beside, Member, Stage};
 use crate::calibrate::EffectChoice;
 use crate::joint::Prepared;
 
-/// Log prior odds, nats, of an effect without memory relative to an effect of the temperature history. They are also
-/// the log prior odds of a bias's temperature effect relative to other effects, if the temperature-history effect of
-/// the same bias is in the model. 3 nats are odds of 20 to 1.
+/// Log prior odds, nats, of an effect without memory relative to an effect of the temperature history. If the
+/// temperature-history effect of a bias is in the model, the temperature effect of the same bias has these log prior
+/// odds relative to other effects. 3 nats are odds of 20 to 1.
 const PRIOR_NATS: f64 = 3.0;
 /// Maximum p-value of a bias's temperature effect if the temperature-history effect of the same bias is in the model.
-/// It is larger than for other effects, because the time constant of a lag would be biased without the temperature
-/// effect.
+/// The limit is larger than for other effects, because the estimated time constant of a lag would be wrong without the
+/// temperature effect.
 const PARTNER_CHANCE: f64 = 0.01;
-/// Delay, s, of the rate of change of temperature in effects of the catalogue. Two low-passes smooth this rate, and
-/// each delays it by one time constant.
+/// Delay, s, of the rate of change of temperature in effects of the catalogue. Two low-pass filters in series smooth
+/// this rate, and each filter delays the rate by one time constant.
 const RATE_DELAY_S: f64 = 2.0 * SMOOTHING_S;
-/// Number of standard deviations by which the time constant of a lag must exceed [`RATE_DELAY_S`] for the lag to be
-/// distinguishable from an effect of the rate of change of temperature.
+/// A lag is distinguishable from an effect of the rate of change of temperature only if the estimated time constant of
+/// the lag exceeds [`RATE_DELAY_S`] by this number of standard deviations.
 const RESOLVED: f64 = 2.0;
 
 pub(super) fn is_of_history(effect: &Effect<f64>) -> bool {
@@ -78,8 +78,8 @@ pub(super) fn is_temperature_of_lag<'n>(name: &str, names: impl Iterator<Item = 
     has_partner(name, names, is_lag)
 }
 
-/// Whether `name` is the temperature effect of a bias, and one of `names` is a partner of this effect for which
-/// `counts` is true.
+/// Whether `name` is the temperature effect of a bias, and `names` contains a partner of this effect (a
+/// temperature-history effect of the same bias) for which `counts` is true.
 fn has_partner<'n>(name: &str, names: impl Iterator<Item = &'n String>, counts: fn(&Effect<f64>) -> bool) -> bool {
     let own = Effect::<f64>::find(name).filter(|own| is_bias_of_temperature(own));
     let mut others = names.filter_map(|other| Effect::find(other)).filter(|other| counts(other));
@@ -90,7 +90,8 @@ impl Stage {
     /// Whether the effect at this index is a temperature lag whose time constant tau does not significantly exceed
     /// [`RATE_DELAY_S`]. A lag with the coefficient k is the error `k (T_tau - T)`, where T_tau is the temperature T
     /// after a low-pass with the time constant tau. For a short tau, this error nearly equals `-k tau dT/dt`, an effect
-    /// of the rate of change of temperature. The recordings then determine only the product k tau.
+    /// of the rate of change of temperature. The recordings then determine only the product k tau, and not k and tau
+    /// separately.
     pub(super) fn is_unresolved_lag(&self, k: usize) -> bool {
         let Member { name, values, .. } = &self.members[k];
         let place = self.place(name).filter(|_| Effect::find(name).is_some_and(is_lag));
@@ -133,7 +134,7 @@ impl ForwardSearch<'_> {
     }
 
     /// The model with the candidate `pick`, whose partner is not yet in the model. `None` if `pick` does not increase
-    /// the evidence, or if the prediction of held-out data does not improve when the partner is also added.
+    /// the evidence, or if adding the partner to this model does not improve the prediction of held-out data.
     pub(super) fn with_partner(
         &self,
         prepared: &Prepared<'_>,

@@ -1,9 +1,10 @@
-//! Distinguishes four variations of a parameter in time: random walk, smooth variation, switching between two levels,
-//! and independent deviations.
+//! Distinguishes four time courses of a sensor parameter that varies: random walk, smooth variation, switching between
+//! two levels, and independent deviations.
 //!
-//! A generic hypothesis with the kernel of a random walk explains any slow variation. If this hypothesis has the
-//! largest evidence, the deviation x of the parameter is examined epoch by epoch. An epoch is a rest or a move. After
-//! the parameters of the model are eliminated, the residuals determine x up to their noise:
+//! A generic hypothesis is a variation of a bias or scale that no effect of the catalogue describes. A generic
+//! hypothesis with the kernel of a random walk explains any slow variation. If this hypothesis has the largest
+//! evidence, the deviation x of the parameter in each epoch is examined. An epoch is a rest or a move. After
+//! elimination of the other parameters, the residuals give the following log likelihood of x:
 //!
 //! ```text
 //! log likelihood of x = eta^T x - 1/2 x^T Lambda x + constant
@@ -14,10 +15,11 @@
 //! white       x ~ N(0, a_i^2) in each epoch
 //! ```
 //!
-//! The first three courses also contain white scatter from epoch to epoch. The evidence of each course is maximised
-//! over the sizes. The evidence of a switching course is computed for its most likely states s. It is reduced by the
-//! information, nats, that is needed to describe these states: the number of changes, the epochs of the changes, and
-//! the intermediate state of an epoch that contains a change.
+//! The first three time courses also contain white scatter from epoch to epoch. The evidence of each time course is
+//! maximised over trial values of the sizes a_i and of the white scatter. For the switching time course, only the white
+//! scatter is varied. The evidence of the switching time course is computed for the most likely states s. This evidence
+//! is reduced by the information, nats, that is needed to describe the states: the number of changes, the epochs of the
+//! changes, and the intermediate state of each epoch that contains a change.
 
 use faer::Mat;
 use faer::linalg::solvers::{Llt, Solve};
@@ -36,17 +38,17 @@ use crate::cancellation::checkpoint;
 use crate::error::Error;
 use crate::joint::{Kinds, Prepared, Terms};
 
-/// Another time course replaces the random walk only if its log evidence is larger by more than this number of nats. 8
-/// nats are odds of 3000 to 1.
+/// A smooth or switching time course replaces the random walk only if its log evidence exceeds that of the random walk
+/// and that of independent deviations by more than this number of nats. 8 nats are odds of 3000 to 1.
 const LEAST: f64 = 8.0;
 /// A random walk is reported only if its log evidence exceeds the log evidence of independent deviations by more than
 /// this number of nats. 3 nats are odds of 20 to 1.
 const LEAST_OF_WALK: f64 = 3.0;
-/// Minimum number of epochs to distinguish the time courses.
+/// Minimum number of epochs (rests and moves). With fewer epochs, the time courses are not distinguished.
 const LEAST_EPOCHS: usize = 8;
-/// Trial sizes of the deviation, in multiples of a first estimate for each axis. The estimate contains the noise of an
-/// epoch, so it may be many times too large. For a random walk, the estimate is computed from differences between
-/// consecutive epochs. The steps of the walk are often smaller than the noise of these differences.
+/// Trial sizes of the deviation, in multiples of a first estimate for each axis. The first estimate includes the noise
+/// of the epochs, so it may be many times too large. For a random walk, the first estimate is computed from differences
+/// between consecutive epochs. The steps of the walk are often smaller than the noise of these differences.
 const SIZES: [f64; 10] = [0.025, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 2.0, 4.0];
 /// Trial values of the white scatter from epoch to epoch: its standard deviation in multiples of the typical deviation
 /// of the parameter.
@@ -56,12 +58,12 @@ const LENGTHS: [f64; 4] = [0.025, 0.05, 0.1, 0.2];
 /// Trial states of an epoch: 0 or 1 at one of the two levels, and a value between them if the level switches within the
 /// epoch.
 const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
-/// Maximum number of passes over all epochs in the search for the most likely states.
+/// Maximum number of passes over all epochs in the search for the most likely states of a switching time course.
 const MOST_PASSES: usize = 12;
 
 impl ForwardSearch<'_> {
-    /// Selects the kernel of a variation in time that so far is described as a random walk. `members` are the effects
-    /// in the model.
+    /// Selects the kernel (the time course) of a variation of the sensor parameter `block` that a random walk explains.
+    /// `members` are the effects in the model.
     pub(super) fn course(
         &mut self,
         prepared: &Prepared<'_>,
@@ -77,8 +79,8 @@ impl ForwardSearch<'_> {
         Ok(found?.and_then(|observed| observed.kernel()).unwrap_or(Kernel::RandomWalk))
     }
 
-    /// Information about the deviation in each epoch, from the rests and the rest-to-rest moves. `None` if there are
-    /// too few epochs, or if the fit of the model fails.
+    /// Log likelihood of the deviation in each epoch, from the residuals at the rests and of the gravity directions
+    /// after the moves. `None` if there are too few epochs, or if the fit of the model fails.
     fn observed(
         &self,
         prepared: &Prepared<'_>,
@@ -127,9 +129,8 @@ struct Observed {
 }
 
 impl Observed {
-    /// Kernel of the time course with the largest evidence; `None` for a random walk. The log evidence of a smooth or a
-    /// switching course must exceed the log evidence of the random walk and of independent deviations by more than
-    /// [`LEAST`] nats.
+    /// Kernel of the selected time course; `None` for a random walk. A smooth or switching time course is selected if
+    /// its log evidence exceeds that of the random walk and that of independent deviations by more than [`LEAST`] nats.
     fn kernel(&self) -> Option<Kernel> {
         let end_s = self.epochs.iter().map(|epoch| epoch.time_s).fold(0.0, f64::max);
         let walk = self.best_of(self.steps()?, |a, b| a.time_s.min(b.time_s) / end_s)?;
@@ -180,8 +181,8 @@ impl Observed {
         Some(solved.col_as_slice(0).to_vec())
     }
 
-    /// Largest log evidence of a normal process over all trial sizes and trial scatters. `covariance` is the covariance
-    /// of the process for unit size. The trial sizes are multiples of `sizes`.
+    /// Largest log evidence of a Gaussian process over all trial sizes and trial scatters. `covariance` is the
+    /// covariance of the process for unit size. The trial sizes are multiples of `sizes`.
     fn best_of(&self, sizes: [f64; 3], covariance: impl Fn(&Epoch, &Epoch) -> f64) -> Option<f64> {
         let n = self.epochs.len();
         let unit = Mat::from_fn(n, n, |i, j| {
@@ -213,7 +214,7 @@ impl Observed {
         trials.filter_map(|(size, scatter)| log(size, scatter)).reduce(f64::max)
     }
 
-    /// Log evidence of the most likely switching course, maximised over the trial scatters.
+    /// Log evidence of the switching time course with the most likely states, maximised over the trial scatters.
     fn switching(&self) -> Option<f64> {
         let rms = self.rms()?;
         let size = rms.iter().map(|rms| rms * rms).sum::<f64>().sqrt();
@@ -260,8 +261,8 @@ fn log_determinant(factor: faer::MatRef<'_, f64>) -> f64 {
     2.0 * (0..factor.nrows()).map(|i| factor[(i, i)].ln()).sum::<f64>()
 }
 
-/// Start values of the states. The deviations are projected on their principal direction. Each of three thresholds
-/// divides the projections into the states 0 and 1.
+/// Three lists of start values for the states. The deviations are projected on their principal direction. For each
+/// list, another threshold divides the projections into the states 0 and 1.
 fn starts_of(x: &[f64]) -> Vec<Vec<f64>> {
     let n = x.len() / 3;
     let at = |k: usize| Vector3::new(x[k], x[n + k], x[2 * n + k]);
@@ -304,8 +305,8 @@ impl Scattered {
         Vector3::from_fn(|a, _| self.slope[a * n + k])
     }
 
-    /// Largest log evidence of a switching course with white scatter, relative to white scatter only. One state at a
-    /// time is changed as long as the evidence increases.
+    /// Largest log evidence of a switching time course with white scatter, relative to white scatter only. The search
+    /// changes one state at a time as long as the evidence increases.
     fn most_likely_states(&self, states: &[f64], size: f64) -> f64 {
         let n = states.len();
         let mut states = states.to_vec();

@@ -24,19 +24,19 @@ use crate::recording::Recording;
 /// Minimum log Bayes factor, nats, for an effect to be reported as significant but not confirmed. Such an effect does
 /// not improve the prediction of unseen data. 8 nats are odds of 3000 to 1.
 const CERTAIN_NATS: f64 = 8.0;
-/// Minimum share of chi2 that the effects must remove from at least one kind of residuals of unseen data (data that no
-/// fit used). The limit applies if the fit with the effects is poor, or if residuals of unseen data exceed noise. If
-/// the effects remove a smaller share, unseen data contradict them.
+/// Share of chi2 that the effects must remove from at least one kind of residuals of unseen data (data that no fit
+/// used). If they remove a smaller share, unseen data contradict the effects. The limit applies if the fit with the
+/// effects is poor, or if residuals of unseen data exceed noise.
 const LEAST_REMOVED: f64 = 0.1;
-/// Share of chi2 of unseen data; three tests use it as their threshold. First, if residuals at rest scatter more than
-/// noise, the effects are confirmed only if they remove at least this share of chi2 from one kind of residuals. Second,
-/// if the effects remove at least this share, the residuals that remain do not limit the use of the calibration. Third,
-/// a change of the biases between sessions explains the residuals if a model with this change has a chi2 that is
-/// smaller by more than this share.
+/// Threshold of three tests: a share of chi2 of unseen data. First, if residuals at rest scatter more than noise, the
+/// effects are confirmed only if they remove at least this share of chi2 from one kind of residuals. Second, if the
+/// effects remove at least this share, the residuals that remain do not limit the use of the calibration. Third, a
+/// change of the biases between sessions explains the residuals if a model with this change has a chi2 that is smaller
+/// by more than this share.
 const MOST_REMOVED: f64 = 0.5;
-/// Decrease of chi2 of unseen data, in standard deviations, that confirms the effects even if they remove a smaller
-/// share than [`LEAST_REMOVED`]. This criterion is not used if the fit is poor, or if residuals at rest scatter more
-/// than noise.
+/// Decrease of chi2 of unseen data, in standard deviations of the decrease. A larger decrease confirms the effects even
+/// if they remove a smaller share of chi2 than [`LEAST_REMOVED`]. This criterion is not used if the fit is poor, or if
+/// residuals at rest scatter more than noise.
 const SIGNIFICANT: f64 = 4.0;
 /// Codes of findings that prevent conclusions about effects.
 const FAULTS: [&str; 8] = [
@@ -49,8 +49,8 @@ const FAULTS: [&str; 8] = [
     "rest_not_still",
     "mount_slip",
 ];
-/// Code of a fault, and a share of affected samples, %. If the fault affects a smaller share and noise explains all
-/// residuals, the verdict is not `data_fault`.
+/// Code of a fault, and a limit of the share of affected samples, %. If the share is below the limit and noise explains
+/// all residuals, the fault does not cause the verdict `data_fault`.
 const FEW_PERCENT: [(&str, f64); 2] = [("samples_missing", 0.2), ("samples_duplicated", 0.2)];
 
 /// The conclusion of a search.
@@ -111,7 +111,7 @@ pub struct Contradiction {
     pub after: f64,
 }
 
-/// The verdict, and the findings that led to it.
+/// The verdict, and the results from which the verdict was derived.
 pub(super) struct Judgement {
     pub(super) verdict: Verdict,
     /// Faults of the data; empty unless the verdict is `DataFault`.
@@ -234,8 +234,8 @@ impl Basis<'_> {
         self.path.iter().map(rivals_of).collect()
     }
 
-    /// A contradiction between unseen data and the effects. It exists if the residuals of the fit with effects exceed
-    /// noise and the effects remove too small a share of chi2.
+    /// The contradiction between unseen data and the effects, if there is one. Unseen data contradict the effects if
+    /// residuals of the fit with effects exceed noise and the effects remove too small a share of chi2.
     fn contradiction(&self) -> Option<Contradiction> {
         let Self { search, path, before, after, .. } = self;
         let removed = after.removed(before);
@@ -266,7 +266,7 @@ impl Fit {
     }
 }
 
-/// Whether the fault affects so few samples that it does not disturb the fit.
+/// Whether the fault affects so few samples (see [`FEW_PERCENT`]) that it does not disturb the fit.
 fn are_few(fault: &Finding) -> bool {
     let limit = FEW_PERCENT.iter().find(|(code, _)| *code == fault.code).map_or(0.0, |(_, limit)| *limit);
     fault.severity == Severity::Warning && fault.value < limit

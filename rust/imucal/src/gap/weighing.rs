@@ -13,8 +13,8 @@
 //! model column x additional column. D: additional column x additional column. r: model column x residual. r_own:
 //! additional column x residual. In all these sums, the contribution of a group is divided by its noise scale. The
 //! additional columns are multiplied by the typical sizes of their parameters. If the noise scales maximise the
-//! evidence, this expression is the increase of the maximum evidence. At other noise scales it is an approximation,
-//! which is used to select the prior widths that are evaluated exactly.
+//! evidence of the models with and without the additional columns, this expression is exact. At other noise scales, it
+//! is an approximation that is used only to select the prior widths for which the evidence is then computed exactly.
 
 mod left;
 
@@ -32,10 +32,11 @@ pub(crate) use left::Left;
 /// iteration does not converge, the result of the last round is used.
 const SCALE_ROUNDS: usize = 20;
 /// The iteration ends if an update of the noise scales increases the log evidence by less than this number of nats.
-/// Another fit of the parameters would increase the log evidence by at most 3 % of this threshold.
+/// Another fit of the parameters at the updated noise scales would increase the log evidence by at most 3 % of this
+/// threshold.
 const FORESEEN: f64 = 0.05;
 
-/// An additional column, given by its index in the Gram matrices and the typical size of its parameter.
+/// An additional column: its index in the Gram matrices, and the typical size of its parameter.
 pub(crate) type Aside = (usize, f64);
 
 /// Jacobian columns of a model and additional columns (of candidate effects or hypotheses). All are normalised as
@@ -72,8 +73,8 @@ impl<'a> Columns<'a> {
     pub(super) fn new(gram: &'a Gram, model: &'a [Column], beside: Vec<Aside>) -> Self {
         let faint = |&(place, typical): &Aside| Column { place, precision: typical.powi(-2) * RIDGE, value: 0.0 };
         let columns: Vec<Column> = model.iter().copied().chain(beside.iter().map(faint)).collect();
-        // Columns are normalised. Otherwise, rounding errors of long columns would exceed the squared lengths of short
-        // columns.
+        // Columns are normalised, because rounding errors of long columns would otherwise exceed the squared lengths of
+        // short columns.
         let unit = gram.sizes(&columns).iter().map(|size| 1.0 / size).chain([1.0]).collect();
         Self { gram, model, beside, unit }
     }
@@ -101,8 +102,8 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Computes the matrix `to`, but only its rows from index `from` on. The matrix is the sum over the groups of Gram
-    /// matrix / noise scale, plus the prior precisions of the model.
+    /// Computes the rows of the matrix `to` from row `from` on. The matrix is the sum over the groups of Gram matrix /
+    /// noise scale, plus the prior precisions of the model.
     #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn add_up<S: Simd>(
         &self,
@@ -154,8 +155,8 @@ impl<'a> Weighing<'a> {
 
     /// Evidence of the model with the additional columns. The coefficient of each additional column has a prior, whose
     /// standard deviation is `width` times the typical size of the coefficient. The iteration starts at the noise
-    /// scales of `swept`. The second result is the normal matrix after the elimination, at the converged noise scales.
-    /// `None` if the normal matrix is singular.
+    /// scales of `swept`. The second result is the normal matrix after the elimination of the model's parameters, at
+    /// the converged noise scales. `None` if the normal matrix is singular.
     pub(crate) fn evidence(&self, width: f64, swept: Swept) -> Option<(Evidence, Swept)> {
         Instructions::Best.run(Settle(self, width, swept))
     }
@@ -215,8 +216,9 @@ impl<'a> Weighing<'a> {
                 let theta: Vec<f64> = (0..n).map(|i| offset[i] + delta[i]).collect();
                 let prior: f64 = (0..n).map(|i| precision[i] * theta[i] * theta[i]).sum();
                 let given: f64 = precision.iter().filter(|p| **p > 0.0).map(|p| p.ln()).sum();
-                // The normalisation of the columns cancels in comparisons of models. The lengths of base columns are
-                // equal in all models, and the lengths of other columns cancel between `volume` and `given`.
+                // The normalisation of the columns cancels in comparisons of models, because the lengths of base
+                // columns are equal in all models, and the lengths of other columns cancel between `volume` and
+                // `given`.
                 let evidence = Evidence {
                     log: gain - 0.5 * (held + prior + volume - given),
                     deviance,

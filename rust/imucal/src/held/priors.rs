@@ -1,5 +1,5 @@
-//! Selection of the parameters with a prior: models with fewer free parameters, requests for single parameters, and the
-//! standard deviations of the priors.
+//! Selects the parameters with a prior and the standard deviations of their priors. A parameter gets a prior if the
+//! chosen model ([`ParameterModel`]) does not leave it free, or if a request ([`Hold`]) names it.
 
 use super::{GROUPS, HeldParameter, KnownAccelerometer, PriorSource, Quantity};
 use crate::error::Error;
@@ -14,14 +14,14 @@ const ACCEL_MISALIGNMENT: f64 = 0.01;
 /// misalignment of the gyroscope therefore also contains half the difference of two cross-axis sensitivities of the
 /// accelerometer.
 const GYRO_MISALIGNMENT: f64 = 0.015;
-/// Default standard deviation of a scale as a fraction of the nominal scale. Datasheets specify 3 % (MPU-6050), 1 %
-/// (LSM6DSO, BMI088) and 0.5 % (ICM-42688-P).
+/// Default standard deviation of a scale as a fraction of the nominal scale. Datasheets specify scale tolerances of 3 %
+/// (MPU-6050), 1 % (LSM6DSO, BMI088) and 0.5 % (ICM-42688-P). The default is the largest of them.
 const SCALE: f64 = 0.03;
-/// Default standard deviation of a bias of the accelerometer, m/s^2. Datasheets specify 50 mg (MPU-6050) and 20 mg
-/// (ICM-42688-P, BMI088, LSM6DSO).
+/// Default standard deviation of a bias of the accelerometer, m/s^2. Datasheets specify offsets of 50 mg (MPU-6050) and
+/// 20 mg (ICM-42688-P, BMI088, LSM6DSO). The default corresponds to the larger of them.
 const ACCEL_BIAS: f64 = 0.5;
-/// Default standard deviation of a bias of the gyroscope, rad/s. Datasheets specify 20 deg/s (MPU-6050) and 0.5 to 1
-/// deg/s (ICM-42688-P, BMI088, LSM6DSO).
+/// Default standard deviation of a bias of the gyroscope, rad/s. Datasheets specify offsets of 20 deg/s (MPU-6050) and
+/// 0.5 to 1 deg/s (ICM-42688-P, BMI088, LSM6DSO). The default corresponds to the largest of them.
 const GYRO_BIAS_SIGMA: f64 = 0.35;
 
 /// A choice of the parameters that a calibration estimates without a prior.
@@ -90,8 +90,8 @@ pub struct Priors {
     /// Requests for priors in addition to the priors of `model`. A request replaces the prior of the model for the same
     /// parameter.
     pub hold: Vec<Hold>,
-    /// Standard deviations of priors from the unit's profile. Each entry has the name of a group. It has either one
-    /// value for all parameters of the group, or three values for x, y and z. Biases are in SI units, scales are
+    /// Standard deviations of priors from the unit's profile. Each entry contains the name of a group, and either one
+    /// value for all parameters of the group or three values for x, y and z. Biases are in SI units, scales are
     /// relative, and misalignments are in rad.
     pub profile: Vec<(String, Vec<f64>)>,
     /// An accelerometer that is already calibrated. Its prior replaces all other priors of the accelerometer.
@@ -106,7 +106,8 @@ pub(super) type Nominal = [Option<f64>; 2];
 struct Holdable {
     name: String,
     group: &'static str,
-    /// Index of the axis to which the parameter belongs. It selects the value of a profile with one value per axis.
+    /// Index of the axis to which the parameter belongs. If the unit's profile contains one standard deviation per
+    /// axis, this index selects the standard deviation.
     axis: usize,
     /// Value of the parameter for a sensor without errors, and the default standard deviation of its prior, in SI
     /// units.

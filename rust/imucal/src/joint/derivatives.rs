@@ -78,7 +78,8 @@ const SEEN: f64 = 1e-3;
 /// For each parameter: the error of its column of the Jacobian. It is the largest entry of |column - central
 /// difference|, divided by the largest entry of the column.
 ///
-/// The step of the difference changes a whitened residual by at most one, and an effect by at most its typical size.
+/// The step of the difference changes a whitened residual by at most one, and a parameter of an effect by at most its
+/// typical size.
 fn errors(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Vec<f64> {
     let jacobian = problem.whitened(parameters).unwrap().1;
     let at = |p: usize, step: f64| {
@@ -114,6 +115,7 @@ fn check(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64], tolerance: 
     }
 }
 
+/// Effects that are tested with all kinds of residuals.
 const FEW: [&str; 4] = ["gyro_g_sensitivity", "earth_rate", "accel_scale_temperature", "accel_bias_warmup"];
 
 /// If all effects are zero, the derivatives are exact, except those of the attitudes inside moves relative to the
@@ -201,9 +203,10 @@ fn what_stands_apart_is_whitened_alike() {
 }
 
 /// An effect is computed from the corrected rate and force, which depend on the parameters of the sensors. The Jacobian
-/// neglects this dependence. Its relative error is about the derivative of the effect with respect to the rate and the
-/// force. For a delay or a lever arm of typical size, the error is largest in the columns of the gyroscope sensitivity.
-/// A delay depends on the derivative of the rate, and a lever arm also on the square of the rate.
+/// neglects this dependence. The relative error of the Jacobian is therefore about as large as the derivative of the
+/// effect with respect to the rate and the force. For a delay or a lever arm of typical size, the error is largest in
+/// the columns of the gyroscope sensitivity. A delay depends on the derivative of the rate, and a lever arm also on the
+/// square of the rate.
 #[test]
 fn derivatives_at_an_effect_leave_its_slope_out() {
     for name in [

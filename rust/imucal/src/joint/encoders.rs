@@ -117,8 +117,8 @@ pub(crate) struct Angles {
     columns: Vec<Vector3<f64>>,
 }
 
-/// Count (resolution) of the encoders, rad. It is the smallest change between consecutive samples, and nearly zero for
-/// readings that are not quantised.
+/// Count (resolution) of the encoders, rad. It is the smallest nonzero change between consecutive samples, which is
+/// nearly zero for readings that are not quantised.
 fn count_rad(stand_rad: &[[f64; 3]]) -> f64 {
     let changes = stand_rad.windows(2).flat_map(|w| [0, 1, 2].map(|motor| (w[1][motor] - w[0][motor]).abs()));
     let least = changes.filter(|change| *change > LEAST_COUNT_RAD).fold(f64::INFINITY, f64::min);

@@ -1,8 +1,9 @@
 //! Temperature histories of the recordings of a fit.
 //!
 //! A temperature history contains the lags of the temperature in both sensors, the rate of the temperature, and the
-//! direction of its last change. It is computed from every temperature of a recording, as in the correction of the
-//! recording. It is stored only at nodes, which are some of the samples, and is interpolated linearly between them.
+//! direction of its last change. It is computed from all temperatures of a recording, in the same way as when a
+//! calibration is applied to the recording. It is stored only at nodes, which are some of the samples, and is
+//! interpolated linearly between the nodes.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -15,7 +16,7 @@ use crate::recording::Recording;
 /// interpolation error is at most 2e-4 of its change.
 const NODE_S: f64 = 0.02;
 /// Maximum number of nodes of a recording, which limits the memory of the process. In recordings longer than half an
-/// hour, the nodes are further apart.
+/// hour, the nodes are therefore further apart than `NODE_S`.
 const MOST_NODES: usize = 100_000;
 
 /// Samples of a recording for which user-defined effects and temperature histories are evaluated. A user-defined effect
@@ -97,8 +98,8 @@ impl TemperatureHistories {
     /// unknown.
     pub(super) fn at(&self, Sample { recording, index, count }: Sample) -> Option<TemperatureHistory<f64>> {
         let nodes = self.0.get(recording)?.as_ref()?;
-        // The samples are divided into equal sections of at most one stride. The mean is over the values at their
-        // centres.
+        // The samples are divided into equal sections of at most one stride. The result is the mean of the values at
+        // the centres of the sections.
         let points = count.div_ceil(nodes.stride).max(1);
         let place = |point: usize| index as f64 + (point as f64 + 0.5) * count as f64 / points as f64 - 0.5;
         let mut mean = nodes.at(place(0));

@@ -170,16 +170,17 @@ pub(crate) const STAND_RESTS: usize = 6;
 /// Index of a kind of residuals: attitudes inside the moves relative to the attitudes computed from the stand's encoder
 /// angles.
 pub(crate) const STAND_MOVES: usize = 7;
-/// Index of a kind of residuals: force norms at the second and later epochs (parts) of long rests. They are separate
-/// from the norms at different rests: within one rest, norms scatter only due to the drift of the biases.
+/// Index of a kind of residuals: force norms at the second and later epochs (parts) of long rests. They are a separate
+/// kind. All epochs of a rest have the same attitude, so their norms scatter only due to noise and the drift of the
+/// biases. The norms of different rests also contain model errors that depend on the attitude.
 pub(crate) const EPOCH_NORMS: usize = 8;
 /// Index of a kind of residuals: changes of the gravity direction between the epochs (parts) of a long rest.
 pub(crate) const EPOCH_STEPS: usize = 9;
 /// Index of a kind of residuals: mean rates at the second and later epochs (parts) of long rests, all axes.
 pub(crate) const EPOCH_RATES: usize = 10;
 
-/// Ratio of the computing times per sample of two integrations over a move: with effects or with force blocks inside
-/// the move, and without either (preintegration). The number of threads is computed from this ratio.
+/// Computing time per sample of the integration over a move with effects or with force blocks, in multiples of the time
+/// per sample of the preintegration, which has neither. The number of threads is computed from it.
 const COST: usize = 30;
 
 impl Prepared<'_> {
@@ -195,9 +196,9 @@ impl Prepared<'_> {
             let route = Route { preintegrated, ..self.route(index, attitude, &before, has_blocks) };
             AtMove { pass: route.pass(&model, &evaluated), before, after }
         };
-        // If no effect changes the rate, the rotations of all moves are integrated first, which is fast. They give
-        // the attitude at every rest. The complete integration of the moves, which needs these attitudes, then runs
-        // in parallel.
+        // If all effects are zero, the rotations of all moves are integrated first, which is fast. They give the
+        // attitude at every rest. The complete integration of the moves, which needs these attitudes, then runs in
+        // parallel.
         let goes_ahead = evaluated.adds_nothing();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
@@ -308,7 +309,8 @@ impl Prepared<'_> {
         if let Some((PropagatedMean { mean_s, .. }, error)) = propagated.as_ref().zip(bias_error) {
             // At a hand-held rest, a mean rotation rate was subtracted from the mean rate. It was computed from the
             // gravity directions at the two ends of the rest, which were propagated with an assumed gyroscope bias. The
-            // residual therefore depends on the bias of the model minus the assumed bias (model.md (27)).
+            // residual therefore depends on the difference between the bias of the model and the assumed bias (model.md
+            // (27)).
             let across = Matrix3::identity() - up * up.transpose();
             let turned = sensitivity * across * (2.0 * mean_s / (rest.end_s - rest.start_s));
             residual += turned * error.value;

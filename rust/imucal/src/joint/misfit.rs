@@ -157,6 +157,7 @@ impl Joint<'_> {
 struct Parts {
     /// Length of each column of the whitened Jacobian before scaling.
     size: Vec<f64>,
+    /// Indices of the Jacobian columns that are not zero.
     kept: Vec<usize>,
     /// Whitened residuals of force norms at rests, directions after moves, and mean rates at rests. Their errors are
     /// correlated before whitening. The first columns are the columns of the Jacobian, scaled to length one. The last

@@ -20,15 +20,16 @@
 //! base parameters, model.md (6).
 //!
 //! For smooth motion, the integration error decreases with the fourth power of the sampling interval. Linear
-//! interpolation between samples neglects the curvature of the rate, and would give only the second power. Its errors
-//! add up to zero over a move only if the axis of the rotation is fixed.
+//! interpolation between samples would neglect the curvature of the rate, and its error would decrease only with the
+//! second power. The errors of linear interpolation add up to zero over a move only if the axis of the rotation is
+//! fixed.
 //!
 //! The derivative d neglects that the effects depend on the rate, which depends on the parameters. For most effects,
-//! this changes d by less than 1 % (exceptions: model.md (17)). The residuals do not contain this approximation. The
-//! derivative of the force with respect to the accelerometer parameters is evaluated at the propagated gravity instead
-//! of the sampled force. Evaluated at the sampled force, this column of the Jacobian would contain the noise of the
-//! residual. A linear combination of this column and a noise-free column could then fit this noise
-//! (docs/decisions/0022).
+//! this changes d by less than 1 % (exceptions: model.md (17)). The residuals themselves are computed without this
+//! approximation. The derivative of the force with respect to the accelerometer parameters is evaluated at the
+//! propagated gravity instead of the sampled force. Evaluated at the sampled force, this column of the Jacobian would
+//! contain the noise of the residual. A linear combination of this column and a noise-free column could then fit this
+//! noise (docs/decisions/0022).
 
 mod attitude_jacobian;
 mod corrected;
@@ -73,7 +74,7 @@ pub(crate) struct Pass {
     pub(super) attitudes: Vec<Matrix3<f64>>,
 }
 
-/// Effects of a model, grouped for the integration of all moves.
+/// Effects of a model, prepared for the integration over moves.
 pub(crate) struct EvaluatedTerms<'a> {
     terms: &'a Terms<'a>,
     /// Effects with at least one nonzero parameter.

@@ -51,8 +51,8 @@ impl<'a> Joint<'a> {
         Self::with(prepared, terms, linear, weights)
     }
 
-    /// The problem with weights from noise only. `linear` contains the residuals and derivatives from which it is
-    /// computed.
+    /// The problem with weights from noise only. `linear` contains the residuals and derivatives from which the weights
+    /// are computed.
     pub(crate) fn of_noise(
         prepared: &'a Prepared<'a>,
         terms: &'a Terms<'a>,
@@ -270,8 +270,8 @@ impl<'a> Joint<'a> {
         let (head, groups) = (linear.lines.len(), linear.groups());
         let count = if self.terms.kinds.encoders { groups.stand_moves.end } else { groups.inside.start };
         let mut rows = Lanes::zeros(n, count);
-        // Zeroing a matrix of several hundred megabytes takes some tenths of a second, so a cancellation is checked
-        // here.
+        // Zeroing a matrix of several hundred megabytes takes some tenths of a second. Afterwards, `checkpoint` ends
+        // the calculation if it has been cancelled.
         checkpoint();
         for (row, line) in linear.lines.iter().enumerate() {
             let to = rows.row_mut(row);

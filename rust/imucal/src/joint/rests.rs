@@ -1,9 +1,9 @@
 //! Quantities of the rests at given parameters: the mean force, the gravity direction at both ends of each move, and
 //! the change of the mean rate by the effects.
 //!
-//! The true rate at rest is zero, so the effects on the force are solved first, by fixed-point iteration. The effects
-//! on the rate are then evaluated once. No catalogue effect on the force depends on the attitude, which a test of the
-//! catalogue verifies.
+//! The true rate at rest is zero, so the force does not depend on the effects on the rate. The force is computed first,
+//! by fixed-point iteration with the effects on the force. The effects on the rate are then evaluated once. No
+//! catalogue effect on the force depends on the attitude, which a test of the catalogue verifies.
 
 use std::sync::Arc;
 
@@ -43,7 +43,7 @@ pub(super) struct Rests<'a> {
     on_force: Terms<'a>,
     on_rate: Terms<'a>,
     /// For each rest: the temperature and time on which effects depend, and the derivatives of the force with respect
-    /// to the parameters of the effects. The derivatives of effects that depend on the force itself are not contained.
+    /// to the parameters of the effects. The derivatives of effects that depend on the force itself are not included.
     stills: Vec<(Still, Vec<Vector3<f64>>)>,
     /// Mean force at each rest.
     pub(super) forces: Vec<Force>,
@@ -154,9 +154,9 @@ impl<'a> Rests<'a> {
         [self.end(from, before, true), self.end(to, after, false)]
     }
 
-    /// Gravity direction at the last sample (`at_end`) or at the first sample of a rest. At a hand-held rest, the
-    /// direction was propagated with a preliminary gyroscope bias. It is corrected here to the bias of the model
-    /// (model.md (27)).
+    /// Gravity direction at the last sample of a rest if `at_end` is true, otherwise at its first sample. At a
+    /// hand-held rest, the direction was propagated with a preliminary gyroscope bias. It is corrected here to the bias
+    /// of the model (model.md (27)).
     fn end(&self, rest: usize, end: &End, at_end: bool) -> Arc<EndDirection> {
         let of_mean = end.steady.then(|| Arc::clone(&self.forces[rest].direction));
         let mut direction = of_mean.unwrap_or_else(|| self.force(rest, &end.raw).direction);

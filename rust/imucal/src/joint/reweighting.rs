@@ -2,20 +2,21 @@
 //!
 //! Each fit gives the excess of its residuals over noise, and this excess determines the weights of the next fit. Plain
 //! repetition has two defects. First, the weights may alternate. An excess near the significance limit is significant
-//! after a fit with weights from noise only. The next weights contain the excess, and after the next fit it is not
-//! significant. Second, if residuals of two kinds determine the same parameter, the excess converges slowly, by a
-//! constant factor per fit.
+//! after a fit with weights from noise only. The next weights contain the excess. After the fit with these weights, the
+//! excess is not significant, so the weights are from noise only again. Second, if residuals of two kinds determine the
+//! same parameter, the excess converges slowly, by a constant factor per fit.
 
 use super::problem::Joint;
 use super::weights::{FACTORS, WIDENINGS, Widened, Widening};
 use crate::error::Error;
 use crate::numerics::lsq::Solution;
 
-/// Number of fits after which the weights are extrapolated. The first fits have preliminary weights. Most runs converge
-/// within two or three further fits without extrapolation.
+/// Number of fits after which the weights are extrapolated. Weights from the first fits are not extrapolated, because
+/// they are preliminary. Most runs converge within two or three further fits without extrapolation.
 const EXTRAPOLATE_AFTER: usize = 3;
-/// Largest extrapolation of the logarithm of an excess, in multiples of its last change. If all changes have the ratio
-/// r, the remaining changes add up to r / (1 - r) times the last change, which is 10 for r = 10/11.
+/// Largest extrapolation of the logarithm of an excess, in multiples of its last change. If each change is r times the
+/// previous change, all further changes add up to r / (1 - r) times the last change. This is 10 times the last change
+/// for r = 10/11.
 const LARGEST_STEP: f64 = 10.0;
 
 /// State of the iteration over the weights.

@@ -5,11 +5,12 @@
 //! ```
 //!
 //! r are the residuals of the mean rates on one axis. Their noise is independent, with the covariance N. The excess
-//! scatter is modelled by a covariance s C that is added to N. C is an assumed covariance of the excess between rests,
-//! up to a factor: the identity, or the covariance of bias instability. Lambda contains the eigenvalues lambda_i of
-//! `N^-1/2 C N^-1/2`, and Q its eigenvectors. The factor s is chosen so that chi2 equals its degrees of freedom `free`
-//! (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). Each candidate matrix C, with its own s, gives the same chi2. The
-//! likelihood is therefore largest for the candidate with the smallest `sum_i ln(1 + s lambda_i)`.
+//! scatter is modelled by a covariance s C that is added to N. C is an assumed covariance of the excess at all rests,
+//! up to a factor. It is either the identity or the covariance that bias instability causes. Lambda contains the
+//! eigenvalues lambda_i of `N^-1/2 C N^-1/2`, and Q its eigenvectors. The factor s is chosen so that chi2 equals its
+//! degrees of freedom `free` (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). Each candidate matrix C, with its own
+//! s, gives the same chi2. The likelihood is therefore largest for the candidate with the smallest
+//! `sum_i ln(1 + s lambda_i)`.
 
 use faer::Mat;
 
@@ -21,8 +22,8 @@ pub(super) struct Scatter {
     lambda: Vec<f64>,
 }
 
-/// Simultaneous diagonalisation of the noise covariance N and of the assumed covariance C of the excess: the
-/// eigenvectors and eigenvalues of `N^-1/2 C N^-1/2`.
+/// Eigenvectors and eigenvalues of `N^-1/2 C N^-1/2`, for the noise covariance N and the assumed covariance C of the
+/// excess. They diagonalise N and C simultaneously.
 pub(crate) struct Modes {
     sigma: Vec<f64>,
     directions: Mat<f64>,
@@ -52,7 +53,7 @@ impl Modes {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Excess {
     /// Factor s. The covariance `s C` is added to the covariance of the noise, where C is the assumed covariance of the
-    /// excess between rests, up to a factor.
+    /// excess at all rests, up to a factor.
     pub(super) variance: f64,
     /// Value of `sum_i ln(1 + s lambda_i)`. Among several candidates C, the one with the smallest value has the largest
     /// likelihood.
@@ -60,8 +61,8 @@ pub(super) struct Excess {
 }
 
 impl Scatter {
-    /// Scatter for the candidate C = identity: an excess that is independent between rests and has the same variance at
-    /// all rests.
+    /// Scatter for the candidate C = identity. The excess is then independent from rest to rest and has the same
+    /// variance at all rests.
     pub(super) fn from_rest_to_rest(residuals: &[f64], variances: &[f64]) -> Self {
         let squares = residuals.iter().zip(variances).map(|(r, v)| r * r / v).collect();
         Self { squares, lambda: variances.iter().map(|v| 1.0 / v).collect() }

@@ -75,8 +75,8 @@ pub(super) struct Still {
 
 impl Terms<'_> {
     /// True force at a rest, m/s^2. `columns` contains the derivatives of the force with respect to the parameters of
-    /// the effects. On entry, only those of effects that do not depend on the force are known. The others are computed
-    /// here.
+    /// the effects. On entry, `columns` must already contain the derivatives for effects that do not depend on the
+    /// force. The derivatives for all other effects are computed here.
     pub(super) fn force_at_rest(
         &self,
         values: &[f64],
@@ -98,8 +98,8 @@ impl Terms<'_> {
 
     /// Computes the derivatives of the sensor readings with respect to the parameters (`columns`) at the given force
     /// and attitude, averaged over a rest, for the effects that `is_asked` selects. If the derivatives of an effect are
-    /// constant during a rest, they are evaluated only for the first part of the rest. Those of a user-defined effect
-    /// are averaged over the samples of the rest.
+    /// constant during a rest, they are evaluated only for the first part of the rest. The derivatives of a
+    /// user-defined effect are averaged over the samples of the rest.
     pub(super) fn mean_columns(
         &self,
         values: &[f64],

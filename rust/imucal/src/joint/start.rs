@@ -105,7 +105,8 @@ pub(crate) struct Prior {
 
 impl Prior {
     /// Updates the width of the prior from the estimated parameters and their covariance. Repeated updates maximise the
-    /// evidence (model.md (23)). If the data hardly determine the effect, the width stays unchanged.
+    /// evidence (marginal likelihood, model.md (23)). If the data hardly determine the effect, the width stays
+    /// unchanged.
     pub(super) fn widen(&mut self, parameters: &[f64], covariance: &Mat<f64>) {
         let (mut square, mut seen) = (0.0, 0.0);
         for (k, typical) in self.typical.iter().enumerate() {
@@ -129,8 +130,9 @@ pub(crate) struct ShapePrior {
 
 impl ShapePrior {
     /// Standard deviation of the logarithm of the time constant. It is ln 10, so values up to a factor of 10 above or
-    /// below the centre are plausible. An effect with a time constant far longer than the recording acts as a drift. An
-    /// effect with a time constant far shorter than the first rest changes no rest.
+    /// below the centre are plausible. The prior is needed because the data do not determine an extreme time constant.
+    /// If the time constant is far longer than the recording, the effect acts as a drift. If it is far shorter than the
+    /// first rest, the effect changes no rest.
     const WIDTH: f64 = std::f64::consts::LN_10;
 
     /// Residual of the prior at a value of the time constant, in standard deviations of the prior, and the derivative

@@ -5,11 +5,11 @@
 //! seen = true + sum_c Phi_c(true) theta_c,   true = seen - sum_c Phi_c(true) theta_c        model.md (15), (16)
 //! ```
 //!
-//! `seen` is the rate or force that follows from the reading without correction of the effects, and `true` is the true
-//! rate or force. The column Phi_c is the derivative of the sensor reading, before multiplication by the sensitivity T,
-//! with respect to the parameter theta_c. The parameters of a term are consecutive in the parameter vector. The last
-//! parameter may be a nonlinear shape parameter, for example a time constant. The column of a shape parameter is
-//! `d(Phi theta)/d(shape)`.
+//! `seen` is the rate or force computed from the reading with the sensitivity and the bias only, without the effects.
+//! `true` is the true rate or force. The column Phi_c is the derivative of the sensor reading, before multiplication by
+//! the sensitivity T, with respect to the parameter theta_c. The parameters of a term are consecutive in the parameter
+//! vector. The last parameter may be a nonlinear shape parameter, for example a time constant. The column of a shape
+//! parameter is `d(Phi theta)/d(shape)`.
 
 use std::borrow::Cow;
 

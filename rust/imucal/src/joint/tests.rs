@@ -1,4 +1,4 @@
-//! Tests that a simulated effect without noise is either estimated correctly or refused with the reason.
+//! Tests that an effect in simulated data without noise is either estimated correctly or refused with the reason.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::effects::{Effect, EffectSet, EffectValues, State, Surroundings};
@@ -103,7 +103,7 @@ fn estimate(run: &Run, effect: &'static Effect<f64>, full: bool) -> Result<Outco
 }
 
 /// Largest error of the linear parameters divided by the largest parameter, and the relative error of the shape
-/// parameter.
+/// parameter (a time constant).
 fn errors(outcome: &Outcome, truth: &EffectValues<f64>) -> (f64, f64) {
     let found = &outcome.effects[0];
     let size = truth.values().iter().fold(0.0, |largest: f64, v| largest.max(v.abs()));
@@ -125,9 +125,9 @@ fn effects_come_back() {
     }
 }
 
-/// At rest, the squares of the three force components add up to g^2. Three of the nine directions of the effect are
-/// therefore equivalent to a bias. Only forces with a norm other than g would distinguish these directions, and a stand
-/// does not produce such forces.
+/// At rest, the squares of the three force components add up to g^2. Three linear combinations of the nine parameters
+/// of the effect are therefore equivalent to a bias. Only forces with a norm other than g would distinguish these
+/// combinations from a bias, and a stand does not produce such forces.
 #[test]
 fn what_a_stand_does_not_show_is_refused_with_the_reason() {
     let effect = Effect::find("gyro_g2_sensitivity").unwrap();
@@ -170,8 +170,8 @@ fn require_good_with_one_changed_axis(change: impl Fn(&mut Simulation, usize)) {
     }
 }
 
-/// The rounding error of one coarse axis cancels between the norm and the gravity direction of a rest, but only if both
-/// contain it with the same factor.
+/// One axis of the accelerometer is quantised coarsely. Its rounding error affects the norm and the gravity direction
+/// of a rest. The whitening removes this common error only if both residuals contain it with the same factor.
 #[test]
 fn one_coarse_accelerometer_axis_leaves_a_good_fit() {
     for step in [0.1, 0.2, 0.3] {

@@ -5,10 +5,11 @@
 //! covariance of b(t), b(s), up to a constant:   -B^2/pi ln |t - s|  -  K^2/2 |t - s|
 //! ```
 //!
-//! b is the bias of one axis, t and s are times, B is the bias instability, and K is the random walk of the axis. A
-//! large B can be estimated from the scatter of the mean rates. A smaller B, and any K, can only be given in the unit's
-//! profile. The estimated bias parameter is the mean over the recording. The bias in a move is the mean of the biases
-//! at the adjacent rests.
+//! b is the bias of one axis, t and s are times, B is the bias instability, and K is the random walk of the axis. The
+//! covariance of b(t) and b(s) is defined up to an additive constant. This constant cancels in C_kl, because b is
+//! measured from its mean over the recording. A large B can be estimated from the scatter of the mean rates. A smaller
+//! B, and any K, can only be given in the unit's profile. The estimated bias parameter is the mean over the recording.
+//! The bias in a move is the mean of the biases at the adjacent rests.
 
 use std::f64::consts::PI;
 
@@ -25,8 +26,8 @@ pub(super) const MOST_ROWS: usize = 6000;
 pub(crate) enum Wander {
     /// The biases are constant. Excess scatter of the mean rates is then modelled as independent from rest to rest.
     Constant,
-    /// The bias instability of the gyroscope is estimated from the mean rates. It is used if it explains their scatter
-    /// with a larger likelihood than errors that are independent from rest to rest.
+    /// The bias instability of the gyroscope is estimated from the mean rates. It is used if the scatter of the mean
+    /// rates has a larger likelihood with bias instability than with errors that are independent from rest to rest.
     Seen,
     Known(UnitWander),
 }
@@ -57,8 +58,8 @@ pub struct UnitWander {
 }
 
 impl UnitWander {
-    /// Gyroscope with these bias instabilities in rad/s. Its random walk is zero, and the biases of the accelerometer
-    /// are constant.
+    /// Bias variation of a unit whose gyroscope has these bias instabilities, rad/s. The random walk of the gyroscope
+    /// is zero, and the biases of the accelerometer are constant.
     pub(crate) fn of_gyroscope(bias_instability: [f64; 3]) -> Self {
         let none = BiasWander { bias_instability: [0.0; 3], random_walk: [0.0; 3] };
         Self { accelerometer: none, gyroscope: BiasWander { bias_instability, ..none } }
@@ -97,7 +98,8 @@ impl BiasWander {
         -b * b / PI * flicker - k * k / 12.0 * lag_s.powi(3)
     }
 
-    /// Covariance of the mean bias over the time interval `[a, b]` and the mean bias over `[c, d]`, up to a constant.
+    /// Covariance of the mean bias over the time interval `[a, b]` and the mean bias over `[c, d]`, up to an additive
+    /// constant.
     fn covariance(&self, axis: usize, [a, b]: [f64; 2], [c, d]: [f64; 2]) -> f64 {
         let g = |lag_s: f64| self.integrated(axis, lag_s);
         (g(d - a) - g(c - a) - g(d - b) + g(c - b)) / ((b - a) * (d - c))

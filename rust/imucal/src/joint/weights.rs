@@ -1,9 +1,11 @@
 //! Weights of the residuals of the joint fit (model.md (19)).
 //!
 //! White noise is estimated from the rests of the recording. If residuals scatter significantly more than noise
-//! explains, the excess is estimated from the residuals. The excess of mean rates is modelled as a covariance between
-//! rests. The excess of other residuals is modelled as one factor per kind: force norms at rests, gravity directions
-//! after moves, force inside moves, residuals relative to the stand.
+//! explains, the excess is estimated from the residuals. For the mean rates, the excess is a covariance that is added
+//! to the covariance of their noise. It describes either errors that are independent from rest to rest or a varying
+//! bias. For all other residuals, the excess is a factor on their standard deviations. There is one factor for each
+//! kind of residuals: force norms at rests, gravity directions after moves, force inside moves, and residuals relative
+//! to the stand.
 
 mod whiten;
 mod widening;
@@ -64,8 +66,9 @@ impl Weights {
         Self::with(prepared, terms, linear, &Widening::of(prepared, linear, None, None))
     }
 
-    /// Excess of the residuals over noise after the fit `found`, which had these weights and ended at `linear`. For the
-    /// kinds of residuals in `kept`, the standard deviations are increased even if the excess is not significant.
+    /// Excess of the residuals over noise after the fit `found`, which used these weights. `linear` contains the
+    /// residuals at the end of this fit. For the kinds of residuals in `kept`, the standard deviations are increased
+    /// even if the excess is not significant.
     pub(super) fn excess(
         &self,
         prepared: &Prepared<'_>,
@@ -134,14 +137,14 @@ impl Weights {
         self.widening.bias_instability
     }
 
-    /// Excess variance of the mean rates between the epochs (parts) of a long rest. It is the part that noise does not
-    /// explain, for each axis, squared raw units.
+    /// Excess variance of the mean rates between the epochs (parts) of a long rest. It is the part of their variance
+    /// that noise does not explain, for each axis, squared raw units.
     pub(crate) fn epoch_rates(&self) -> [f64; 3] {
         self.widening.epoch_rates
     }
 
     /// Ratio of scatter to noise that the weights assume, for each kind of residuals. The last value is for the mean
-    /// rates. It is the largest ratio over all rests and axes.
+    /// rates: the largest ratio over all rests and axes.
     pub(crate) fn times_noise(&self, prepared: &Prepared<'_>) -> [f64; 7] {
         let Scales { norms, moves, inside, stand_rests, stand_moves, epochs } = self.widening.scales;
         let mut rates = 1.0f64;
@@ -231,8 +234,8 @@ fn reading_variance(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     prepared.encoders.as_ref().map_or(0.0, variance) * scales.stand_moves * scales.stand_moves
 }
 
-/// Covariance of the mean gyroscope biases at the rests that the fit uses, for unit bias instability. The second and
-/// later epochs (parts) of long rests are omitted. `None` if there are too many residuals to factorise their
+/// Covariance of the mean gyroscope biases at the rests that the fit uses, for a bias instability of size one. The
+/// second and later epochs (parts) of long rests are omitted. `None` if there are too many residuals to factorise their
 /// covariance.
 pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
     let is_later = |k: usize| prepared.rests[k].is_later_epoch();

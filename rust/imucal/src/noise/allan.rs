@@ -31,7 +31,7 @@ pub fn octave_factors(samples: usize) -> Vec<usize> {
 }
 
 /// Averaging times in samples, about four per octave: 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 13, 16, ..., up to half of
-/// `samples`. So many points show the slopes in an Allan plot.
+/// `samples`. This number of points is sufficient to show the slopes in an Allan plot.
 pub fn quarter_octave_factors(samples: usize) -> Vec<usize> {
     let mut factors: Vec<usize> = octave_factors(samples)
         .into_iter()

@@ -20,9 +20,9 @@ pub(super) const MISFIT: f64 = 5.0;
 /// Quantisation noise is included in the model if it increases 2 ln L by more than this value, where L is the
 /// likelihood. If the record contains no quantisation noise, the probability of such an increase is 0.001.
 const QUANTISATION_GAIN: f64 = 10.83;
-/// Numbers of octaves to omit below half the sampling rate if a filter has changed the noise there. They are tried in
-/// this order. The spectrum is computed in stages of five octaves. Missing power at high frequencies changes all
-/// cosines of a stage, because a window of 32 values has wide side lobes. Therefore one or two complete stages are
+/// Numbers of octaves to omit below half the sampling rate if a filter has changed the noise there. The numbers are
+/// tried in this order. The spectrum is computed in stages of five octaves. Missing power at high frequencies changes
+/// all powers of a stage, because a window of 32 values has wide side lobes. Therefore one or two complete stages are
 /// omitted (5 or 10 octaves). The first octave of the next stage is also omitted, because its values are means of
 /// filtered noise.
 const FILTERED: [u32; 2] = [6, 11];
@@ -172,8 +172,9 @@ struct Model {
 }
 
 impl Model {
-    /// Model with white noise, bias instability and random walk. Quantisation is included if it is significant. The
-    /// highest octaves are omitted if the model then agrees with all other octaves.
+    /// Model with white noise, bias instability and random walk. Quantisation is included if it is significant. If the
+    /// model deviates from the power of an octave, the highest octaves are omitted, provided that the model then agrees
+    /// with all other octaves.
     fn of(powers: &[Power], rounding: f64) -> Self {
         let whole = Self::above(powers, rounding, 0);
         if whole.misfit.abs() <= MISFIT {

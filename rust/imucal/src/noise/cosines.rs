@@ -19,11 +19,13 @@ use std::f64::consts::PI;
 use super::power_law::{KINDS, PerKind, mean_covariance};
 use crate::cancellation::checkpoint;
 
+/// Number W of values in a window, in every stage except the last.
 const WINDOW: usize = 32;
 const HALF: usize = WINDOW / 2;
+/// A record of fewer values than this is transformed as one window, which is the last stage.
 const LAST_WINDOW: usize = 2048;
-/// Number of windows that are transformed between two tests whether the calculation is cancelled. So many windows take
-/// less than a millisecond.
+/// After this number of windows, the transform tests whether the calculation was cancelled. This number of windows
+/// takes less than a millisecond.
 const WINDOWS_PER_CHECKPOINT: usize = 1024;
 /// Relative width of the frequency bands over which the powers of the last window are averaged.
 const POOLED_SHARE: f64 = 0.03;
@@ -132,10 +134,10 @@ pub(super) fn pooled(squares: &[f64], expected: &[PerKind], length: f64) -> Vec<
     powers
 }
 
-/// Expectation of the squared cosine z_j^2 of a window of W values, for j = 1 to W - 1:
-/// `c_0 + (2 / W) sum over d of c_d ((W - d) cos(a d) - sin(a d) / sin(a))` with d = 1 to W - 1 and a = pi j / W. c_d
-/// is the covariance of two means over `length` samples whose positions differ by d means. Adding a constant to all c_d
-/// does not change the result.
+/// Expectation of the squared cosine z_j^2 of a window of W values, for j = 1 to W - 1: `c_0 + (2 / W) sum over d of
+/// c_d ((W - d) cos(a d) - sin(a d) / sin(a))` with d = 1 to W - 1 and a = pi j / W. Each value of the window is a mean
+/// over `length` samples, and c_d is the covariance of two values of the window whose indices differ by d. Adding a
+/// constant to all c_d does not change the result.
 pub(super) fn expected_powers(length: f64, width: usize) -> Vec<PerKind> {
     let covariance: Vec<PerKind> = (0..width).map(|d| mean_covariance(length, d as f64)).collect();
     let table: Vec<(f64, f64)> = (0..2 * width).map(|k| (PI * k as f64 / width as f64).sin_cos()).collect();

@@ -13,7 +13,7 @@
 //! time. The next component is the one with the largest difference gain - penalty. The gain is the increase of 2 ln L,
 //! where L is the likelihood. The penalty accounts for the number of trial shapes. After each addition, all amplitudes
 //! and the noise parameters are estimated again. The search ends if gain - penalty < 16, because noise then explains
-//! the rest of the record.
+//! the remaining changes of the mean.
 
 mod search;
 
@@ -32,7 +32,8 @@ const MIN_BLOCKS: usize = 64;
 /// Time constants of a warm-up that the search tries, as multiples of the duration of the record. The last one is so
 /// long that the mean changes at a constant rate.
 const TIME_CONSTANTS: [f64; 9] = [0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2, 2.5, LINEAR];
-/// Time constant / duration of the record for a warm-up whose rate of change is practically constant.
+/// Ratio of the time constant to the duration of the record, for a warm-up whose rate of change is practically
+/// constant.
 const LINEAR: f64 = 1e3;
 /// Maximum duration of a change that counts as a step, s. After a bump, a unit settles within this time. No unit warms
 /// up so fast.

@@ -61,15 +61,16 @@ fn combine(terms: &[(f64, f64)], divisor: f64) -> PerKind {
     sum
 }
 
-/// For each kind of noise with the parameter one: the covariance of two means over `length` samples whose positions
-/// differ by `lag` means, up to a constant.
+/// For each kind of noise with the parameter one: the covariance of two means, each over `length` samples. The second
+/// mean starts `lag` x `length` samples after the first. An additive constant, which is the same for all lags, is
+/// omitted.
 pub(super) fn mean_covariance(length: f64, lag: f64) -> PerKind {
     let at = |d: f64| (lag + d) * length;
     combine(&[(-1.0, at(1.0)), (2.0, at(0.0)), (-1.0, at(-1.0))], length * length)
 }
 
-/// For each kind of noise with the parameter one: the covariance of two quantities whose positions differ by `lag`
-/// samples. Each quantity is the difference of two consecutive means over `factor` samples.
+/// For each kind of noise with the parameter one: the covariance of two differences that are `lag` samples apart. Each
+/// difference is that of two consecutive means over `factor` samples.
 fn difference_covariance(factor: f64, lag: f64) -> PerKind {
     let at = |d: f64| lag + d * factor;
     combine(&[(1.0, at(-2.0)), (-4.0, at(-1.0)), (6.0, at(0.0)), (-4.0, at(1.0)), (1.0, at(2.0))], factor * factor)
@@ -87,9 +88,9 @@ pub(super) fn allan_variance(parameters: &PerKind, factor: usize) -> f64 {
 /// ```
 ///
 /// E and Var are the expectation and the variance of the estimated Allan variance, which is computed from n differences
-/// between consecutive means. c_h is the covariance of two of these differences at a distance of h differences. For
-/// factors of 128 and above, only every (factor / 64)-th difference is used. The other differences are so strongly
-/// correlated with these that they add no information.
+/// between consecutive means. c_h is the covariance of two of these differences whose indices differ by h. `factor` is
+/// the averaging time in samples. If it is 128 or more, only every (`factor` / 64)-th difference is used. The omitted
+/// differences are so strongly correlated with the used ones that they add no information.
 pub(super) fn degrees_of_freedom(parameters: &PerKind, factor: usize, samples: usize) -> f64 {
     const PER_WINDOW: usize = 64;
     /// Distance beyond which the differences of consecutive means count as independent, in averaging times. The

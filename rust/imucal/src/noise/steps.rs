@@ -13,8 +13,8 @@ use crate::recording::Recording;
 
 /// Margin that is cut out before and after a step, s. The unit may still move within this margin.
 const MARGIN_S: f64 = 1.0;
-/// Number of blocks before a step, and number of blocks after it, from whose samples the exact sample of the step is
-/// determined.
+/// The exact sample of a step is determined from the samples in this number of blocks before the step, and in as many
+/// blocks after it.
 const NEAR_BLOCKS: usize = 8;
 
 /// A step of the mean reading of a unit at rest, for example after a bump against the table.

@@ -1,5 +1,5 @@
-//! Cholesky factor, products and triangular systems of large dense matrices, block by block. Between two blocks, a
-//! cancelled calculation ends.
+//! Cholesky factor, products and triangular systems of large dense matrices, computed block by block. If the user
+//! cancels the calculation, it ends between two blocks.
 
 use faer::linalg::matmul::matmul;
 use faer::reborrow::ReborrowMut;
@@ -7,8 +7,8 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use crate::cancellation::checkpoint;
 
-/// Number of rows or columns of a block. With 6000 rows, the computation of a block takes some tens of milliseconds,
-/// after which a cancelled calculation ends.
+/// Number of rows or columns of a block. With 6000 rows, the computation of a block takes some tens of milliseconds. A
+/// cancelled calculation ends within this time.
 const BLOCK: usize = 256;
 
 /// Lower Cholesky factor of a symmetric matrix, of which only the lower triangle is read. `None` if the matrix is not

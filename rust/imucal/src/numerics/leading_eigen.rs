@@ -10,8 +10,8 @@ use crate::numerics::blocked::product;
 /// Maximum number of rows of a matrix of which all eigenvalues are computed, which takes some tens of milliseconds.
 /// Larger matrices are decomposed by subspace iteration.
 const WHOLE: usize = 300;
-/// Dimension of the iterated subspace / number of requested eigenvectors. With a larger subspace, fewer iterations are
-/// needed, but each iteration is slower.
+/// Ratio of the dimension of the iterated subspace to the number of requested eigenvectors. With a larger subspace,
+/// fewer iterations are needed, but each iteration is slower.
 const BESIDE: usize = 3;
 /// The iteration ends if |A u - s u| is below this share of the largest eigenvalue, for all requested pairs of an
 /// eigenvalue s and an eigenvector u.

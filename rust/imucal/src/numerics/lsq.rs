@@ -35,8 +35,8 @@ pub enum Termination {
     NotFinite,
     /// The fit is repeated with updated weights of the residuals, and the weights still changed in the last repetition.
     WeightsNotSettled,
-    /// The field of a user-defined effect (the derivatives of the error with respect to its parameters) depends on the
-    /// calibration. These derivatives still changed in the last repetition of the fit.
+    /// The field of a user-defined effect (the derivatives of the sensor error with respect to the parameters of the
+    /// effect) depends on the calibration. These derivatives still changed in the last repetition of the fit.
     FieldsNotSettled,
 }
 
@@ -72,12 +72,13 @@ impl Solution {
     }
 }
 
-/// The fit of a final result has converged if |D h| <= this limit x |D p|, where h is the last step and p the vector of
-/// parameters. The diagonal matrix D scales each parameter by the norm of its column of the Jacobian. If the model
-/// describes the data, the remaining error is smaller than the last step by orders of magnitude.
+/// Tolerance of a fit that gives a final result. Such a fit has converged if |D h| <= tolerance x |D p|, where h is the
+/// last step and p the vector of parameters. The diagonal matrix D scales each parameter by the norm of its column of
+/// the Jacobian. If the model describes the data, the remaining error is smaller than the last step by orders of
+/// magnitude.
 pub(crate) const EXACT: f64 = 1e-10;
-/// A fit that only gives a start value has converged if the relative length of the step (see [`EXACT`]) is below this
-/// limit.
+/// Tolerance of a fit that only gives a start value: the limit of the relative length |D h| / |D p| of the last step
+/// (see [`EXACT`]).
 pub(crate) const ROUGH: f64 = 1e-3;
 /// Maximum number of iterations of a fit. It is far above the number that a convergent fit needs.
 pub(crate) const ITERATION_LIMIT: u64 = 200;

@@ -10,9 +10,9 @@ use crate::numerics::stats::{MEDIAN_SIZE, median};
 /// 1.3e-6 (two residuals).
 const LIMIT: f64 = 5.2;
 
-/// Score of each rest or move: the norm of its residuals in a fit without this rest or move, each divided by its
-/// standard deviation. Each rest or move has `size` consecutive residuals, which are rows of `residuals` and of
-/// `jacobian`.
+/// Score of each rest or move: the norm of the residuals that it has in a fit without this rest or move. Each residual
+/// is divided by its standard deviation. Each rest or move has `size` consecutive residuals, which are rows of
+/// `residuals` and of `jacobian`.
 pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usize) -> Vec<f64> {
     let hat_rows = lsq::leverages(jacobian);
     (0..residuals.nrows() / size)
@@ -31,8 +31,8 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
 }
 
 /// The rest or move with the largest score; `None` if it is not an outlier. Before the comparison with the limit, all
-/// scores are divided by the same scale. It is (median of the scores) / (median expected for normally distributed
-/// errors), but at least one.
+/// scores are divided by the same scale. The scale is (median of the scores) / (median expected for normally
+/// distributed errors), but at least one.
 pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
     // Median of the score for normally distributed errors. With one residual, the score is the absolute value of a
     // standard normal variable. With two residuals, it is the square root of a chi2 variable with two degrees of
@@ -44,7 +44,7 @@ pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
 }
 
 /// Whether one more rest or move may be excluded. At most a fifth of all may be excluded, and at least `least` must
-/// remain. `used` is false for those that are already excluded.
+/// remain. `used` is false for rests or moves that are already excluded.
 pub(crate) fn may_exclude(used: &[bool], least: usize) -> bool {
     let kept = used.iter().filter(|&&kept| kept).count();
     kept > least && used.len() - kept < used.len() / 5

@@ -7,10 +7,10 @@
 //! ```
 //!
 //! p is the estimate, e is the error of prior k in standard deviations, G is the gain `(J^T J)^-1 J^T`, and r are the
-//! whitened residuals. The covariance of a least-squares estimate contains v only. The term c e^2 matters if prior k
-//! alone determines a parameter, because the other residuals then do not limit e. For example, readings in six
-//! positions along the sensitive axes do not determine the misalignment. A misalignment m then changes the estimated
-//! scales by 3/2 m^2. Products of the errors of two priors are neglected.
+//! whitened residuals. The covariance of a least-squares estimate includes only the first-order change v. The term c
+//! e^2 matters if prior k alone determines a parameter, because the other residuals then do not limit e. For example,
+//! readings in six positions along the sensitive axes do not determine the misalignment. A misalignment m of an axis
+//! then changes its estimated scale by 3/2 m^2. Products of the errors of two priors are neglected.
 
 use std::ops::Range;
 

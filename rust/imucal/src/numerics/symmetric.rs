@@ -129,10 +129,10 @@ impl SymmetricMatrix {
         Some(log_determinant.logarithm())
     }
 
-    /// Applies a [`sweep`](Self::sweep) of the first `known` rows and columns, of which the result for these rows is
-    /// already known. `swept` contains these rows after the sweep, and they are copied. `whole` contains them before
-    /// the sweep, for more columns than this matrix has. `places` contains, for each column of this matrix after the
-    /// first `known` ones, the index of the same column in `whole`.
+    /// Applies a [`sweep`](Self::sweep) of the first `known` rows and columns. The values of these rows after the sweep
+    /// are already known: they are copied from `swept`. `whole` contains the same rows before the sweep, and has more
+    /// columns than this matrix. `places` contains, for each column of this matrix after the first `known` ones, the
+    /// index of the same column in `whole`.
     #[inline(always)]
     pub(crate) fn sweep_as<S: Simd>(
         &mut self,

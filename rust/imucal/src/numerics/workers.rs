@@ -8,8 +8,8 @@ use std::thread::{self, Thread};
 
 use crate::cancellation::{Cancellation, POLL_INTERVAL, checkpoint};
 
-/// Minimum number of samples for which several threads are used. A pass over fewer samples takes about as long as the
-/// start of the threads.
+/// Minimum number of samples for which several threads are used. With fewer samples, starting the threads takes as long
+/// as the work itself.
 const WORTH_THREADS: usize = 500_000;
 
 /// Number of threads for a pass over `samples` samples. It is the number of processors, or one if several threads would

@@ -25,18 +25,18 @@ pub enum Goal {
 }
 
 impl Goal {
-    /// Cost of a program; a program with a lower cost is better. `None` if the information is singular.
+    /// Cost of a program; a program with a lower cost is better. `None` if the information matrix is singular.
     pub(super) fn cost(&self, information: &Mat<f64>, prior: &[f64], duration_s: f64) -> Option<f64> {
         match self {
             Self::MostIn { .. } => Some(-log_determinant(information, prior)? / prior.len() as f64),
             Self::ShortestTo { .. } => {
-                // The p-norm approximates the largest ratio variance / target variance. Unlike the maximum, it also
-                // decreases if one of the smaller ratios decreases.
+                // The p-norm approximates the largest ratio variance / target variance. Unlike the largest ratio, the
+                // p-norm also decreases if one of the smaller ratios decreases.
                 let shares = self.shares(information, prior)?;
                 let worst = shares.iter().map(|share| share.powf(NORM_ORDER)).sum::<f64>().powf(1.0 / NORM_ORDER);
                 // A variance, and therefore `worst`, is proportional to 1 / duration. If `worst` > 1, weight 2 gives a
-                // longer program a lower cost, until it reaches the targets. If `worst` < 1, weight 1/2 gives a shorter
-                // program a lower cost.
+                // longer program a lower cost, until the program reaches the targets. If `worst` < 1, weight 1/2 gives
+                // a shorter program a lower cost.
                 let weight = if worst > 1.0 { 2.0 } else { 0.5 };
                 Some(duration_s.ln() + weight * worst.ln())
             }
@@ -49,8 +49,8 @@ impl Goal {
         Some(self.shares(information, prior)?.into_iter().fold(0.0, f64::max))
     }
 
-    /// The ratio variance / sigma^2 of each parameter. sigma is the target standard deviation. Empty for a goal without
-    /// targets.
+    /// The ratio variance / sigma^2 of each parameter. sigma is the target standard deviation. The list is empty for a
+    /// goal without targets.
     fn shares(&self, information: &Mat<f64>, prior: &[f64]) -> Option<Vec<f64>> {
         let Self::ShortestTo { sigma } = self else { return Some(Vec::new()) };
         let covariance = covariance(information, prior)?;

@@ -6,10 +6,11 @@
 //! propagation   d' = d - C theta + noise of covariance Q;   d is then eliminated
 //! ```
 //!
-//! y is a measurement divided by its standard deviation. d contains the two angles of the gravity direction, and d' is
-//! d after a propagation. theta contains all parameters. A, B and C are Jacobians. The gravity direction at a rest is
-//! directly coupled only to the previous and the next direction. Directions are therefore eliminated one after the
-//! other, and the computing time is proportional to the number of rests.
+//! y is a measurement divided by its standard deviation. d contains the two angles of the gravity direction at the
+//! start of an interval, and d' contains these angles at its end. theta contains all parameters. A, B and C are
+//! Jacobians. The gravity direction at a rest is directly coupled only to the previous and the next direction.
+//! Directions are therefore eliminated one after the other, and the computing time is proportional to the number of
+//! rests.
 
 use faer::Mat;
 use nalgebra::Matrix2;
@@ -105,8 +106,8 @@ impl InformationFilter {
     }
 }
 
-/// Inverse of a symmetric 2x2 matrix. The result is zero for a singular matrix, because this matrix contains no
-/// information about the direction yet.
+/// Inverse of a symmetric 2x2 matrix. The result is zero for a singular matrix, because a singular matrix means that
+/// the filter has no information about the direction yet.
 fn inverse(matrix: &Matrix2<f64>) -> Matrix2<f64> {
     let determinant = matrix.determinant();
     if determinant == 0.0 {

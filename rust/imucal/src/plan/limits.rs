@@ -7,11 +7,11 @@ use nalgebra::Vector3;
 use crate::error::Error;
 use crate::simulate::profile::PEAK_ACCELERATION;
 
-/// Minimum number of poses in a program: one more than the number of accelerometer parameters.
+/// Minimum number of poses in a program: one more than the number of accelerometer parameters, which is nine.
 pub(super) const FEWEST_POSES: usize = 10;
 /// Shortest move that rest detection can distinguish from the adjacent rests, s.
 const SHORTEST_MOVE_S: f64 = 0.3;
-/// Resolution of the times in a program, s.
+/// Resolution of the times in a program, s. All durations are multiples of this time.
 pub(super) const TICK_S: f64 = 0.01;
 
 /// Limits of one motor.
@@ -21,8 +21,8 @@ pub struct Axis {
     pub max_rate_radps: f64,
     /// Maximum acceleration, rad/s^2.
     pub max_acceleration_radps2: f64,
-    /// Minimum and maximum angle relative to the start, rad, not reduced to one revolution. End stops or the length of
-    /// the cable determine them. `None` if there is no limit.
+    /// Minimum and maximum angle relative to the start, rad, not reduced to one revolution. These limits are due to end
+    /// stops or to the length of the cable. `None` if there is no limit.
     pub range_rad: Option<[f64; 2]>,
 }
 
@@ -39,7 +39,7 @@ pub struct Zone {
 pub struct Limits {
     /// Limits of each motor, outermost motor first; `None` for a missing motor, whose angle stays at zero.
     pub axes: [Option<Axis>; 3],
-    /// Time after a turn in which the stand vibrates, s. Samples within this time are not used.
+    /// Time after a turn during which the stand still vibrates, s. Samples within this time are not used.
     pub settle_s: f64,
     /// Minimum duration of a rest that rest detection requires, s.
     pub min_rest_s: f64,

@@ -30,8 +30,8 @@ pub struct Prediction {
 /// * `in_hand`: whether a person holds the unit, so that the unit trembles and its mean rate at a rest is not zero.
 ///
 /// # Errors
-/// [`Error::NotEnoughMotion`] if a motion has no rest of `min_rest_s` or more; [`Error::Fit`] if the information is
-/// singular.
+/// [`Error::NotEnoughMotion`] if a motion has no rest of `min_rest_s` or more; [`Error::Fit`] if the information matrix
+/// is singular.
 pub fn predict(
     sensors: &Sensors,
     motions: &[Motion],
@@ -77,8 +77,8 @@ struct RestSpan {
     used_s: f64,
 }
 
-/// The rests that are long enough for rest detection. The time `EDGE_S` is removed only from the ends of a rest next to
-/// a move.
+/// The rests that are long enough for rest detection. The time `EDGE_S` is removed from those ends of a rest that are
+/// next to a move.
 fn rests(motion: &Motion, min_rest_s: f64, settle_s: f64) -> Vec<RestSpan> {
     let duration_s = motion.duration_s();
     let span = |(start_s, end_s): (f64, f64)| {

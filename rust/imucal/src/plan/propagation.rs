@@ -8,7 +8,8 @@ use crate::simulate::Moment;
 
 /// Time that rest detection removes from each end of a rest, s. The adjacent move becomes longer by this time.
 pub(super) const EDGE_S: f64 = 0.01;
-/// Length of a block over which forces during a move are averaged, s. It equals the block length of the joint fit.
+/// Length of a block over which forces during a move are averaged, s. It equals the block length in the joint fit,
+/// which estimates the parameters from a recorded run.
 const BLOCK_S: f64 = 0.04;
 /// Length of the intervals into which a hand-held rest is divided, s. Within an interval, the gravity direction is
 /// treated as constant.
@@ -18,7 +19,8 @@ const HELD_S: f64 = 0.2;
 const STEPS: usize = 32;
 
 /// Information from a rest: derivatives of the mean force and of the mean rate with respect to the gravity direction
-/// and the parameters. They are divided by the standard deviations of means over one second.
+/// and the parameters. The derivatives are divided by the standard deviations of the mean force and of the mean rate
+/// over one second.
 #[derive(Clone)]
 pub(super) struct RestInformation {
     force: [Vec<f64>; 3],
@@ -32,7 +34,7 @@ pub(super) struct RestInformation {
     half_interval: Option<Propagation>,
 }
 
-/// Information from a move: the propagation of the direction of gravity from a rest to the next rest, with the forces
+/// Information from a move: the propagation of the direction of gravity from a rest to the next rest, and the forces
 /// during the move if they are used.
 #[derive(Clone)]
 pub(super) struct MoveInformation {
@@ -43,13 +45,13 @@ pub(super) struct MoveInformation {
 struct Section {
     propagation: Propagation,
     /// Derivatives of the mean force over this section of the move, divided by the standard deviation of the mean. They
-    /// are added to the filter after the propagation. `None` if forces during moves are not used.
+    /// are added to the filter after the propagation over this section. `None` if forces during moves are not used.
     force: Option<[Vec<f64>; 3]>,
 }
 
 impl RestInformation {
-    /// Information from a rest at `time_s`. If `in_hand` is set, the unit trembles. Its mean rate then contains no
-    /// information about the bias.
+    /// Information from a rest at `time_s`. If `in_hand` is set, the unit trembles. The mean rate of the rest then
+    /// contains no information about the gyroscope bias.
     pub(super) fn new(sensors: &Sensors, moment: &Moment, time_s: f64, in_hand: bool) -> Self {
         let scaled = |rows: [Vec<f64>; 3], variance: f64| {
             rows.map(|row| row.into_iter().map(|value| value / variance.sqrt()).collect::<Vec<f64>>())
@@ -113,8 +115,8 @@ impl MoveInformation {
                 parts.push((at(end_s), end_s, EDGE_S + settle_s));
             }
             let propagation = propagation_over(sensors, parts, sensors.moving_variance);
-            // The force is evaluated at the middle of its block. Its difference from the mean over the block hardly
-            // changes the information.
+            // The force is evaluated at the middle of its block. The difference between this force and the mean force
+            // over the block hardly changes the information.
             let force = inside.then(|| {
                 let middle_s = first_s + block_s / 2.0;
                 let sigma = (sensors.force_variance / block_s).sqrt();

@@ -2,7 +2,7 @@
 //! pose is changed, added or removed, a motor turns in the other direction, or holds get other durations.
 //!
 //! A better program is always accepted. A slightly worse program is accepted with a probability that decreases during
-//! the search. The search can thus reach better programs that differ in several poses.
+//! the search. The search can thus reach better programs that differ from the present program in several poses.
 
 use std::f64::consts::{PI, TAU};
 
@@ -22,8 +22,8 @@ use crate::simulate::Program;
 
 /// Numbers of poses of the four random programs from which the search starts. The search can add and remove poses.
 const STARTS: [usize; 4] = [8, 16, 32, 64];
-/// From each of the four starts, the search tries 1 / `SHARE_OF_START` of all proposals. The remaining proposals
-/// improve the best of the four results.
+/// From each of the four random programs, the search tries 1 / `SHARE_OF_START` of all proposals. The remaining
+/// proposals improve the best of the four results.
 const SHARE_OF_START: usize = 16;
 /// Annealing temperature at the start of the search. The cost of a program is a logarithm, so the temperature has no
 /// unit. An increase of the cost by this temperature is accepted with a probability of about one third.
@@ -117,7 +117,8 @@ struct Annealing<'a> {
 }
 
 impl Annealing<'_> {
-    /// A program with random poses. If the time is too short, it has fewer poses than requested.
+    /// A program with random poses. If the time is too short for the number of poses requested, the program has fewer
+    /// poses.
     fn start(&mut self, poses: usize) -> Option<Trial> {
         let mut count = poses.max(FEWEST_POSES);
         loop {
@@ -186,8 +187,9 @@ impl Annealing<'_> {
                 self.scene.with_pose(trial, k, pose)
             }
             47..55 => {
-                // One motor reaches pose k in another direction: its angle changes by a full revolution in this pose
-                // and in all following poses. The attitudes in the poses stay the same.
+                // One motor turns to pose k in the other direction. The angle of this motor in pose k and in all
+                // following poses therefore changes by a full revolution. The attitudes of the unit in the poses stay
+                // the same.
                 let (motor, turn) =
                     (self.random.random_range(0..3), if self.random.random::<bool>() { TAU } else { -TAU });
                 let mut poses = trial.poses.clone();
@@ -259,7 +261,7 @@ impl Annealing<'_> {
     }
 
     fn normal(&mut self) -> f64 {
-        // The random number is limited to keep changes of the program small.
+        // The random number is limited to at most pi in magnitude, so that no change of the program is very large.
         self.random.sample::<f64, _>(StandardNormal).clamp(-PI, PI)
     }
 }

@@ -1,7 +1,8 @@
 //! Linearised sensors: rows of derivatives of the readings with respect to the parameters.
 //!
-//! The parameters have the order of the joint fit: accelerometer bias (3), accelerometer sensitivity (6, symmetric
-//! frame), gyroscope bias (3), gyroscope sensitivity (9, row by row), and then the parameters of the effects.
+//! The parameters have the order of the joint fit: accelerometer bias (3), accelerometer sensitivity (6, because the
+//! body frame is chosen so that this matrix is symmetric), gyroscope bias (3), gyroscope sensitivity (9, row by row),
+//! and then the parameters of the effects.
 
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor as Kind, State, Surroundings};
 use nalgebra::{Matrix3, Vector3};
@@ -15,11 +16,10 @@ use crate::rounding::Rounding;
 use crate::simulate::{Converter, Moment, Sensor, Unit};
 use crate::two_stage::observability::FARTHEST;
 
-/// Maximum share of the gyroscope's range that a plan uses. The other part is a margin for noise and for overshoot of
-/// the motors.
+/// Maximum share of the gyroscope's range that a plan uses. The remaining 5 % are a margin for noise and for overshoot
+/// of the motors.
 const NEAR_RAILS: f64 = 0.95;
-/// An effect with a time constant is planned with a fixed time constant. This is (time constant) / (duration of the
-/// run).
+/// If an effect has a time constant, a plan assumes a fixed value for it: this share of the duration of the run.
 const SHAPE_SHARE: f64 = 0.3;
 
 /// Model of a unit for planning: the sensitivities, the white noise, and the effects to be estimated.
@@ -112,7 +112,7 @@ impl Sensors {
         Ok(self)
     }
 
-    /// Adds the priors that the user gave. They have the same form as in the joint fit.
+    /// Adds the priors that the user gave, in the same form as for a calibration.
     ///
     /// # Errors
     /// [`Error::Input`] for unknown names and invalid priors.
@@ -150,15 +150,15 @@ impl Sensors {
         let effects =
             self.effects.iter().flat_map(|e| e.parameters[..e.plain].iter().map(|p| p.typical / FARTHEST.powi(2)));
         let widest = base.chain(effects).map(|size| 1.0 / (FARTHEST * size).powi(2));
-        // The priors are linearised at the parameters of a sensor without errors. This is accurate enough, because
-        // their derivatives hardly depend on the parameters.
+        // The priors are linearised at the parameters of a sensor without errors. This is accurate enough, because the
+        // derivatives of the priors hardly depend on the parameters.
         let perfect: [f64; BASE] = std::array::from_fn(|p| if [3, 4, 5, 12, 16, 20].contains(&p) { 1.0 } else { 0.0 });
         let held = precisions(&self.held, &perfect).map(|(precision, _)| precision);
         widest.zip(held.into_iter().chain(std::iter::repeat(0.0))).map(|(widest, held)| widest.max(held)).collect()
     }
 
-    /// Whether the plan uses the specific forces during moves. As in the joint fit, only effects of angular
-    /// acceleration need these forces.
+    /// Whether the plan uses the specific forces during moves. As in the joint fit, they are used only if an effect
+    /// depends on the angular acceleration.
     pub(super) fn uses_forces_in_moves(&self) -> bool {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::AngularAcceleration))
     }
@@ -217,10 +217,10 @@ impl Sensors {
         rows
     }
 
-    /// Extends a propagation of the gravity direction by an interval of `duration_s` around `time_s`. The contribution
-    /// of this interval to the Jacobian C of [`Propagation`](super::information_filter::Propagation) is added to `by`.
-    /// Returns, for each of the two angles of the direction, the factors with which the noise of the three gyroscope
-    /// axes enters the rate of the angle.
+    /// Extends a propagation of the gravity direction by an interval of the length `duration_s` with its middle at
+    /// `time_s`. The contribution of this interval to the Jacobian C of
+    /// [`Propagation`](super::information_filter::Propagation) is added to `by`. Returns, for each of the two angles of
+    /// the direction, the factors with which the noise of the three gyroscope axes enters the rate of the angle.
     pub(super) fn add_propagation(
         &self,
         moment: &Moment,

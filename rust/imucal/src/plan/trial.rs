@@ -1,5 +1,5 @@
-//! A trial program. The information of each rest and of each move is stored separately. After a change, only the
-//! information of the affected rests and moves is computed again.
+//! A trial program. The information from each rest and from each move is stored separately. After a change of the
+//! program, only the information from the affected rests and moves is computed again.
 
 use std::rc::Rc;
 
@@ -14,11 +14,11 @@ use crate::error::Error;
 use crate::simulate::profile::MotorState;
 use crate::simulate::{Moment, Program, Step};
 
-/// Between two consecutive poses, at least one motor must turn by this angle, rad. Two closer poses would give nearly
-/// equal measurements.
+/// Between two consecutive poses, at least one motor must turn by at least this angle, rad. Two closer poses would give
+/// nearly equal measurements.
 const LEAST_TURN_RAD: f64 = 0.17;
-/// A planned rest is longer than the minimum duration of a rest by this margin, s. It is needed because rest detection
-/// finds the ends of a rest only with a resolution of one block.
+/// A planned rest is longer than the minimum duration of a rest by this margin, s. The margin is needed because rest
+/// detection tests short blocks of samples and finds the ends of a rest only with a resolution of one block.
 const SPARE_S: f64 = 0.2;
 /// Number of instants at which the rate during a move is compared with the range of the gyroscope.
 const RATE_INSTANTS: usize = 24;
@@ -32,7 +32,7 @@ pub(super) struct Scene<'a> {
     pub(super) prior: Vec<f64>,
 }
 
-/// A program: its poses, the duration of each hold, and the information of its rests and moves.
+/// A program: the poses, the duration of the hold in each pose, and the information from each rest and from each move.
 #[derive(Clone)]
 pub(super) struct Trial {
     pub(super) poses: Vec<Vector3<f64>>,
@@ -75,8 +75,8 @@ impl Scene<'_> {
         self.with_cost(changed)
     }
 
-    /// A copy of the program with the hold durations `holds_s`; `None` if it is too long or its information is
-    /// singular.
+    /// A copy of the program with the hold durations `holds_s`; `None` if the changed program is too long or its
+    /// information matrix is singular.
     pub(super) fn with_holds(&self, trial: &Trial, holds_s: Vec<f64>) -> Option<Trial> {
         self.with_cost(Trial { holds_s, ..trial.clone() })
     }
@@ -104,7 +104,7 @@ impl Scene<'_> {
         Some((move_s, Rc::new(MoveInformation::new(self.sensors, start_s, move_s, self.limits.settle_s, at))))
     }
 
-    /// Computes the cost of the program; `None` if the program is too long or its information is singular.
+    /// Computes the cost of the program; `None` if the program is too long or its information matrix is singular.
     fn with_cost(&self, mut trial: Trial) -> Option<Trial> {
         if let Goal::MostIn { duration_s } = self.goal {
             trial.fill(*duration_s, self.shortest_hold_s())?;

@@ -8,7 +8,8 @@ use super::lanes::{Lanes, MOST_LANES, Quaternions, Three, lane_start, prefetch, 
 use super::step::{LaneState, StepTerm, at_nodes};
 use super::sums::{Node, STEPS_OF_A_NODE, Sample, Totals, end_of_nodes};
 
-/// Number of steps in a tile. A lane reads all samples of a tile together. A tile is half a node of `sums.rs`.
+/// Number of steps in a tile. A lane reads all samples of a tile together. A tile is half a node, which is a group of
+/// 16 steps (see `sums.rs`).
 const TILE: usize = STEPS_OF_A_NODE / 2;
 /// Memory is prefetched this number of samples before it is used.
 const AHEAD: usize = 64;
@@ -40,8 +41,9 @@ pub(super) struct Increment {
     /// first sum contains R x weight of the sample in the integration. The others contain R x weight x rate, one for
     /// each rate component. In the sum for rate component j, only the columns c <= j are valid.
     pub(super) sums: [Matrix3<f64>; 4],
-    /// Number of processed steps. All lanes process equally many steps or nodes. The steps of a block that remain are
-    /// fewer than the lanes, or fewer than 16 (one node) times the lanes.
+    /// Number of processed steps. All lanes process the same number of steps, or the same number of nodes (16 steps).
+    /// Some steps at the end of a block may therefore remain unprocessed. Their number is below the number of lanes, or
+    /// with nodes below 16 times the number of lanes.
     pub(super) steps: usize,
 }
 

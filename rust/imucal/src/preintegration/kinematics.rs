@@ -26,8 +26,9 @@ const LEAST_TURN_SHARE: f64 = 0.01;
 /// Length of a block over which the gravity direction u is averaged, s.
 const BLOCK_S: f64 = 0.1;
 
-/// Rms change of the gravity direction over [`BLOCK_S`] below which the explained share is not computed, rad: 6 deg/s.
-/// The noise of a consumer accelerometer is a quarter of it.
+/// If the rms change of the gravity direction over [`BLOCK_S`] is below this limit, rad, [`RateFromGravity::explained`]
+/// is not computed. The limit corresponds to a rotation at 6 deg/s. The noise of a consumer accelerometer causes
+/// changes of a quarter of the limit.
 const LEAST_CHANGE_RAD: f64 = 0.01;
 
 /// Relation between the measured rates and the rotation of gravity in the body frame.

@@ -60,8 +60,8 @@ thread_local! {
 /// Number of steps that each SIMD lane processes in a block. The number is large, because the first samples of each
 /// lane are not prefetched. It is not a power of two, because the lanes would then compete for the same cache sets.
 const STEPS_OF_A_LANE: usize = 4000;
-/// Angular rate, rad/s (340 deg/s), that selects the range of step angles which is tried first: the smallest range that
-/// contains the step angle at this rate. A smaller range would often fail.
+/// Angular rate, rad/s (340 deg/s), that selects the first range of step angles to be tried ([`ANGLE_RANGES`]): the
+/// smallest range that contains the step angle at this rate. The step angles would often exceed a smaller range.
 const FAST_RAD_PER_S: f64 = 5.9;
 /// Minimum number of steps for vectorised integration. Fewer steps are integrated one by one.
 const FEW: usize = 16;

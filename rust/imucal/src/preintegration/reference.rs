@@ -185,7 +185,7 @@ pub(super) fn reference(path: &Samples<'_>, at_nodes: usize) -> [Square; 5] {
     [rotation, x, y, z, bias]
 }
 
-/// Adds R times each component of the rate, and R times a weight.
+/// Adds R times each component of the rate, and R times a weight, to the sums.
 fn add(sums: &mut [Square; 4], rotation: &Square, rate: &Vector, weight: Double) {
     for j in 0..3 {
         sums[j] = plus(&sums[j], &scaled(rotation, rate[j]));
@@ -194,7 +194,7 @@ fn add(sums: &mut [Square; 4], rotation: &Square, rate: &Vector, weight: Double)
 }
 
 /// Computes the sums that the vectorised integration does not accumulate: those with a column index above the index of
-/// the rate component. They are computed from the accumulated sums, in the frame with these axes.
+/// the rate component. They are computed from the accumulated sums, in the frame with the axes `axes`.
 fn with_the_turn(sums: [Square; 3], rotation: &Square, axes: &Matrix3<f64>) -> [Square; 3] {
     let out: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(r, c)])));
     let back: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(c, r)])));

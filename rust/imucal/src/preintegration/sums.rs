@@ -87,8 +87,8 @@ impl<S: Simd> Node<S> {
         Self { begin, middle: zero, end: begin, rotation: [zero; 3], halves: [zero; 2] }
     }
 
-    /// Starts the next node at the end of the previous node, and sets the rate, the rotation and the sum of rates up to
-    /// its middle.
+    /// Starts the next node at the end of the previous node. Sets the rate and the rotation in the middle of the node,
+    /// and the sum of the rates over its first half.
     #[inline(always)]
     pub(super) fn reach_middle(&mut self, middle: Three<S>, half: Three<S>, rotation: [Three<S>; 3]) {
         (self.begin, self.middle, self.halves[0], self.rotation) = (self.end, middle, half, rotation);
@@ -103,6 +103,7 @@ impl<S: Simd> Node<S> {
 /// Sums over the samples for one column of the rotation matrix. Each lane has its own sums.
 #[derive(Clone, Copy)]
 struct Column<S: Simd> {
+    /// Sum of the column times the weight of the sample.
     by_one: Three<S>,
     /// Sums of the column times each component of the rate.
     by_rate: [Three<S>; 3],

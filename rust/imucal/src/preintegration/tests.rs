@@ -7,7 +7,8 @@ use super::*;
 use imucal_core::integrate::Integrator;
 use pulp::{Simd, WithSimd};
 
-/// A tumbling gyroscope with large scale and misalignment errors, at 100 Hz for 2 s: times, raw samples, and the triad.
+/// A tumbling gyroscope with large scale and misalignment errors, at 100 Hz for 2 s. Returns the times, the raw
+/// samples, and the sensitivity and bias.
 fn tumble() -> (Vec<f64>, Vec<[f64; 3]>, Triad<f64>) {
     let time: Vec<f64> = (0..200).map(|k| k as f64 * 0.01).collect();
     let sensitivity = Matrix3::new(1.1, 0.05, -0.02, 0.03, 0.9, 0.04, -0.06, 0.01, 1.05);

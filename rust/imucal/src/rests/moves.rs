@@ -19,11 +19,11 @@ use crate::rests::unit_rest::{UnitRest, touches};
 /// (7)). Over a longer time step, the rotation cannot be integrated accurately.
 const LONGEST_STEP: f64 = 2.5;
 
-/// The gravity direction at an end of an unsteady rest is computed from this duration of the rest next to the move, s
-/// (model.md (13)).
+/// Duration of the part of an unsteady (hand-held) rest from which the gravity direction at an end of the rest is
+/// computed, s (model.md (13)). This part is next to the move.
 const SPAN_S: f64 = 1.0;
-/// Number of sub-means into which the mean over the last or first second of an unsteady rest is divided. The variance
-/// of the gravity direction is computed from the scatter of the sub-means (model.md (13)).
+/// Number of equal parts into which the last or first second of an unsteady rest is divided. The variance of the
+/// gravity direction is computed from the scatter of the means over these parts (model.md (13)).
 const TENTHS: usize = 10;
 /// A rest counts as hand-held if the scatter of its rates within 0.1 s exceeds this factor times the noise of the
 /// gyroscope. The factor is above 1 because the estimated noise is uncertain.
@@ -88,8 +88,8 @@ pub(crate) fn across(up: &Vector3<f64>) -> [Vector3<f64>; 2] {
 }
 
 /// Index of the coordinate axis from which [`across`] constructs the perpendicular vectors. It is the first axis that
-/// is far from parallel to `up`, so neighbouring directions have the same axis. The axis of the smallest component is
-/// not used, because noise changes the order of two components near zero.
+/// is far from parallel to `up`, so a small change of `up` rarely changes the axis. The axis along which `up` has its
+/// smallest component is not used: if two components are near zero, noise decides which of them is smaller.
 pub(crate) fn axis_aside(up: &Vector3<f64>) -> usize {
     /// The component of `up` along the chosen axis must be below this limit in absolute value. A unit vector always has
     /// such an axis, because its smallest component is at most 0.58.
@@ -178,7 +178,7 @@ pub(crate) struct Directions<'a> {
 }
 
 /// Accelerometer reading of gravity at one end of a move. The variance of each component of the gravity direction is
-/// the sum of two parts.
+/// the sum of `shared_variance` and `own_variance`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct End {
     /// Reading of the accelerometer at this end of the move, raw units.
@@ -186,8 +186,9 @@ pub(crate) struct End {
     /// Whether the reading is the mean over the whole rest, as for a rest on a rigid support. Otherwise, it describes
     /// only one end of the rest.
     pub(crate) steady: bool,
-    /// First part of the variance, rad^2: noise of the mean over the whole rest. The residuals of other moves and of
-    /// the rest depend on the same mean, so their errors are correlated.
+    /// First part of the variance, rad^2: noise of the mean over the whole rest. The residual of the other move at this
+    /// rest, and the residual of the norm of the mean force, depend on the same mean. The errors of all these residuals
+    /// are therefore correlated.
     pub(crate) shared_variance: f64,
     /// Second part of the variance, rad^2: noise that only the residual of this move contains.
     pub(crate) own_variance: f64,
@@ -195,8 +196,8 @@ pub(crate) struct End {
 
 impl Directions<'_> {
     /// For each move: the gravity directions at both ends, with the standard deviation of the move's residual. The
-    /// second result is the standard deviation without the noise of the means over rests, rad. It contains only errors
-    /// that are independent between moves.
+    /// second result is, for each move, the standard deviation of the residual without the noise of the means over
+    /// rests, rad. It contains only errors that are independent between moves.
     pub(crate) fn ends_of(&self, moves: &[Move]) -> (Vec<Ends>, Vec<f64>) {
         moves
             .iter()
@@ -214,7 +215,7 @@ impl Directions<'_> {
 
     /// Accelerometer readings of gravity at the start and at the end of a move, with their variances.
     ///
-    /// `sensors_drift` states that a drift of the sensors may explain a changing mean force. Whether a rest is
+    /// `sensors_drift` is true if the mean force may change during a rest because the sensors drift. Whether a rest is
     /// hand-held is then determined from the gyroscope only.
     pub(crate) fn readings(&self, m: &Move, sensors_drift: bool) -> [End; 2] {
         let steady = |k: usize| {
@@ -275,7 +276,7 @@ impl Directions<'_> {
     /// Mean force over the last (`at_end`) or first second of a rest. Each sample is rotated by the integrated
     /// gyroscope rate to the attitude at that end of the rest (model.md (13)). Returns the mean (m/s^2), the variance
     /// of its direction (rad^2), and the duration of the averaged interval (s). The variance is computed from the
-    /// scatter of ten sub-means.
+    /// scatter of the means over ten parts of this interval.
     ///
     /// The attitude of a hand-held unit varies during a rest, so the plain mean is not the gravity direction at the
     /// start of the move. The mean rate of this rest is used as the gyroscope bias, so a bias that depends on the pose

@@ -1,5 +1,5 @@
-//! Check for noise densities and biases at the rests that no real sensor has. If the unit is hand-held, the tremor of
-//! the hand is first subtracted from the noise.
+//! Check whether the noise densities and the biases at the rests have values that no real sensor has. If the unit is
+//! hand-held, the tremor of the hand is first subtracted from the noise.
 
 use imucal_core::sensor::Triad;
 
@@ -13,10 +13,11 @@ use crate::rests::segment::Segments;
 use crate::rests::tremor::{Hand, Sensors};
 
 impl Segments {
-    /// Findings about noise densities and biases that no sensor has. There are no findings if every rest is unsteady,
-    /// because the densities then contain the tremor of the hand. If the tremor is equally strong at all rests, no rest
-    /// counts as unsteady. The tremor is then detected by the correlation of both sensors, and the densities are
-    /// computed without it.
+    /// Findings about noise densities and biases that no sensor has. There are no findings if every rest is unsteady
+    /// (hand-held), because the densities then contain the tremor of the hand. Whether a rest is unsteady is decided by
+    /// comparison with the quietest parts of the recording, so no rest is unsteady if the tremor is equally strong
+    /// everywhere. In this case, the tremor is detected by the correlation between both sensors, and the densities are
+    /// computed without the tremor.
     pub fn check_noise(&self, recording: &Recording<'_>) -> Vec<Finding> {
         let steady: Vec<&Rest> = self.rests.iter().filter(|rest| rest.is_steady()).collect();
         if steady.is_empty() {

@@ -4,7 +4,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 /// White-noise densities, raw units per sqrt(Hz) (model.md (10)). They are estimated from the steady rests. If all
-/// rests are hand-held, they are computed from the noise variance that the rest detection has estimated.
+/// rests are hand-held, the densities are computed from the noise variance that the rest detection has estimated.
 #[derive(Clone, Copy, Debug)]
 pub struct NoiseDensity {
     /// Densities of the accelerometer axes x, y, z.
@@ -21,8 +21,8 @@ pub(crate) fn random_walk_rad(density: &Vector3<f64>, inverse: &Matrix3<f64>, du
 }
 
 /// Variance of the noise along each body axis, squared SI units. `raw` contains the standard deviation of the noise of
-/// each sensor axis in raw units. For densities instead of standard deviations, the result is a squared density.
-/// `inverse` is the inverse sensitivity of the triad.
+/// each sensor axis in raw units. If `raw` contains noise densities instead, the result is the squared noise density
+/// along each body axis. `inverse` is the inverse sensitivity of the triad.
 pub(crate) fn variance_by_axis(inverse: &Matrix3<f64>, raw: &Vector3<f64>) -> Vector3<f64> {
     (inverse * Matrix3::from_diagonal(raw)).map(|v| v * v).column_sum()
 }

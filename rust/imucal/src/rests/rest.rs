@@ -37,7 +37,7 @@ impl RestMean {
 }
 
 /// Two rests count as rests in the same pose if their readings on each axis differ by at most this number of
-/// quantisation steps. The rounding errors of two such rests are equal, even if their size is unknown.
+/// quantisation steps. The rounding errors of two such rests are equal, even if the size of these errors is unknown.
 const SAME_POSE: f64 = 0.5;
 
 /// Covariance matrix of the rounding errors of `means`, the means of several rests, on one axis, squared raw units.
@@ -69,7 +69,7 @@ pub struct Rest {
     /// Time of the last sample, s.
     pub end_s: f64,
     /// Unsteadiness (model.md (11)): the larger of two ratios. The first is (variance within half a second) / (noise
-    /// floor). The second is (squared drift of the mean force) / (15 x variance of this drift from noise). The
+    /// variance). The second is (squared drift of the mean force) / (15 x variance that noise gives this drift). The
     /// unsteadiness is near 1 if the unit lies on a table, and above 2 if it is hand-held.
     pub unsteadiness: f64,
     /// Mean of the accelerometer over the rest, raw units.

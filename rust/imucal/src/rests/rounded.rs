@@ -13,20 +13,22 @@ use crate::rests::rest::Rest;
 use crate::rounding::levels::Levels;
 use crate::rounding::{AxisRounding, Rounding};
 
-/// Share of a rest that is omitted at each end when the samples at each level are counted. A filter delays the rate, so
-/// the start of a rest still contains the last part of the rate in the move before it. With a filter bandwidth of 5 Hz,
-/// this part lasts 0.2 s.
+/// Share of a rest that is omitted at each end when the samples at each level (multiple of the quantisation step) are
+/// counted. A low-pass filter in the sensor delays the readings, so the first samples of a rest still contain the end
+/// of the previous move. With a filter bandwidth of 5 Hz, these samples cover 0.2 s.
 const EDGE: f64 = 0.15;
 
-/// Ratio of c - 1 before rounding to c - 1 after rounding. c is the factor by which correlated noise increases the
-/// variance of a mean (model.md (10)). The value holds for a mean midway between two levels. Rounding then keeps only
-/// the sign of the noise, and the sign is less correlated than the noise. For any other mean, the ratio is larger.
+/// Ratio (c - 1 of the noise before rounding) / (c - 1 of the rounded samples). c is the factor by which the
+/// correlation of noise increases the variance of a mean (model.md (10)). The value holds for a mean midway between two
+/// levels. Rounding then keeps only the sign of the noise, and the sign is less correlated than the noise. For any
+/// other mean, the ratio is larger.
 const SIGN: f64 = 1.28;
 
 /// Factor c of each channel before rounding (model.md (10)): the factor by which the correlation of the noise increases
 /// the variance of a mean. If the noise is below the quantisation step, c is estimated from the rounded samples. The
-/// farther the mean is from the middle between two levels, the less correlated the rounded samples are. All axes of a
-/// triad have equal filters, so the largest estimate among the axes is the best one.
+/// farther the mean is from the middle between two levels, the less correlated the rounded samples are, and the smaller
+/// this estimate. All axes of a triad have equal filters and therefore equal factors c, so the largest estimate among
+/// the axes is the best one.
 pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6<f64> {
     let coarse = |channel: &usize| steps[*channel] > 0.0;
     Vector6::from_fn(|channel, _| {
@@ -54,15 +56,15 @@ impl Roundings {
         Self([a, b, c, d, e, f])
     }
 
-    /// Statistics for the noise that most rests have in common.
+    /// Statistics of the rounding errors for the noise that most rests have in common.
     pub(super) fn common(&self) -> [Rounding; 6] {
         self.0.each_ref().map(|axis| axis.common)
     }
 
-    /// Sets the statistics of `rest`, which is number `index` of the rests from which they were estimated. If all
-    /// samples of an accelerometer channel have the same level, its mean reading does not determine its rounding error.
-    /// The reading of a gyroscope channel always determines the rounding error, because the true rate is zero at every
-    /// rest.
+    /// Sets the statistics of the rounding errors of `rest`. `index` is the index of this rest in the list of rests
+    /// from which the statistics were estimated. If all samples of an accelerometer channel have the same level, the
+    /// mean reading of the channel does not determine its rounding error. The reading of a gyroscope channel always
+    /// determines the rounding error, because the true rate is zero at every rest.
     pub(super) fn set(&self, recording: &Recording<'_>, rest: &mut Rest, index: usize) {
         let of_channel = |channel: usize| {
             let (rows, axis) = of_channel(recording, channel);
@@ -89,15 +91,16 @@ pub(super) fn of_channel<'a>(recording: &Recording<'a>, channel: usize) -> (Samp
     (rows, channel % 3)
 }
 
-/// For each rest: the number of independent samples at each level (multiple of the quantisation step).
+/// For each rest: the number of independent samples at each level (multiple of the quantisation step). Because the
+/// noise is correlated, each sample counts as 1 / `colour` independent samples.
 fn levels(rows: Samples<'_>, axis: usize, rests: &[&Rest], step: f64, colour: f64) -> Vec<Levels> {
     let Some(zero) = rests.first().map(|rest| rows.at(rest.first)[axis]) else { return Vec::new() };
     let level = |value: f64| (((value - zero) / step).round() as i64, 1.0 / colour);
     rests.iter().map(|rest| Levels::of(rows.slice(inner(rest)).axis(axis).map(level))).collect()
 }
 
-/// Reports axes whose noise is far below the step of the converter, so that the rounding error of a rest's mean exceeds
-/// its noise.
+/// Reports axes whose noise is far below the step of the converter, so that the rounding error of the mean over a rest
+/// exceeds the noise of this mean.
 pub(super) fn noise_below_lsb(recording: &Recording<'_>, rests: &[Rest], rounding: &[Rounding; 6]) -> Option<Finding> {
     let mut samples: Vec<f64> = rests.iter().map(|rest| (rest.end - rest.first) as f64).collect();
     let samples = if samples.is_empty() { 1.0 } else { median(&mut samples) };

@@ -4,8 +4,8 @@
 //! channels. A window is at rest if its statistic is below a threshold. At 400 Hz and above, the samples are first
 //! averaged over about 5 ms. The user specifies neither an initial rest nor a threshold. The noise variance is
 //! estimated from the quietest windows. The threshold is chosen from the widest range of thresholds that give the same
-//! number of rests. The sum of squared residuals of a calibration cannot be used for the choice, because it is always
-//! smaller with fewer rests. Hand-held rests after a rest on a table have their own noise variance and threshold.
+//! number of rests. The sum of squared residuals of a calibration cannot be used for the choice, because fewer rests
+//! always give a smaller sum. Hand-held rests after a rest on a table have their own noise variance and threshold.
 
 mod blocks;
 mod edges;
@@ -45,8 +45,8 @@ const WINDOW_BLOCKS: usize = 10;
 #[derive(Clone, Debug)]
 pub struct Threshold {
     /// The threshold. A window is at rest if its statistic (variance / noise variance, averaged over the channels) is
-    /// below this value. If hand-held rests follow a rest on a table, the channels are weighted by their variances in
-    /// the hand, and this value is approximate.
+    /// below this value. If hand-held rests follow a rest on a table, their threshold is a multiple of the variance in
+    /// the hand. It is converted here to a multiple of the noise variance, which is only approximate.
     pub factor: f64,
     /// Lower end of the range from which the threshold was chosen. All thresholds in this range give the same number n
     /// of rests. Of all such ranges, the chosen range has approximately the largest product ln(upper end / lower end) x
@@ -76,8 +76,8 @@ pub struct Segments {
     /// White-noise densities estimated from the rests. If the noise of a channel is below the quantisation step, its
     /// density includes the rounding errors of samples in moves.
     pub noise_density: NoiseDensity,
-    /// Quantisation step of each channel, and the statistics of its rounding errors with the noise that most rests have
-    /// in common, in the order gyroscope x, y, z, accelerometer x, y, z.
+    /// For each channel, the quantisation step, and the statistics of the rounding errors for the noise that most rests
+    /// have in common. The order is gyroscope x, y, z, accelerometer x, y, z.
     pub rounding: [Rounding; 6],
 }
 
@@ -170,7 +170,7 @@ impl Segments {
         let rounding = roundings.common();
         let mut index = 0;
         for (rest, epochs) in rests.iter_mut().zip(&mut rests_of_epochs) {
-            // A rest that is divided into epochs has the statistics of its first epoch.
+            // A rest that is divided into epochs has the rounding statistics of its first epoch.
             roundings.set(recording, rest, index);
             epochs.iter_mut().enumerate().for_each(|(k, epoch)| roundings.set(recording, epoch, index + k));
             index += epochs.len().max(1);
@@ -209,8 +209,8 @@ impl Segments {
         self.rests.iter_mut().chain(self.epochs.iter_mut().flatten())
     }
 
-    /// Sets all results for a missing sensor to NaN. `is_there` states whether the gyroscope and whether the
-    /// accelerometer was recorded.
+    /// Sets all results for a missing sensor to NaN, and its rounding errors to zero. The two values of `is_there`
+    /// state whether the gyroscope and the accelerometer were recorded.
     fn blank(&mut self, is_there: [bool; 2]) {
         let none = Vector3::repeat(f64::NAN);
         let of_none = RestMean { mean: none, variance_of_mean: none, rounding: Default::default() };
@@ -230,7 +230,7 @@ impl Segments {
 }
 
 /// The recording with the channels of the missing sensor replaced by copies of the channels of the existing sensor. The
-/// window statistic is a mean over the channels, so it is then that of the existing sensor alone.
+/// window statistic is a mean over the channels, so it then equals the statistic of the existing sensor alone.
 fn doubled<'a>(recording: &Recording<'a>) -> Recording<'a> {
     let (force, rate) = (recording.specific_force, recording.angular_rate);
     Recording {
@@ -252,8 +252,8 @@ impl Threshold {
 }
 
 impl Segments {
-    /// Reports axes whose noise is far below the step of the converter, so that the rounding error of a rest's mean
-    /// exceeds its noise.
+    /// Reports axes whose noise is far below the step of the converter, so that the rounding error of the mean over a
+    /// rest exceeds the noise of this mean.
     pub fn noise_below_lsb(&self, recording: &Recording<'_>) -> Option<Finding> {
         noise_below_lsb(recording, &self.rests, &self.rounding)
     }
@@ -286,7 +286,7 @@ impl Segments {
     }
 }
 
-/// The intervals that one mean describes: the epochs (parts) of long rests, and all rests without epochs.
+/// The intervals that have one mean each: the epochs (parts) of long rests, and all rests without epochs.
 fn described<'a, T>(rests: &'a [T], epochs: &'a [Vec<T>]) -> impl Iterator<Item = &'a T> {
     let of = |(rest, epochs): (&'a T, &'a Vec<T>)| if epochs.is_empty() { std::slice::from_ref(rest) } else { epochs };
     rests.iter().zip(epochs).flat_map(of)

@@ -9,11 +9,12 @@
 //! and dt is the sampling interval.
 //!
 //! Both sensors measure the same tremor, and their noise is independent. The first expression above is therefore the
-//! variance of the tremor, without noise. The unit counts as hand-held if this variance exceeds sqrt(r q), with r and q
-//! of model.md (27). This is the error variance of a gravity direction that is averaged over samples which the
-//! gyroscope rotates to one attitude. At a hand-held rest, the mean force does not have the direction of gravity at the
-//! start of the next move, and the scatter of the samples is not sensor noise. Sensor noise is estimated from fourth
-//! differences of consecutive samples, because tremor is too slow to change these differences.
+//! variance of the tremor, without noise. The unit counts as hand-held if this variance exceeds sqrt(r q). r is the
+//! spectral density of the tilt error from accelerometer noise, and q that of the rate error from gyroscope noise
+//! (model.md (27)). sqrt(r q) is the error variance of a gravity direction that is averaged over samples, each of which
+//! is rotated to the same attitude with the gyroscope. At a hand-held rest, the mean force does not have the direction
+//! of gravity at the start of the next move, and the scatter of the samples is not sensor noise. Sensor noise is
+//! estimated from fourth differences of consecutive samples, because tremor is too slow to change these differences.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -34,11 +35,11 @@ use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 const DIFFERENCE: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
 /// Sum of the squares of the coefficients of the fourth difference.
 const SQUARES: f64 = 70.0;
-/// Duration over which samples are averaged with exponential weights, in averaging time constants. The weights of older
-/// samples are omitted; their sum is below 1 %.
+/// Duration over which the samples at an end of a rest are averaged with exponential weights, in time constants of the
+/// weights. Samples farther from this end are omitted, because the sum of their weights is below 1 %.
 const REACH: f64 = 5.0;
-/// Maximum share of the rests of a hand-held recording at which the estimated variance of the tremor is not positive
-/// (model.md (27)).
+/// A recording counts as hand-held only if the estimated variance of the tremor is zero or negative at no more than
+/// this share of its rests (model.md (27)).
 const FEW: f64 = 0.1;
 /// The averaging time constant of the gravity direction is at most (duration of the rest) / ROOM (model.md (27)). Only
 /// short rests reach this limit.
@@ -65,9 +66,9 @@ pub(crate) struct Sensors<'a> {
 }
 
 impl<'a> Sensors<'a> {
-    /// Specific force of each sample of a rest, m/s^2, rotated by the integrated gyroscope to the attitude at the first
-    /// or last sample (`at_end`). The iterator starts at that end of the rest. `bias` is the bias of the gyroscope, raw
-    /// units.
+    /// Specific force of each sample of a rest, m/s^2, rotated with the integrated gyroscope rate to the attitude at
+    /// the last (`at_end`) or first sample. The iterator starts at that end of the rest. `bias` is the bias of the
+    /// gyroscope, raw units.
     pub(crate) fn along_gyroscope(
         self,
         recording: &'a Recording<'a>,
@@ -93,7 +94,8 @@ impl Hand {
     /// Estimates the model of the tremor if the unit is hand-held at nearly all rests of a recording. Otherwise `None`.
     pub(crate) fn of(recording: &Recording<'_>, rests: &[&Rest], sensors: Sensors<'_>) -> Option<Self> {
         let dt_s = sample_interval_s(recording.time_s);
-        // A row that repeats the previous sample contains no noise of its own. Differences are taken between samples.
+        // A row that repeats the previous sample contains no new noise. The fourth differences are therefore taken
+        // between samples and not between rows.
         let rows_per_sample = 1.0 / (1.0 - repeated_share(recording));
         let every = rows_per_sample.round() as usize;
         let density = |rows: Samples<'_>| white_noise(rows, rests, every) * (rows_per_sample * dt_s).sqrt();
@@ -131,8 +133,8 @@ impl Hand {
         (self.tilt_rad2_s / self.walk_rad2_per_s).sqrt().min((rest.end_s - rest.start_s) / ROOM)
     }
 
-    /// Variance of each component of the gravity direction at an end of a rest, which is averaged with the time
-    /// constant a, rad^2. It is `r / (2 a) + q a / 2`, with r = `tilt_rad2_s` and q = `walk_rad2_per_s`.
+    /// Variance of each component of the gravity direction at an end of a rest, rad^2. It is `r / (2 a) + q a / 2`,
+    /// with the averaging time constant a, r = `tilt_rad2_s` and q = `walk_rad2_per_s`.
     pub(crate) fn variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         (self.tilt_rad2_s / averaging_s + self.walk_rad2_per_s * averaging_s) / 2.0
@@ -141,8 +143,8 @@ impl Hand {
     /// Variance, rad^2, of an angle about an axis perpendicular to gravity: the rotation that the integrated gyroscope
     /// gives over a rest, minus the rotation between the gravity directions at both ends of the rest. The variance is
     /// `q (T - 3 a) + r / a`, where T is the duration of the rest, and a, q and r are those of
-    /// [`variance_rad2`](Self::variance_rad2). Both directions contain gyroscope noise, too, which cancels a part of
-    /// that of the integrated rotation, hence - 3 a.
+    /// [`variance_rad2`](Self::variance_rad2). Both directions also contain gyroscope noise. It cancels a part of the
+    /// gyroscope noise in the integrated rotation, which gives the term - 3 a.
     fn turn_variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         let between_s = rest.end_s - rest.start_s - 3.0 * averaging_s;
@@ -175,8 +177,9 @@ impl Hand {
     }
 
     /// Corrects the means of a rest for the tremor. The variance of the mean force is set to that of sensor noise. The
-    /// rotation of the hand from the first to the last sample is subtracted from the mean rate, except its component
-    /// about gravity, which is unknown. Returns the subtracted rotation, rad.
+    /// rotation of the hand from the first to the last sample, divided by the duration of the rest, is subtracted from
+    /// the mean rate. The component of the rotation about gravity is unknown and not subtracted. Returns the subtracted
+    /// rotation, rad.
     fn remove_tremor(&self, recording: &Recording<'_>, rest: &mut UnitRest, sensors: Sensors<'_>) -> Vector3<f64> {
         let UnitRest { rest: Rest { first, end, start_s, end_s, .. }, bias, .. } = *rest;
         let duration_s = end_s - start_s;
@@ -223,8 +226,8 @@ pub(crate) fn hands(
         if own.is_empty() {
             return None;
         }
-        // Slow rotations exclude only a few rests. If most rests of a recording are excluded, the cause is a bias that
-        // differs from the biases in the other recordings. All rests then contribute.
+        // Only a few rests are excluded because of slow rotations. If most rests of a recording are excluded, the cause
+        // is a bias that differs from the biases in the other recordings. All rests then contribute.
         if 2 * own.iter().filter(|own| own.contributes).count() < own.len() {
             own.iter_mut().for_each(|own| own.contributes = true);
         }
@@ -268,8 +271,8 @@ struct OwnRest<'a> {
 /// Estimates the gyroscope bias at each rest. The bias may depend on the pose, but the mean rate of a rest also
 /// contains rotation of the hand. The mean rate of each rest is therefore shrunk towards the mean of all rests by the
 /// share v / (v + b). v is the variance of the error of this mean rate. b is the variance of the true bias between
-/// rests, which is estimated from the scatter of the mean rates. Returns the mean bias of all rests, raw units, and the
-/// share of each rest.
+/// rests. It is estimated from the scatter of the mean rates, and it is zero if the errors of the mean rates explain
+/// the scatter. Returns the mean bias of all rests, raw units, and the share of each rest.
 fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>>) {
     let mut shrunk = vec![Vector3::repeat(1.0); rests.len()];
     let bias = Vector3::from_fn(|axis, _| {
@@ -290,9 +293,9 @@ fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>
     (bias, shrunk)
 }
 
-/// Variance of the tremor about each axis at a rest, rad^2. It is the covariance of the tilt, which the force shows,
-/// and the integrated rotation. Both contain the tremor, because a rotation of the body changes the gravity direction
-/// in the body frame.
+/// Variance of the tremor about each axis at a rest, rad^2. It is the covariance between the tilt that the
+/// accelerometer measures and the integrated rate of the gyroscope. Both contain the tremor, because a rotation of the
+/// body changes the gravity direction in the body frame.
 fn tremor_variance_rad2(recording: &Recording<'_>, rest: &Rest, sensors: Sensors<'_>, dt_s: f64) -> f64 {
     let samples = (rest.end - rest.first) as f64;
     let (mut turn, mut products) = (Vector3::zeros(), Matrix3::zeros());
@@ -361,7 +364,8 @@ mod tests {
     use crate::simulate::tumble::{HandMoves, Tumble};
     use crate::simulate::{Faults, Program, RandomMoves, Setup, Stand, Temperature, Unit, run};
 
-    /// The hand in a simulated recording at 200 Hz in which each sample occurs in `held` rows.
+    /// The model of the tremor that is estimated from a simulated recording at 200 Hz, in which each sample occurs in
+    /// `held` rows.
     fn found(motion: &Motion, held: usize) -> Option<Hand> {
         let unit = Unit::paper();
         let setup = Setup {

@@ -9,7 +9,7 @@ use crate::numerics::stats::median;
 use crate::rests::rest::{Rest, RestMean};
 use crate::rests::segment::Segments;
 
-/// A rest and the recording that contains it.
+/// A rest, or an epoch of a long rest, and the recording that contains it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct UnitRest {
     /// Index of the recording that contains the rest.
@@ -57,8 +57,8 @@ pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
 }
 
 /// Replaces each long rest by its epochs, and returns all other rests unchanged. `segments` must be the value from
-/// which [`rests_of`] computed `rests`. The rests of a hand-held recording are not replaced, because the means of its
-/// rests and of epochs are computed differently.
+/// which [`rests_of`] computed `rests`. The rests of a hand-held recording are not replaced, because the means of
+/// hand-held rests are not computed in the same way as the means of epochs.
 pub(crate) fn in_epochs(rests: &[UnitRest], segments: &[Segments]) -> Vec<UnitRest> {
     let epochs = segments.iter().flat_map(|segments| &segments.epochs);
     let of = |(rest, epochs): (&UnitRest, &Vec<Rest>)| -> Vec<UnitRest> {
@@ -81,7 +81,7 @@ pub(crate) fn ranges_of_rests(rests: &[UnitRest]) -> Vec<Range<usize>> {
     ends.collect()
 }
 
-/// Combines the epochs of one rest to the whole rest, with the means over all samples.
+/// Combines the epochs of one rest into the whole rest, with the means over all samples.
 pub(crate) fn together(epochs: &[UnitRest]) -> UnitRest {
     let [first, .., last] = epochs else { return epochs[0] };
     let samples = |epoch: &UnitRest| (epoch.rest.end - epoch.rest.first) as f64;
@@ -120,7 +120,7 @@ impl UnitRest {
     }
 
     /// Whether this is the second or a later epoch of a long rest. A later epoch has the same pose as the first epoch.
-    /// It therefore determines changes of the readings, but adds no gravity direction.
+    /// Its readings determine how the readings change during the rest, but they add no further gravity direction.
     pub(crate) fn is_later_epoch(&self) -> bool {
         self.epoch > 0
     }

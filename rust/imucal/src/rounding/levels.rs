@@ -16,8 +16,9 @@ const FOREIGN: f64 = 1e-3;
 /// Maximum number of independent samples of one rest in the comparison of its noise with that of the other rests. With
 /// this number, noise that differs by less than the spacing of the trial values (14 %) counts as equal.
 const COMPARED: f64 = 300.0;
-/// A rest contradicts a trial value of the noise if the logarithm of its likelihood is more than this amount below its
-/// maximum, which is four standard deviations of the noise of this rest. No rest counts more than this against a value.
+/// A rest contradicts a trial value of the noise if its log-likelihood at this value is more than this amount below its
+/// maximum log-likelihood. This corresponds to four standard deviations. When the rests are compared with a trial
+/// value, no rest counts more than this amount against the value.
 const CONTRADICTION: f64 = 8.0;
 /// Smallest and largest trial value of the standard deviation of the noise, in steps. With the smallest value, nearly
 /// all samples of a rest are equal. With the largest value, rounding causes no error of the mean.
@@ -79,7 +80,7 @@ fn relative(log_likelihood: impl Fn(f64) -> f64) -> Likelihood {
     log.map(|log| log - largest)
 }
 
-/// Joins rests with nearly equal mean readings, and omits foreign levels.
+/// Joins rests with nearly equal mean readings, and omits the levels that [`FOREIGN`] describes.
 fn groups(mut rests: Vec<&Levels>) -> Vec<Levels> {
     rests.sort_by(|a, b| a.mean.total_cmp(&b.mean));
     let same = rests.chunk_by(|a, b| b.mean - a.mean < SAME_READING);
@@ -98,8 +99,9 @@ fn ln_share(distance: f64, noise: f64) -> f64 {
     // near one would lose digits.
     let beyond = |distance: f64| 0.5 * erfc(distance / (SQRT_2 * noise));
     let near = (distance - 0.5) / (SQRT_2 * noise);
-    // Beyond 26, erfc is below the smallest number, and its first asymptotic term is accurate to 0.1 %. The logarithm
-    // of such a share is finite, so the likelihood has one maximum even for noise that is far too small for the levels.
+    // For arguments above about 26.5, erfc is below the smallest normal number of double precision. From 25 on, the
+    // first term of its asymptotic series is therefore used, which is accurate to 0.1 %. Its logarithm is finite, so
+    // the likelihood has one maximum even if the trial noise is far too small for the levels that occur.
     const SMALL: f64 = 25.0;
     if near < SMALL {
         (beyond(distance - 0.5) - beyond(distance + 0.5)).ln()
@@ -109,7 +111,7 @@ fn ln_share(distance: f64, noise: f64) -> f64 {
 }
 
 impl Levels {
-    /// Adds up numbers of independent samples at levels.
+    /// Sums the numbers of independent samples at each level. `samples` contains pairs of a level and a number.
     pub(crate) fn of(samples: impl Iterator<Item = (i64, f64)>) -> Self {
         let mut counts = BTreeMap::new();
         samples.for_each(|(level, count)| *counts.entry(level).or_insert(0.0) += count);
@@ -127,7 +129,7 @@ impl Levels {
         self.counts.values().sum()
     }
 
-    /// These levels without those that [`FOREIGN`] omits. The mean remains that of all samples.
+    /// Removes the levels that [`FOREIGN`] describes. The mean remains that of all samples.
     fn without_foreign(mut self) -> Self {
         let few = (FOREIGN * self.samples()).max(1.0);
         self.counts.retain(|level, count| (*level as f64 - self.mean).abs() < 1.5 || *count > few);

@@ -11,8 +11,7 @@ use crate::recording::Samples;
 const MOST_SAMPLES: usize = 200_000;
 /// Relative accuracy of float32. Differences below this fraction of the largest value are due to the number format.
 const FLOAT32: f64 = 3e-7;
-/// Distances between neighbouring levels above this limit are not compared with multiples of the quantisation step, in
-/// steps.
+/// Largest distance between neighbouring levels that is compared with the multiples of the quantisation step, in steps.
 const FAR: f64 = 20.5;
 /// Maximum deviation of a distance between two levels from a multiple of the step, in steps. In a text file with few
 /// decimals, the distances are uneven.

@@ -1,9 +1,10 @@
-//! Simulation in blocks that fit into the processor's cache. For each block, the true state is computed first, and then
-//! the measurements.
+//! Simulation of a run in blocks of consecutive samples, so that the data of a block fit into the processor's cache.
+//! For each block, the true state is computed first, and then the measurements.
 //!
-//! The true state is a function of time only, so the pieces of a block can be computed on any thread. The measurements
-//! depend on earlier measurements because of noise and filter, so each triad is one sequential job. The result has the
-//! same bytes for any number of threads.
+//! The true state is a function of time only. A block is therefore divided into pieces, whose true states are computed
+//! in parallel on several threads. The measurements also depend on the past states of the noise and of the filter. All
+//! measurements of one triad (the three axes of a sensor) in a block are therefore computed one after the other on a
+//! single thread. The result has the same bytes for any number of threads.
 
 use imucal_core::so3;
 use imucal_core::temperature_memory::{TemperatureHistory, TemperatureMemory};
@@ -19,13 +20,14 @@ use super::{Added, Setup, Simulation};
 use crate::numerics::workers::share_out;
 use crate::recording::REFERENCE_TEMPERATURE_DEGC;
 
-/// Number of internal time steps in a block. The buffers of such a block fit into the processor's cache.
+/// Number of internal time steps in a block. The sampling interval is divided into one or more internal time steps, so
+/// that filters and averaging can be simulated. The buffers of a block of this size fit into the processor's cache.
 const BLOCK_STEPS: usize = 32_768;
-/// Number of internal time steps in a piece. Each piece is computed by one thread, and the 32 pieces of a block are
-/// distributed among the threads.
+/// Number of internal time steps in a piece of a block. The true states of a piece are computed by one thread, and the
+/// 32 pieces of a block are distributed among the threads.
 const PIECE_STEPS: usize = 1024;
 
-/// Inputs of a run that all threads use.
+/// Inputs of a run, which all threads read.
 pub(super) struct Plan<'a> {
     pub(super) setup: &'a Setup<'a>,
     pub(super) truth: Truth<'a>,
@@ -70,7 +72,7 @@ struct Buffers {
     /// `None` if no effect depends on the temperature history.
     memory: Option<(TemperatureMemory<f64>, Option<f64>)>,
     /// Temperature history (lag, rate and direction of the temperature) at the sample before the block and at each
-    /// sample of the block; empty if no effect depends on it.
+    /// sample of the block; empty if no effect depends on the temperature history.
     history: Vec<TemperatureHistory<f64>>,
     seen_force: Vec<Seen>,
     seen_rate: Vec<Seen>,
@@ -112,12 +114,13 @@ impl Buffers {
     }
 }
 
-/// The part of the arrays of a run that belongs to some consecutive samples. One thread computes it.
+/// The rows of a run's arrays that belong to consecutive samples of a block. One thread computes these rows.
 struct Piece<'r> {
     first: usize,
     true_time_s: &'r [f64],
     encoder_noise: &'r [Vector3<f64>],
-    /// Temperature history at the sample before the piece and at each of its samples; empty if no effect depends on it.
+    /// Temperature history at the sample before the piece and at each sample of the piece; empty if no effect depends
+    /// on the temperature history.
     history: &'r [TemperatureHistory<f64>],
     seen_force: &'r mut [Seen],
     seen_rate: &'r mut [Seen],

@@ -38,10 +38,10 @@ pub fn gravity_mps2(latitude_rad: f64, height_m: f64) -> f64 {
 }
 
 /// Standard deviation of the difference between actual and normal gravity, m/s^2 (50 mGal). The rms of the gravity
-/// anomalies in the model EGM2008 is about 35 mGal (Pavlis and others, J. Geophys. Res. 117, B04406, 2012). On
-/// mountains, it is larger.
+/// anomalies in the model EGM2008 is about 35 mGal (Pavlis and others, J. Geophys. Res. 117, B04406, 2012). In
+/// mountains, the rms is larger.
 const ANOMALY_MPS2: f64 = 5e-4;
-/// Standard deviation of the height above the ellipsoid of a place on land, if its height is unknown, m.
+/// Assumed standard deviation of the height above the ellipsoid, m, for a location on land whose height is unknown.
 const UNKNOWN_HEIGHT_M: f64 = 500.0;
 
 /// Standard deviation of the difference between actual and normal gravity, m/s^2. Normal gravity is computed for the
@@ -65,8 +65,8 @@ mod tests {
 
     #[test]
     fn gravity_is_that_of_the_published_tables() {
-        // Gravity at the poles is from TR8350.2, table 3.4. Gravity at 45 deg is from GRS 80, in which gravity is
-        // larger by 1.4e-6 m/s^2 everywhere (Moritz, 2000).
+        // Gravity at the poles is from TR8350.2, table 3.4. Gravity at 45 deg is from the ellipsoid GRS 80 (Moritz,
+        // 2000), on which it is larger than on the ellipsoid WGS 84 by 1.4e-6 m/s^2.
         assert!((gravity_mps2(FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 1e-10);
         assert!((gravity_mps2(-FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 1e-10);
         assert!((gravity_mps2(0.0, 0.0) - 9.780_325_335_9).abs() < 1e-12);

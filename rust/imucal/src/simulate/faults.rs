@@ -18,11 +18,11 @@ use crate::error::Error;
 /// Faults of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Faults {
-    /// Share of lost samples. Samples are lost independently of each other, and the recording lacks their rows. The
-    /// first sample is never lost.
+    /// Share of lost samples. Samples are lost independently of each other, and the recording has no rows for lost
+    /// samples. The first sample is never lost.
     pub missing_share: f64,
-    /// Share of samples with a new time stamp and the measured values of the previous sample. Such samples occur if a
-    /// sensor is read before it has a new sample.
+    /// Share of samples that have a new time stamp but the measured values of the previous sample. Such samples occur
+    /// if a sensor is read before its next sample is available.
     pub duplicated_share: f64,
     /// Relative rate error of the unit's clock; positive if the clock is fast.
     pub clock_rate_error: f64,
@@ -110,7 +110,7 @@ impl Clock {
         true_time_s * (1.0 + self.rate_error)
     }
 
-    /// True time, s, of the next sample, whose time stamp is `stamp_s`. It includes the jitter.
+    /// True time, s, of the next sample, including the jitter. `stamp_s` is the time stamp of this sample.
     pub(super) fn next(&mut self, stamp_s: f64) -> f64 {
         let true_time_s = stamp_s / (1.0 + self.rate_error);
         if self.jitter_s > 0.0 {

@@ -39,8 +39,8 @@ impl Moment {
         }
     }
 
-    /// This motion with an additional rotation of the unit: `turn` is its attitude relative to the body frame of this
-    /// motion.
+    /// This motion with an additional rotation of the unit. `turn` is the attitude of the rotated unit relative to the
+    /// body frame of this motion.
     pub(super) fn turned(self, turn: &Attitude) -> Self {
         let before = Attitude {
             rotation: self.rotation_world_from_body,

@@ -49,7 +49,8 @@ impl Motion {
         }
     }
 
-    /// Start and end of each rest, s. If there is tremor, these are the intervals in which a pose is held.
+    /// Start and end of each rest, s. If there is tremor, the unit also moves during these intervals, but its pose is
+    /// held.
     pub fn rests(&self) -> Vec<(f64, f64)> {
         match self {
             Self::Stand { program, .. } => program.rests(),
@@ -83,9 +84,9 @@ impl Motion {
         }
     }
 
-    /// Mean of the angular acceleration over the delay of the gyroscope, rad/s^2. The delay is the interval of length
-    /// `delay_s` that ends at `time_s`. The result is `None` if there is no delay. The interval starts at the start of
-    /// the motion at the earliest.
+    /// Mean angular acceleration, rad/s^2, over the interval that ends at `time_s` and has the length `delay_s`, the
+    /// delay of the gyroscope. An interval that would start before the motion is shortened, so that it starts with the
+    /// motion. The result is `None` if the length of the interval is zero.
     pub(crate) fn mean_angular_acceleration(&self, time_s: f64, delay_s: f64) -> Option<Vector3<f64>> {
         let start_s = delay_start_s(time_s, delay_s);
         let change = || self.at(time_s).angular_rate - self.at(start_s).angular_rate;
@@ -165,7 +166,8 @@ mod tests {
         }
     }
 
-    /// Motions with each stand error separately, a motion with all stand errors, and hand-held runs.
+    /// Motions on a perfect stand, on stands with one kind of error each, and on a stand with all errors, and hand-held
+    /// runs.
     fn motions() -> Vec<Motion> {
         let perfect = Stand::perfect();
         vec![

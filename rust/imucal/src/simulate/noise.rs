@@ -14,9 +14,9 @@
 //!
 //! # Flicker noise
 //!
-//! h_n are the coefficients of `(1 - z^-1)^(-1/2)`, an integrator of order one half. The power gain of this filter is
-//! `1 / (2 sin(pi f / r))`, which approaches `r / (2 pi f)` for frequencies f far below the rate r. The h_n are moments
-//! of a distribution over poles p, so the filter is a sum of first-order filters:
+//! h_n are the coefficients of z^-n in the power series of `(1 - z^-1)^(-1/2)`, an integrator of order one half. The
+//! power gain of this filter is `1 / (2 sin(pi f / r))`, which approaches `r / (2 pi f)` for frequencies f far below
+//! the rate r. The h_n are moments of a distribution over poles p, so the filter is a sum of first-order filters:
 //!
 //! ```text
 //! h_n = (1 / pi) * integral from 0 to 1 of p^n / sqrt(p (1 - p)) dp
@@ -24,9 +24,10 @@
 //! c_k = (ln(2.5) / pi) d_k exp(-d_k / 2) / sqrt(1 - p_k)
 //! ```
 //!
-//! The sum is the trapezoidal rule in the variable ln d, where p = exp(-d). Its error decreases as exp(-pi^2 / spacing)
-//! with the spacing of ln d. With the spacing ln(2.5), the relative error of the power is 0.05 %. The time constant of
-//! the slowest pole is longer than the record. This pole also represents all slower poles.
+//! The sum approximates the integral by the trapezoidal rule in the variable ln d, where p = exp(-d). The error of the
+//! sum is proportional to exp(-pi^2 / spacing), where `spacing` is the spacing of ln d. With the spacing ln(2.5), the
+//! relative error of the power is 0.05 %. The time constant of the slowest pole is longer than the record. This pole
+//! also represents all slower poles.
 
 use std::f64::consts::{PI, TAU};
 
@@ -51,8 +52,8 @@ pub(super) struct Noise {
 }
 
 impl Noise {
-    /// Random errors for `steps` steps at `rate_hz`. `generators` are the random number generators of white noise,
-    /// flicker noise and random walk, in this order.
+    /// Random errors for `steps` time steps at the rate `rate_hz`. `generators` are the random number generators of
+    /// white noise, flicker noise and random walk, in this order.
     pub(super) fn new(sensor: &Sensor, rate_hz: f64, steps: usize, generators: [Generators; 3]) -> Self {
         let [white, flicker, walk] = generators;
         Self {
@@ -121,8 +122,8 @@ struct Flicker {
     input_std: f64,
     poles: Vec<Pole>,
     states: Vec<Lanes>,
-    /// Sum of the coefficients c of the poles whose response decays within one step. They are treated as filters
-    /// without memory, so their output is this sum times the input.
+    /// Sum of the coefficients c of the poles whose response decays within one step. These poles are treated as filters
+    /// without memory, so the sum of their outputs is `through` times the input.
     through: f64,
     generators: Generators,
 }
@@ -130,14 +131,15 @@ struct Flicker {
 /// Ratio of the decays d of adjacent poles. With this ratio, the relative error of the power of the flicker noise is
 /// 0.05 %.
 const RATIO: f64 = 2.5;
-/// Largest decay d of a pole. A pole with a larger decay has a coefficient c below 1e-12 and is omitted.
+/// Largest decay d of a pole. Poles with larger decays have coefficients c below 1e-12 and are omitted.
 const FASTEST: f64 = 64.0;
-/// Decay d above which a pole is treated as a filter without memory. Its factor p per step is then below 1e-6.
+/// Decay d above which a pole is treated as a filter without memory. The state of such a pole decays within one step by
+/// the factor p, which is below 1e-6.
 const MEMORYLESS: f64 = 14.0;
 
 impl Flicker {
-    /// A filter that is in its steady state from the first step on, because a sensor has usually been switched on
-    /// long before its record starts.
+    /// A filter that is in its steady state from the first step on, because a sensor has usually been switched on long
+    /// before a record starts.
     fn new(instability: f64, steps: usize, mut generators: Generators) -> Self {
         // Decay of the pole whose corner frequency is a tenth of the lowest frequency in the record.
         let slowest = TAU / (10.0 * steps.max(1) as f64);
@@ -156,8 +158,9 @@ impl Flicker {
             }
             decay /= RATIO;
         }
-        // Poles with smaller decays are omitted. Each of their coefficients c would be the previous one / sqrt(RATIO),
-        // so they form a geometric series. The sum of this series is added to the last c.
+        // Poles with smaller decays are omitted. The coefficient c of each of these poles would be the coefficient of
+        // the previous pole divided by sqrt(RATIO). The omitted coefficients therefore form a geometric series. The sum
+        // of this series is added to the last c.
         if let Some(last) = poles.last_mut() {
             last.c /= 1.0 - RATIO.sqrt().recip();
         }
@@ -180,8 +183,8 @@ impl Flicker {
     }
 }
 
-/// Random states of the filters of all poles, for each axis. Their covariance is that of the steady state: `1 / (1 -
-/// p_j p_k)` for the states of poles j and k.
+/// Random states of the filters of all poles, for each axis. The covariance of the states of poles j and k is `1 / (1 -
+/// p_j p_k)`, as in the steady state.
 fn steady_states(poles: &[Pole], generators: &mut Generators) -> Vec<Lanes> {
     let n = poles.len();
     let covariance = DMatrix::from_fn(n, n, |j, k| -(-(poles[j].decay + poles[k].decay)).exp_m1().recip());
@@ -226,10 +229,10 @@ mod tests {
         (means.windows(2).map(|w| (w[1] - w[0]).norm_squared()).sum::<f64>() / (6.0 * pairs), pairs)
     }
 
-    /// Tests that the Allan variance agrees with a function of tau within four standard deviations. The relative
-    /// standard deviation of the Allan variance from K pairs of consecutive means is sqrt(3 / K) for white noise.
-    /// Adjacent differences of means then have a correlation of -1/2. For flicker noise and a random walk, the
-    /// correlation is about 1/4 in magnitude, so the standard deviation is smaller.
+    /// Tests that the Allan variance agrees with a function of tau within four standard deviations. For white noise,
+    /// adjacent differences of means have a correlation of -1/2. The relative standard deviation of an Allan variance
+    /// from K pairs of consecutive means is then sqrt(3 / K). For flicker noise and a random walk, the correlation is
+    /// only about 1/4 in magnitude, so the standard deviation is smaller.
     fn check_allan(sensor: &Sensor, from: usize, expected: impl Fn(f64) -> f64) {
         let (rate_hz, n) = (50.0, 1_000_000);
         let mut noise = noise(sensor, rate_hz, n, 3);

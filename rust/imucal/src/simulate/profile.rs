@@ -11,19 +11,20 @@
 //! (4/3) turn / T, the peak acceleration is 8 turn / T^2, and the magnitude of the jerk is 96 turn / T^3. All motors
 //! have the same `T`, so they start and stop together.
 //!
-//! The jerk has steps, so the acceleration has corners. A second-order integrator, such as the one of `imucal_core`,
-//! keeps its order, because a corner affects a single step, with an error of third order.
+//! The jerk has steps, so the acceleration has corners. An integrator of second order, such as the integrator of
+//! `imucal_core`, nevertheless remains of second order: a corner affects only the step that contains it, and the
+//! additional error of this step is of third order.
 
 use std::iter::Sum;
 use std::ops::Mul;
 
 use nalgebra::Vector3;
 
-/// Peak rate of a turn, divided by turn / duration.
+/// Ratio of the peak rate of a turn to its mean rate, (angle of the turn) / duration.
 pub const PEAK_RATE: f64 = 4.0 / 3.0;
-/// Peak acceleration of a turn, divided by turn / duration^2.
+/// Ratio of the peak acceleration of a turn to (angle of the turn) / duration^2.
 pub const PEAK_ACCELERATION: f64 = 8.0;
-/// Magnitude of the nonzero jerk of a turn, divided by turn / duration^3.
+/// Ratio of the magnitude of the nonzero jerk of a turn to (angle of the turn) / duration^3.
 pub const JERK: f64 = 96.0;
 
 /// Angles, rates and accelerations of the three motors, outermost motor first.
@@ -60,7 +61,7 @@ impl MotorState {
         }
     }
 
-    /// Angle, rate and acceleration of one motor; `motor` is its index, 0 for the outermost motor.
+    /// Angle, rate and acceleration of the motor with the index `motor`, 0 for the outermost motor.
     #[inline]
     pub(super) fn course(&self, motor: usize) -> Course {
         Course {
@@ -79,8 +80,8 @@ pub(super) struct Course {
     pub(super) acceleration: f64,
 }
 
-/// A segment of the first half of the profile: its start as a share of the duration, the value and the derivatives at
-/// its start, and its constant jerk.
+/// A segment of the first half of the profile: its start as a share of the duration of the turn, the value and the
+/// first two derivatives at its start, and its constant jerk.
 struct Segment {
     start: f64,
     value: f64,
@@ -125,8 +126,8 @@ impl Course {
         }
     }
 
-    /// Smooth profile that increases from 0 to 1 and returns to 0 while `share` increases from 0 to 1. It is the smooth
-    /// step of `4 u (1 - u)` with u = `share`.
+    /// Smooth profile that increases from 0 to 1 and returns to 0 while `share` increases from 0 to 1. Its value is the
+    /// smooth step, evaluated at `4 u (1 - u)` with u = `share`.
     #[inline]
     pub(super) fn swell(share: f64) -> Self {
         let inner = Self { value: 4.0 * share * (1.0 - share), rate: 4.0 - 8.0 * share, acceleration: -8.0 };
@@ -264,7 +265,7 @@ mod tests {
         assert!((jerk - JERK).abs() < 1e-6);
     }
 
-    /// Whether rate and acceleration agree with central differences.
+    /// Tests that the rate and the acceleration of `course` agree with central differences.
     fn is_differentiated(course: impl Fn(f64) -> Course, tolerance: f64) {
         let h = 1e-5;
         for i in 1..200 {

@@ -36,7 +36,7 @@ impl Step {
     }
 
     /// For each motor, the sign of its last turn up to the end of this step; 0 if it has not turned yet. `before`
-    /// contains the signs before this step. A motor that does not turn in this step keeps its sign.
+    /// contains the signs before this step. If a motor does not turn in this step, its sign is not changed.
     fn direction_after(&self, before: &Vector3<f64>) -> Vector3<f64> {
         before.zip_map(&self.turn_rad.into(), |before, turn: f64| if turn == 0.0 { before } else { turn.signum() })
     }
@@ -63,7 +63,8 @@ impl Step {
 /// revolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
-    /// Step of both motors, rad. Half a revolution must be an integer multiple of the step. The paper uses 20 deg.
+    /// Angle of each step of motors 2 and 3, rad. Half a revolution must be an integer multiple of this angle. The
+    /// paper uses 20 deg.
     pub step_rad: f64,
     /// Duration of each turn, s. The paper does not state a duration; the default is 1 s.
     pub move_s: f64,
@@ -77,8 +78,8 @@ impl Default for Grid {
     }
 }
 
-/// The gyroscope program of the paper cited in docs/model.md: random turns of all motors, with a hold before, between
-/// and after them.
+/// The gyroscope program of the paper cited in docs/model.md: random turns of all motors, with a hold before the first
+/// turn and after each turn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RandomMoves {
     /// Number of turns. The paper uses 45.
@@ -311,8 +312,8 @@ mod tests {
         assert_ne!(program, Program::random(&RandomMoves::default(), 4).unwrap());
     }
 
-    /// The mean rate of a motor is at most 120 deg/s, and its peak rate 160 deg/s. If the outermost and the innermost
-    /// axis are parallel, the body rate is at most sqrt(5) * 160 deg/s = 358 deg/s.
+    /// The mean rate of a motor is at most 120 deg/s, and the peak rate is at most 160 deg/s. If the outermost and the
+    /// innermost axis are parallel, the body rate is at most sqrt(5) * 160 deg/s = 358 deg/s.
     #[test]
     fn random_program_stays_within_the_gyroscopes_range() {
         let mut highest_dps = 0.0_f64;

@@ -7,10 +7,10 @@
 //! ```
 //!
 //! x is the signal before sampling, y_i the sample at the time t_i, and H the frequency response of the filter.
-//! Averaging delays the signal by T / 2. Averaging, filtering, and the noise before them are simulated at an internal
-//! rate above the sampling rate. The integral is computed by the trapezoidal rule. The filter is discretised by the
-//! bilinear transform with prewarping, so that the gain is exact at the bandwidth. Point samples without a filter are
-//! simulated at the sampling rate.
+//! Averaging delays the signal by T / 2. Averaging, filtering, and the noise that is added before them are simulated at
+//! an internal rate above the sampling rate. The integral is computed by the trapezoidal rule. The filter is
+//! discretised by the bilinear transform with prewarping, so that the gain is exact at the bandwidth frequency. Point
+//! samples without a filter are simulated at the sampling rate.
 
 use std::f64::consts::{PI, SQRT_2};
 
@@ -23,9 +23,9 @@ pub struct LowPass {
     pub bandwidth_hz: f64,
 }
 
-/// Minimum number of internal steps per sample if there is averaging or a filter.
+/// Minimum number of internal time steps per sample of a sensor with averaging or a filter.
 pub(super) const MIN_STEPS: usize = 8;
-/// Maximum number of internal steps per sample.
+/// Maximum number of internal time steps per sample. A filter whose bandwidth would need more steps is refused.
 pub(super) const MAX_STEPS: usize = 64;
 /// Number of internal steps per period of a sine at the bandwidth of the filter. With this number, the frequency
 /// distortion of the bilinear transform is small.
@@ -76,8 +76,8 @@ mod tests {
 
     #[test]
     fn gain_is_the_butterworth_filters() {
-        // The bandwidth is far below the internal rate, so the gain is close to that of the analogue filter. At the
-        // bandwidth, it is exact.
+        // The bandwidth is far below the internal rate, so the gain is close to the gain of the analogue filter. At the
+        // bandwidth frequency, the gain is exact.
         let (rate_hz, bandwidth_hz) = (1000.0, 10.0);
         for frequency_hz in [1.0, 5.0, 10.0, 20.0, 40.0] {
             let mut filter = Filter::new(&LowPass { bandwidth_hz }, rate_hz, &Vector3::zeros());

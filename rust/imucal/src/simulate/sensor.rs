@@ -1,4 +1,4 @@
-//! Simulation of one triad: from its input to its samples.
+//! Simulation of one triad (the three axes of a sensor): from the input of the triad to its samples.
 //!
 //! ```text
 //! seen     = sensitivity * (true + effects) + bias
@@ -26,14 +26,15 @@ pub(super) struct Seen {
     pub(super) moving: bool,
 }
 
-/// Simulation of one triad, sample by sample. It stores the state of the filter and of the noise between samples.
+/// Simulation of one triad, sample by sample. The struct keeps the state of the filter and of the noise from one sample
+/// to the next.
 pub(super) struct Sampler<'a> {
     sensor: &'a Sensor,
     noise: Noise,
     analogue: Option<Analogue>,
 }
 
-/// Low-pass filter and averaging of a triad, simulated at the internal rate.
+/// Low-pass filter and averaging of a triad, simulated at the internal rate, which is a multiple of the sampling rate.
 struct Analogue {
     rate_hz: f64,
     /// Last input and state of the filter, which are needed for the next sample; `None` before the first sample.
@@ -46,7 +47,8 @@ struct Memory {
 }
 
 impl<'a> Sampler<'a> {
-    /// A triad for `samples` samples at `rate_hz`. Each sample has `steps` internal steps.
+    /// The simulation of a triad for `samples` samples at the sampling rate `rate_hz`. Each sampling interval is
+    /// divided into `steps` internal steps.
     pub(super) fn new(sensor: &'a Sensor, triad: Triad, rate_hz: f64, samples: usize, steps: usize, seed: u64) -> Self {
         let steps = if sensor.is_point_sampled() { 1 } else { steps };
         let rate_hz = rate_hz * steps as f64;
@@ -165,7 +167,7 @@ mod tests {
             // transform changes it slightly. The first factor 2 in `analogue` includes negative frequencies.
             let analogue = 0.01 * 2.0 * PI / (2.0 * SQRT_2) * bandwidth_hz;
             assert!((expected / analogue - 1.0).abs() < 0.04, "{bandwidth_hz} Hz");
-            // Samples are correlated over about one period of the bandwidth.
+            // Samples are correlated over about one period of the bandwidth frequency.
             let independent = (3 * n) as f64 * (bandwidth_hz / RATE_HZ).min(1.0);
             let (found, _) = noise_power(&sensor, n);
             let band = 4.0 * (2.0 / independent).sqrt();
@@ -183,8 +185,8 @@ mod tests {
         assert!((neighbours / (0.01 * RATE_HZ)).abs() < band, "{neighbours}");
     }
 
-    /// If the input is a parabola, each sample must equal the mean of the parabola over the interval before the sample.
-    /// The difference must be the error of the trapezoidal rule, h^2 / 6 for steps of length h.
+    /// If the input is a parabola, each sample must equal the mean of the parabola over the interval before the sample,
+    /// plus the error of the trapezoidal rule. This error is h^2 / 6 for steps of length h.
     #[test]
     fn means_are_integrals_over_the_interval_before_the_sample() {
         let sensor = Sensor { averaging: true, ..Sensor::ideal() };

@@ -9,12 +9,12 @@
 //! * The base is tilted by `base_tilt_rad` from level. The unit is rotated by `mount_rotation_rad` relative to the
 //!   innermost ring.
 //! * The axes are not orthogonal (see [`gimbal`]).
-//! * The innermost ring is an arm along axis 3 that bends under its weight. The bending angle is `flexure_rad` if axis
-//!   3 is horizontal. In general, the rotation vector of the bending, in the frame of the ring, is `flexure_rad` times
-//!   the cross product of the up vector and axis 3. The bending is quasi-static.
-//! * While the motors turn, the unit vibrates about three axes and along three axes. The phases of the axes are a third
-//!   of a period apart, and the amplitude rises from zero and falls back to zero. The translation is in the world
-//!   frame.
+//! * The innermost ring is an arm along axis 3 that bends under its own weight. The bending angle is `flexure_rad` if
+//!   axis 3 is horizontal. In general, the rotation vector of the bending, in the frame of the ring, is `flexure_rad`
+//!   times the cross product of the up vector and axis 3. The bending is quasi-static.
+//! * While the motors turn, the unit vibrates about three axes and along three axes. The phases of the three axes
+//!   differ by a third of a period. During each turn, the amplitude rises from zero and falls back to zero. The
+//!   translation is in the world frame.
 //! * Encoders read the motor angles, not the attitude, so the errors above do not appear in their readings.
 //!
 //! All errors have closed forms, so rate and acceleration are exact derivatives.
@@ -111,7 +111,7 @@ impl Stand {
     pub(super) fn moment(&self, phase: &Phase) -> Moment {
         let [tilt_x, tilt_y] = self.base_tilt_rad;
         let tilt = so3::exp(&Vector3::new(tilt_x, tilt_y, 0.0));
-        // First, the attitude relative to the base is computed. The tilt of the base relative to the world is applied
+        // The attitude relative to the base is computed first. The tilt of the base relative to the world is applied
         // last.
         let mut attitude = gimbal::inner_ring(&phase.motors, &self.non_orthogonality_rad);
         if self.flexure_rad != 0.0 {

@@ -48,8 +48,8 @@ fn an_ideal_unit_says_the_truth() {
 fn integrating_the_true_rate_gives_the_attitude() {
     let error_rad = |rate_hz: f64| {
         let program = Program::random(&RandomMoves { moves: 5, ..RandomMoves::default() }, 2).unwrap();
-        // The simulation has twice the sampling rate, so that every second sample is the midpoint of an integration
-        // step.
+        // The run is sampled at twice the rate `rate_hz` of the integration, so that every second sample is the
+        // midpoint of an integration step.
         let run = simulate(&program, &Unit::ideal(), 2.0 * rate_hz, GRAVITY_MPS2, 0).unwrap();
         let stand_rad = run.stand_rad.as_ref().unwrap();
         let mut attitude = UnitQuaternion::identity();
@@ -180,7 +180,7 @@ fn warming() -> Temperature {
     Temperature::try_new(vec![0.0, 10.0, 30.0], vec![20.0, 35.0, 30.0]).unwrap()
 }
 
-/// The effect in its form with the fewest parameters. Each parameter has its typical size.
+/// The effect in its plain form, which is the form with the fewest parameters. Each parameter has its typical size.
 fn typical(effect: &'static Effect<f64>) -> EffectValues<f64> {
     let values: Vec<f64> = effect.parameters[..effect.plain].iter().map(|parameter| parameter.typical).collect();
     EffectValues::try_new(effect, &values, effect.shape.map(|shape| shape.typical)).unwrap()

@@ -6,8 +6,9 @@
 //! ```
 //!
 //! R_wb is the attitude (world from body), x the position in the world frame, g local gravity, and e_z the unit vector
-//! up. `seen` is the input of a triad. Phi_c is the field of effect c and theta_c its parameters. `added` are the
-//! errors of `Setup::added`. The state is evaluated at the true instant of a sample, even if the time stamps are wrong.
+//! up. `seen` is the input of a triad. theta_c are the parameters of effect c, and Phi_c (its field) contains the
+//! derivatives of the error that it adds with respect to them. `added` are the errors in `Setup::added`, which the user
+//! gives for each sample. The state is evaluated at the true instant of a sample, even if the time stamps are wrong.
 
 use imucal_core::effects::{EffectSet, Need, State, Surroundings};
 use imucal_core::temperature_memory::TemperatureHistory;
@@ -31,7 +32,7 @@ pub(super) struct Truth<'a> {
     delay_s: f64,
     /// Effects that are constant while the unit is at rest.
     steady: EffectSet<f64>,
-    /// Effects that change during a rest, because they depend on time or on a varying temperature.
+    /// Effects that can change during a rest, because they depend on time or on a varying temperature.
     changing: EffectSet<f64>,
 }
 
@@ -46,7 +47,7 @@ impl<'a> Truth<'a> {
                 Need::AngularAcceleration | Need::Attitude | Need::Stand => false,
             });
             let place = if changes { &mut changing } else { &mut steady };
-            // The new set is a subset of an `EffectSet`, so there is always room and the result can be ignored.
+            // The new set is a subset of an existing `EffectSet`, so it cannot be full, and the result can be ignored.
             let _ = place.push(*member);
         }
         let (rests, delay_s) = (motion.rests(), gyroscope_delay_s(&unit.effects));
@@ -64,7 +65,7 @@ impl<'a> Truth<'a> {
         self.constant_degc.unwrap_or_else(|| self.temperature.at(time_s))
     }
 
-    /// A cursor that computes the state at any instant. It is fastest if the instants increase.
+    /// A cursor that computes the state at any instant. It is fastest if the requested instants increase.
     pub(super) fn cursor(&self) -> Cursor<'_> {
         Cursor {
             truth: self,
@@ -87,8 +88,8 @@ impl<'a> Truth<'a> {
     }
 }
 
-/// The true state at one instant, which [`Cursor::seek`] moves to another instant. While the unit is at rest, the
-/// motion and the constant effects are not computed again.
+/// The true state at one instant. [`Cursor::seek`] computes the state at another instant. While the unit is at rest,
+/// `seek` does not compute the motion and the constant effects again.
 pub(super) struct Cursor<'a> {
     truth: &'a Truth<'a>,
     from_s: f64,
@@ -96,14 +97,14 @@ pub(super) struct Cursor<'a> {
     /// The true state (rate, force and surroundings) at the present instant.
     pub(super) state: State<f64>,
     pub(super) temperature_degc: f64,
-    /// Sum of the effects in `Truth::steady` on the rate, rad/s, and on the force, m/s^2.
+    /// Sum of the errors that the effects in `Truth::steady` add to the rate, rad/s, and to the force, m/s^2.
     steady: (Vector3<f64>, Vector3<f64>),
     /// Whether the unit moves at this instant.
     pub(super) moving: bool,
 }
 
 impl Cursor<'_> {
-    /// Computes the true state at the time `time_s`, s. `history` is the temperature history at this time, if any
+    /// Computes the true state at the time `time_s`, s. `history` is the temperature history at this time; `None` if no
     /// effect depends on it.
     #[inline]
     pub(super) fn seek(&mut self, time_s: f64, history: Option<TemperatureHistory<f64>>) {

@@ -5,9 +5,9 @@
 //! x(t)    = x_k + (x_(k+1) - x_k) s(u)
 //! ```
 //!
-//! R_wb and x are the attitude and the position of the unit. R_k and x_k are their values at rest k. `turn` is the
-//! rotation vector from the attitude at rest k to the attitude at rest k + 1. `sway` is a random rotation vector. u
-//! increases from 0 to 1 during the move after rest k.
+//! R_wb and x are the attitude and the position of the unit. R_k and x_k are the attitude and the position at rest k.
+//! `turn` is the rotation vector from the attitude at rest k to the attitude at rest k + 1. `sway` is a random rotation
+//! vector. u increases from 0 to 1 during the move after rest k.
 //!
 //! s increases from 0 to 1 during the move, and b increases from 0 to 1 and returns to 0. The first three derivatives
 //! of s and b are zero at both ends of the move, so both are smooth at the start and end of rests. The sway varies the
@@ -81,7 +81,7 @@ impl Tumble {
             (0..moves.poses).map(|_| (attitude(&mut generator), place(&mut generator) * moves.translation_m)).collect();
         let poses = (0..moves.poses).map(|k| {
             let (rotation, place_m) = places[k];
-            // No move follows the last pose. Its stored move therefore ends at the same pose.
+            // No move follows the last pose. The move that is stored with the last pose therefore ends at this pose.
             let (next_rotation, next_place_m) = places[(k + 1).min(moves.poses - 1)];
             Pose {
                 rotation,
@@ -141,8 +141,8 @@ impl Tumble {
         (turned, pose.carry_m * step.acceleration)
     }
 
-    /// Index of the last pose that the unit has reached. If the unit is moving to the next pose, also the elapsed
-    /// share of this move, otherwise `None`.
+    /// Index of the last pose that the unit has reached, and the elapsed share of the move to the next pose. The share
+    /// is `None` if the unit is at rest.
     fn place_in_time(&self, time_s: f64) -> (usize, Option<f64>) {
         let last = self.poses.len() - 1;
         let k = ((time_s / (self.moves.hold_s + self.moves.move_s)).max(0.0) as usize).min(last);

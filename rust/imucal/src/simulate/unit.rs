@@ -16,7 +16,8 @@ pub struct Unit {
     pub accelerometer: Sensor,
     /// The gyroscope, which measures angular rate, rad/s.
     pub gyroscope: Sensor,
-    /// Effects on the sensors. Effects on encoders act on the stand that carries the unit.
+    /// Effects: sensor errors that a sensitivity and a bias do not describe. Effects on encoders act on the encoders of
+    /// the stand that carries the unit.
     pub effects: EffectSet<f64>,
 }
 
@@ -37,13 +38,13 @@ pub struct Sensor {
     pub noise_in_motion: f64,
     /// Bias instability B, SI unit: flicker noise with an Allan deviation of `sqrt(2 ln(2) / pi) B = 0.664 B`.
     pub bias_instability: f64,
-    /// Random walk K of the bias of each axis, SI unit/s/sqrt(Hz). After a time t, the bias has changed with a standard
-    /// deviation of `K sqrt(t)`.
+    /// Random walk K of the bias of each axis, SI unit/s/sqrt(Hz). The change of the bias during a time t has a
+    /// standard deviation of `K sqrt(t)`.
     pub random_walk: Vector3<f64>,
     /// Low-pass filter before sampling, which also filters the noise; `None` for no filter.
     pub low_pass: Option<LowPass>,
-    /// Whether a sample is the mean over the interval since the previous sample. If false, it is the value at its
-    /// instant.
+    /// Whether a sample is the mean over the interval since the previous sample. If false, a sample is the value at the
+    /// instant of the sample.
     pub averaging: bool,
     /// Converter that rounds to counts and clips to its range; `None` for samples without rounding and clipping.
     pub converter: Option<Converter>,
@@ -95,7 +96,7 @@ impl Sensor {
         self.low_pass.is_none() && !self.averaging
     }
 
-    /// Number of internal steps per sample that the filter and the averaging need.
+    /// Number of internal time steps per sample that are needed to simulate the filter and the averaging.
     pub(super) fn steps(&self, rate_hz: f64) -> usize {
         match self.low_pass {
             Some(low_pass) => low_pass.steps(rate_hz),
@@ -160,7 +161,8 @@ impl Unit {
     ///   The paper does not state the range. With +-250 deg/s the random program would clip, because it reaches up to
     ///   358 deg/s.
     pub fn paper() -> Self {
-        // In Table 2 of the paper, the names of the gyroscope's misalignment and scale are exchanged.
+        // In Table 2 of the paper, the gyroscope's misalignment matrix is labelled as scale, and its scale matrix as
+        // misalignment.
         let misalignment = Matrix3::new(1.0, 0.0094, -0.0060, -0.0086, 1.0, -0.0031, 0.0089, 0.0035, 1.0);
         let scale = Matrix3::from_diagonal(&Vector3::new(0.9771, 1.0309, 1.0030));
         Self {

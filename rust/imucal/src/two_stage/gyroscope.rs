@@ -8,7 +8,7 @@
 //! u_k and u_(k+1) are the gravity directions at the rests before and after move k. R_k is the rotation over the move,
 //! integrated from the gyroscope rates. The two rows of E_k span the plane perpendicular to u_(k+1). sigma_k is the
 //! standard deviation of one component. The component along u_(k+1) is omitted, because a rotation about gravity is not
-//! observable. The nine entries of T are ordered by rows, `T_xx, T_xy, ... T_zz`.
+//! observable. The nine entries of the sensitivity T are ordered by rows, `T_xx, T_xy, ... T_zz`.
 
 mod bias;
 

@@ -26,11 +26,12 @@ pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
 pub(crate) const LARGEST_SHIFT: f64 = 0.01;
 /// Standard deviation of the prior of a parameter about its nominal value, as a fraction of its size.
 pub(crate) const FARTHEST: f64 = 0.1;
-/// An undetermined parameter is unobservable by itself, and belongs to no group, if p >= this value. The unit vector
-/// along the parameter is projected onto the unobservable directions, and p is the squared length of this projection.
+/// The unit vector along an undetermined parameter is projected onto the unobservable directions. If the squared length
+/// of this projection is at least this value, the parameter is unobservable by itself. Otherwise, it may belong to a
+/// group of parameters of which only linear combinations are observable.
 const OWN_SHARE: f64 = 0.95;
-/// Two undetermined parameters belong to one group if |correlation| > this value. The correlation is computed from the
-/// unobservable directions only.
+/// Two undetermined parameters belong to one such group if the magnitude of their correlation exceeds this value. The
+/// correlation is computed from the unobservable directions only.
 const TRADED: f64 = 0.1;
 /// A pose counts as "axis up" or "axis down" if the angle between the axis and the vertical is at most this limit, deg.
 const FACE_LIMIT_DEG: f64 = 40.0;

@@ -1,10 +1,11 @@
 //! Covariance of the result of the two-stage fit (model.md (9)).
 //!
 //! Both stages use the same rests. Errors of the rests therefore affect the gyroscope in three ways: through the
-//! gravity directions, through the parameters of the accelerometer, and through the gyroscope bias. To first order,
-//! every parameter is a linear function of independent errors: three of each mean force, three of each mean rate, and
-//! two of each move. The covariance is computed from the variances of these errors. For an accelerometer without a
-//! gyroscope, the errors that are due to priors are added, also those of second order.
+//! gravity directions, through the parameters of the accelerometer, and through the gyroscope bias. To first order, the
+//! error of every parameter is a linear function of independent errors: three errors of each mean force (one per axis),
+//! three of each mean rate, and two of each move (one per direction residual). The covariance is computed from the
+//! variances of these errors. For an accelerometer without a gyroscope, the covariance also contains the first-order
+//! and second-order errors that are due to priors.
 
 use faer::Mat;
 use nalgebra::{Matrix2x3, Matrix3, SMatrix, SVector, Vector3};
@@ -102,8 +103,8 @@ fn accelerometer_rows(map: &mut Mat<f64>, rests: &[&Rest], fit: &AccelerometerFi
     }
 }
 
-/// Writes the derivatives of the nine entries of the gyroscope sensitivity with respect to all errors. They are minus
-/// the gain of the fit times the derivatives of the residuals.
+/// Writes the derivatives of the nine entries of the gyroscope sensitivity with respect to all errors. These
+/// derivatives are minus the gain of the fit times the derivatives of the residuals with respect to the errors.
 ///
 /// The influence of the accelerometer parameters and of the bias is first summed over the moves. The computing time is
 /// then proportional to the number of moves instead of its square.

@@ -5,7 +5,8 @@
 //! ```
 //!
 //! With few residuals, noise often causes a ratio above two. With many residuals, even a negligible imperfection gives
-//! a small p-value. Residuals therefore exceed their noise only if the ratio is above two and the p-value is small.
+//! a small p-value. Residuals therefore count as larger than their noise only if the ratio is above two and the p-value
+//! is small.
 
 use std::fmt;
 
@@ -14,21 +15,22 @@ use imucal_core::STANDARD_GRAVITY_MPS2;
 use crate::finding::general;
 use crate::numerics::stats::p_value_of;
 
-/// Ratio of the residuals to their noise above which another error dominates the residuals, dimensionless. The noise of
-/// a sensor is estimated far more accurately than to a factor of two. At this ratio, noise explains only a quarter of
-/// the variance.
+/// Ratio of the residuals to their expected size from noise, dimensionless. Above this ratio, errors other than noise
+/// dominate the residuals, because noise explains less than a quarter of their variance. An inaccurate noise estimate
+/// cannot cause this ratio, because sensor noise is estimated far more accurately than to a factor of two.
 const EXCESS_RATIO: f64 = 2.0;
-/// Maximum p-value of a significant excess. Seven kinds of residuals are tested in a calibration with control
-/// recordings. Noise alone gives a p-value below this limit in fewer than one of 10 000 calibrations. This holds for
-/// any number of residuals.
+/// Maximum p-value of a significant excess over noise. A calibration with control recordings contains seven tests, each
+/// of one kind of residuals. Noise alone gives a p-value below this limit in fewer than one of 10 000 calibrations.
+/// This holds for any number of residuals.
 const SIGNIFICANCE: f64 = 1e-5;
 
-/// Kind of residuals. All residuals of a kind are compared with their noise together.
+/// Kind of residuals. The residuals of a kind are compared with noise in one test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResidualGroup {
     /// Norm of the specific force at the rests minus local gravity.
     RestNorms,
-    /// Gravity direction propagated by the gyroscope through the moves, minus the measured direction after the moves.
+    /// Gravity direction propagated through each move by integrating the gyroscope rates, minus the direction measured
+    /// after the move.
     MoveDirections,
     /// Mean angular rates at the rests, minus the bias.
     RestRates,
@@ -91,7 +93,7 @@ pub struct GroupMisfit {
     /// Sum of the squared residuals. Each residual is divided by the standard deviation of its noise.
     pub chi2: f64,
     /// Number of residuals minus the number of parameters that they determine. It is not an integer, because several
-    /// kinds of residuals determine the parameters together.
+    /// kinds of residuals together determine each parameter.
     pub degrees_of_freedom: f64,
 }
 

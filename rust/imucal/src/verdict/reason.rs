@@ -1,4 +1,4 @@
-//! Reasons for an incomplete or a poor verdict. Each reason has a code and a sentence.
+//! Reasons for the verdict `incomplete` or `poor`. Each reason has a code for scripts and a sentence for users.
 
 use std::fmt;
 
@@ -11,11 +11,11 @@ use crate::finding::{Finding, general};
 use crate::held::PriorCost;
 use crate::numerics::fit_report::FitReport;
 
-/// Limit for irregular time stamps as the cause of large residuals. A finding on time stamps must concern at least this
-/// number of samples per residual. A move has two residuals, so the limit is one sample for ten moves.
+/// Irregular time stamps count as the cause of large residuals only if they affect at least this number of samples per
+/// residual. A move has two residuals, so the limit is one affected sample in ten moves.
 const FEW_OF_RESIDUALS: f64 = 0.05;
 
-/// Reason for a verdict that is not good. Messages contain it as a sentence with numbers.
+/// Reason for a verdict other than `good`. Messages contain it as a sentence with numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reason {
     /// A fit on which the result is based has not converged.
@@ -39,7 +39,7 @@ pub enum Reason {
         /// Number of usable rests.
         rests: usize,
     },
-    /// The residuals cannot be compared with noise, so the result is not tested. The verdict is incomplete.
+    /// The residuals cannot be compared with noise, so the result is not tested. The verdict is `incomplete`.
     NotTested {
         /// Number of rests that the fit uses.
         rests: usize,
@@ -111,37 +111,40 @@ pub enum Reason {
         /// Number of all rests.
         all: usize,
     },
-    /// The recordings contradict the prior of a held parameter (a parameter with a prior). Therefore the other
-    /// parameters are also wrong.
+    /// The recordings contradict the prior of a parameter. The prior pulls this parameter away from the value that the
+    /// recordings determine, so the other parameters are also wrong.
     PriorContradicted {
         /// Name of the parameter.
         parameter: String,
         /// Mean and standard deviation of the prior, in the unit of the parameter.
         prior: [f64; 2],
-        /// Difference between prior and recordings in standard deviations of this difference.
+        /// Difference between the mean of the prior and the value that the recordings determine, in standard deviations
+        /// of this difference.
         sigmas: f64,
     },
-    /// The recordings do not determine some parameters, which keep the default prior. The verdict is incomplete.
+    /// The recordings do not determine some parameters, so these parameters have the default prior. The verdict is
+    /// `incomplete`.
     ParametersHeld {
-        /// Names of the parameters or of their groups.
+        /// Names of the parameters that the recordings do not determine, or names of groups of such parameters.
         parameters: String,
         /// Errors of the gravity direction and of a rotation due to the uncertainty of the priors.
         cost: PriorCost,
     },
     /// The residuals are far larger than sensor noise explains, but the uncertainty of the calibration explains them.
-    /// The verdict is incomplete.
+    /// The verdict is `incomplete`.
     CalibrationUncertain {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
         /// Square root of chi2 per degree of freedom.
         times_noise: f64,
     },
-    /// The control recordings do not test the scale of some axes. The verdict is incomplete.
+    /// The control recordings do not test the scale of some sensor axes. The verdict is `incomplete`.
     AxesNotTested {
         /// Names of the axes, such as `gyro_x`.
         axes: Vec<&'static str>,
     },
-    /// Some kinds of residuals exceed their noise, so the model is incomplete. The verdict is incomplete.
+    /// Some kinds of residuals exceed their noise, so the model lacks an error of the unit. The verdict is
+    /// `incomplete`.
     ResidualsAboveNoise {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
@@ -149,8 +152,8 @@ pub enum Reason {
         groups: Vec<GroupMisfit>,
     },
     /// Residuals of moves exceed their noise, residuals of rests do not, and the time stamps of a recording are
-    /// irregular. The clock is the probable cause, because wrong times change integrals over a move. The verdict is
-    /// incomplete.
+    /// irregular. The clock is the probable cause, because wrong time stamps change the integral of the angular rate
+    /// over a move. The verdict is `incomplete`.
     IrregularClock {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
@@ -174,8 +177,8 @@ pub struct UncorrectedSamples {
     pub first: usize,
     /// Time of this sample, s.
     pub time_s: f64,
-    /// Whether the temperature of this sample is missing (not a number). If false, the effects are too large to be
-    /// removed.
+    /// Whether the temperature of this sample is missing (not a number). If false, the effects at this sample are too
+    /// large for the correction to remove them.
     pub is_temperature_missing: bool,
 }
 
@@ -204,7 +207,7 @@ impl Reason {
         }
     }
 
-    /// Whether this reason makes a verdict poor. All other reasons make a verdict incomplete.
+    /// Whether this reason gives the verdict `poor`. All other reasons give the verdict `incomplete`.
     pub fn is_poor(&self) -> bool {
         !matches!(
             self,
@@ -217,8 +220,9 @@ impl Reason {
         )
     }
 
-    /// The reason for an incomplete verdict if control recordings do not test the scale of some axes of the
-    /// accelerometer and of the gyroscope; `None` if there are no such axes.
+    /// The reason [`Self::AxesNotTested`] with the names of the axes whose scale the control recordings do not test;
+    /// `None` if there are no such axes. `untested` contains the indices of these axes of the accelerometer and of the
+    /// gyroscope.
     pub(crate) fn axes_not_tested(untested: [Vec<usize>; 2]) -> Option<Self> {
         let [accelerometer, gyroscope] = untested;
         let of = |names: [&'static str; 3], axes: Vec<usize>| axes.into_iter().map(move |axis| names[axis]);
@@ -226,9 +230,10 @@ impl Reason {
         (!axes.is_empty()).then_some(Self::AxesNotTested { axes })
     }
 
-    /// The reason for an incomplete verdict if the residuals of any group exceed their noise, otherwise `None`. The
-    /// reason is an irregular clock if two conditions hold. First, only residuals of moves exceed their noise. Second,
-    /// a finding about time stamps, or about missing or repeated samples, concerns more than a few samples.
+    /// The reason if the residuals of any kind in `groups` exceed their noise, otherwise `None`. The reason is
+    /// [`Self::IrregularClock`] if two conditions hold, otherwise [`Self::ResidualsAboveNoise`]. First, only residuals
+    /// of moves exceed their noise. Second, a finding about time stamps, or about missing or repeated samples, concerns
+    /// more than a few samples.
     pub(crate) fn above_noise(set: RecordingSet, groups: &[GroupMisfit], findings: &[Finding]) -> Option<Self> {
         let groups: Vec<GroupMisfit> = groups.iter().filter(|group| group.exceeds_noise()).copied().collect();
         let is_of_move = |misfit: &GroupMisfit| {
@@ -237,8 +242,8 @@ impl Reason {
                 ResidualGroup::MoveDirections | ResidualGroup::MoveForces | ResidualGroup::StandAttitudes
             )
         };
-        // A finding that concerns few samples also concerns few moves. So few moves do not explain a large rms over all
-        // moves.
+        // A finding that concerns few samples also concerns few moves. Errors in so few moves cannot cause a large rms
+        // over all moves.
         let residuals = groups.iter().map(|misfit| misfit.degrees_of_freedom).fold(0.0, f64::max);
         let is_of_few = |finding: &&Finding| (finding.count as f64) < FEW_OF_RESIDUALS * residuals;
         let clock = findings

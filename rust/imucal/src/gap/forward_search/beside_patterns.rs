@@ -1,11 +1,11 @@
 //! Selects effects while generic hypotheses are part of the model. A generic hypothesis is a variation of a bias or
-//! scale that no effect of the catalogue describes. Effects are therefore found in the presence of an unknown or random
-//! variation.
+//! scale that no effect of the catalogue describes. Effects are therefore found even if an unknown or random variation
+//! is also present.
 //!
 //! A forward search without the variation may select effects that only resemble the variation. It may also miss
-//! effects, because residuals of the variation hide them. The columns of the generic hypotheses and their prior add the
-//! variation to the covariance of the residuals. Selected effects are kept, and further candidates are added, only if
-//! they are significant in this extended model.
+//! effects, because residuals of the variation hide them. The Jacobian columns of the generic hypotheses and the prior
+//! of their coefficients add the variation to the covariance of the residuals. A selected effect is kept, and a further
+//! candidate is added, only if it is significant in this extended model.
 
 use faer::Mat;
 use imucal_core::effects::{Effect, Sensor};
@@ -27,15 +27,16 @@ use crate::gap::stage::{Beside, Member, Stage};
 use crate::joint::{Prepared, Terms};
 use crate::numerics::stats::p_value;
 
-/// Minimum log Bayes factor, nats, for an effect to be selected with generic hypotheses (unknown variations of a bias
-/// or scale) in the model. 8 nats are odds of 3000 to 1.
+/// Minimum log Bayes factor, nats, for an effect to be selected if generic hypotheses (unknown variations of a bias or
+/// scale) are in the model. 8 nats are odds of 3000 to 1.
 const LEAST: f64 = 8.0;
-/// An effect is selected only if its likelihood ratio statistic exceeds SHARE x the statistic of the generic
-/// hypotheses. The hypotheses describe the variation only approximately, and an effect with a smaller statistic may
+/// An effect is selected only if its likelihood ratio statistic exceeds SHARE x the statistic of the generic hypotheses
+/// in the model. The hypotheses describe the variation only approximately, so an effect with a smaller statistic may
 /// only fit the approximation error.
 const SHARE: f64 = 0.02;
-/// Another candidate is a rival of the best candidate if its log evidence is smaller by less than this number of nats.
-/// 3 nats are odds of 20 to 1.
+/// Threshold of differences in log evidence, nats. A candidate is a rival of the best candidate if its log evidence is
+/// smaller by less than this threshold. A random walk replaces other hypotheses, and an alias replaces an effect, if
+/// this increases the log evidence by more than this threshold. 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
 /// Effects that are not selected if the gyroscope bias varies with heading. The cause of such a variation may be an
 /// external field, for example a magnetic field. The errors due to the vertical component of the field then resemble
@@ -44,9 +45,10 @@ pub(super) const OF_FIELDS: [&str; 3] = ["gyro_g_sensitivity", "gyro_g2_sensitiv
 /// Effects that are functions of time. A random walk of the bias may be mistaken for them.
 pub(in crate::gap) const OF_TIME: [&str; 4] =
     ["gyro_bias_drift", "gyro_bias_warmup", "accel_bias_drift", "accel_bias_warmup"];
-/// Trial widths of the prior of a random walk, in multiples of the typical size of the bias.
+/// Trial standard deviations of the prior of a random walk, in multiples of the typical deviation of the bias
+/// ([`Block::typical`]).
 const WALK_WIDTHS: [f64; 3] = [0.1, 0.5, 2.5];
-/// A narrow prior at zero removes a parameter from a model. This number is the ratio: precision of this prior /
+/// A parameter is removed from a model by a narrow prior with mean zero. The precision of this prior is REMOVED x the
 /// information of the data about the parameter.
 const REMOVED: f64 = 1e6;
 
@@ -59,10 +61,10 @@ pub(super) struct Varying {
     width: f64,
 }
 
-/// The significant hypotheses in `patterns`, without duplicates. If hypotheses are significant in the model with the
-/// selected effects, only these hypotheses are returned. Otherwise, hypotheses that explain the residuals better than
-/// the selected effects are returned. These hypotheses may describe the same errors as a selected effect. For example,
-/// a smooth function of the rate can describe a cubic scale error.
+/// The significant generic hypotheses in `patterns`, without duplicates. If hypotheses are significant in the model
+/// with the selected effects, only these hypotheses are returned. Otherwise, the hypotheses that explain the residuals
+/// better than the selected effects are returned. In the second case, a hypothesis may describe the same errors as a
+/// selected effect. For example, a smooth function of the rate can describe a cubic scale error.
 fn varying(patterns: &[Pattern]) -> Vec<Varying> {
     let mut all: Vec<Varying> = Vec::new();
     let mut add = |block: Block, kernel: Kernel, width: f64| {
@@ -107,9 +109,9 @@ impl ForwardSearch<'_> {
     /// The effects that are significant if the generic hypotheses of `patterns` are in the model; `None` if no
     /// hypothesis is significant.
     ///
-    /// A random walk is tried instead of these hypotheses in two cases. In the first case, the hypotheses explain the
-    /// residuals better than all selected effects, and may therefore describe one of the effects. In the second case,
-    /// selected effects are functions of time, and a random walk resembles such effects.
+    /// The random walk of a bias is tried instead of these hypotheses in two cases. In the first case, the hypotheses
+    /// explain the residuals better than all selected effects, and may therefore describe one of the effects. In the
+    /// second case, selected effects are functions of time, and a random walk resembles such effects.
     pub(super) fn known_effects(
         &mut self,
         prepared: &Prepared<'_>,
@@ -149,8 +151,9 @@ impl ForwardSearch<'_> {
     }
 
     /// The effects that are significant if the generic hypotheses are in the model, and their scores relative to this
-    /// model. `widths` are trial factors by which the prior widths of the hypotheses are multiplied. Effects of the
-    /// stand are not candidates, because the hypotheses do not describe the residuals against the stand's angles.
+    /// model. The prior widths of the hypotheses are multiplied by each trial factor in `widths`, and the factor with
+    /// the largest evidence is used. Effects of the stand are not candidates, because the hypotheses do not describe
+    /// the residuals relative to the stand's angles.
     fn beside_patterns(
         &mut self,
         prepared: &Prepared<'_>,
@@ -217,7 +220,8 @@ impl ForwardSearch<'_> {
         let mut skipped: Vec<String> = Vec::new();
         while members.len() < MOST_EFFECTS {
             let judged = judge(&beside.stage);
-            // The design may contain columns of effects that are not candidates here.
+            // The design may also contain columns of effects that are not candidates here, for example effects of the
+            // stand.
             let judged_here = judged.scores.iter().filter(|judged| is_left(&judged.score.name));
             let pick = judged_here.filter(|judged| is_sound(&judged.score, &beside));
             let pick = pick
@@ -242,9 +246,9 @@ impl ForwardSearch<'_> {
         Ok(KnownEffects { members, path, log })
     }
 
-    /// Replaces an effect by one of its aliases (effects with nearly the same residuals) if the alias has a larger
-    /// evidence with the hypotheses in the model. Without the hypotheses, the unknown variation is part of the
-    /// residuals and may favour the wrong effect.
+    /// Replaces an effect by one of its aliases (effects that cause nearly the same residuals) if the alias has a
+    /// larger evidence in the model with the hypotheses. The effect was selected without the hypotheses. The unknown
+    /// variation was then part of the residuals and may have favoured the wrong effect.
     fn swap_aliases(
         &self,
         (members, path): (&mut [Member], &mut [Score]),

@@ -5,8 +5,8 @@ use std::ops::Range;
 use faer::Mat;
 
 /// The column products that the scoring of candidates needs. They are model column x any column, column x column within
-/// a block of candidate columns, candidate column x residual, and residual x residual. The model's columns come first,
-/// and the residual is the last column.
+/// a block (the columns of one candidate effect at one trial time constant), candidate column x residual, and residual
+/// x residual. The model's columns come first, and the residual is the last column.
 pub(super) struct Asked<'a> {
     pub(super) model: usize,
     pub(super) last: usize,

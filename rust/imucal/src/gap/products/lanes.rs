@@ -12,15 +12,17 @@ use crate::joint::{Insides, Lanes};
 use crate::numerics::instructions::Instructions;
 use crate::numerics::workers::{in_order, processors};
 
-/// Number of moves per partial sum. It is fixed, so that rounding does not depend on the number of threads.
+/// Number of moves in each partial sum of a Gram matrix. It is fixed, so that rounding errors do not depend on the
+/// number of threads.
 const MOVES: usize = 8;
-/// Number of columns of the model in one job. In each row, a job multiplies the values of these columns by the values
-/// in one SIMD register. Seven is a third of the 21 columns of the base parameters (sensitivities and biases), so these
-/// columns fill three jobs.
+/// Number of model columns in one [`Job`]. In each row, a job multiplies the values of these columns by the values in
+/// one SIMD register. The 21 columns of the base parameters (sensitivities and biases) fill three jobs of seven
+/// columns.
 const OF_MODEL: usize = 7;
-/// Number of candidate columns in one job. The residual counts as one of these columns.
+/// Number of candidate columns in one [`Job`]. The residual counts as one of these columns.
 const OF_OTHERS: usize = 4;
-/// Number of rows that are processed together. Their values fit into the first-level cache.
+/// Number of rows that are processed together. The values of these rows fit into the first-level cache of the
+/// processor.
 const NEAR: usize = 32;
 
 /// Gram matrices with the products that `asked` selects, one for each group of rows. `order` contains the position of
@@ -74,8 +76,8 @@ struct Job {
     /// Position of each column within a row. If there are fewer than [`OF_MODEL`] columns, the last position is
     /// repeated.
     places: [usize; OF_MODEL],
-    /// The register contains the values of a row from position `first` on. Only products with the columns in the range
-    /// `with` are used.
+    /// In each row, the register contains the values from position `first` on. Only products with the columns in the
+    /// range `with` are added to the Gram matrix.
     first: usize,
     with: Range<usize>,
 }

@@ -1,4 +1,4 @@
-//! Schur complement of the additional columns of a linear model, after elimination of the model's own columns.
+//! Schur complement of columns that are added to a linear model, after elimination of the columns of the model itself.
 
 use faer::Mat;
 use nalgebra::DMatrix;
@@ -7,12 +7,12 @@ use pulp::{Simd, WithSimd};
 use crate::numerics::instructions::Instructions;
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// Upper bound of the rounding error of a column's squared length after the elimination, as a share of the squared
+/// Upper bound of the rounding error in the squared length of a column after the elimination, as a share of the squared
 /// length before the elimination.
 const ROUNDING: f64 = 1e-9;
 
 /// Gram matrix of the additional columns and the residual after elimination of the model's columns (Schur complement).
-/// The residual is the last column. The columns are scaled to typical sizes of their parameters.
+/// The residual is the last column. Each column is multiplied by the typical size of its parameter.
 pub(crate) struct Left {
     pub(super) sums: SymmetricMatrix,
     /// Squared length of each additional column before the elimination.
@@ -49,9 +49,9 @@ impl Left {
         Some(0.5 * (residual - *sums.at(k, k) - volume))
     }
 
-    /// Number of observable directions in parameter space. A direction is observable if a parameter vector of one
-    /// typical size along it changes chi2 by at least `least`. The change must also exceed the rounding errors of the
-    /// elimination.
+    /// Number of observable directions in parameter space. A direction is observable if a change of the parameters by
+    /// one typical size in this direction changes chi2 by at least `least`. The change must also exceed the rounding
+    /// errors of the elimination.
     pub(crate) fn directions(&self, least: f64) -> usize {
         let least = least.max(ROUNDING * self.whole.iter().sum::<f64>());
         // Fast path: usually all eigenvalues exceed the threshold. A factorisation tests this faster than the
@@ -66,8 +66,8 @@ impl Left {
         normal.symmetric_eigenvalues().into_iter().filter(|value| **value >= least).count()
     }
 
-    /// Sum over the parameters of the additional columns. The term of a parameter is the change of chi2 if only this
-    /// parameter changes, by its typical size.
+    /// Sum, over the parameters of the additional columns, of the change of chi2 if only one parameter changes, by its
+    /// typical size.
     pub(crate) fn trace(&self) -> f64 {
         (0..self.columns()).map(|a| self.sums.row(a)[0].max(0.0)).sum()
     }

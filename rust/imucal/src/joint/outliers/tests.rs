@@ -108,8 +108,8 @@ fn bad_neighbours_are_told_apart_or_leave_nothing_behind() {
             let (rests, moves) = left_out(&outcome);
             let near = |k: usize| (19..=22).contains(&k);
             assert!(rests.iter().all(|(k, _)| near(*k)) && moves.iter().all(|(from, to, _)| near(*from) && near(*to)));
-            // No bad residual remains that would increase the standard deviations. The standard deviations grow only
-            // slightly, because the data of two rests are missing.
+            // No bad residual remains that would increase the standard deviations of the residuals. The variances of
+            // the parameters grow only slightly, because the data of two rests are missing.
             assert_eq!(outcome.joint_scales.unwrap().moves, 1.0, "seed {seed}: {rests:?} {moves:?}");
             for (p, row) in outcome.covariance.iter().enumerate() {
                 assert!(row[p] < 3.0 * clean.covariance[p][p], "seed {seed} {p}");
@@ -127,7 +127,7 @@ fn bad_ones_do_not_hide_each_other() {
     }
 }
 
-/// Runs `work` with the inputs of a joint fit and its best model.
+/// Runs `work` with the inputs of a joint fit and the model that this fit estimates.
 fn with(run: &Simulation, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, &Model)) {
     let recording: Recording<'_> = run.recording("run");
     let terms = Terms::try_new(&[], &[], &[run.time_s.len()], NONE).unwrap();
@@ -138,7 +138,7 @@ fn with(run: &Simulation, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, &Model)) 
     .unwrap();
 }
 
-/// The error of the mean rate is small enough for the interval to be detected as a rest.
+/// The added error of the mean rate is so small that the interval is still detected as a rest.
 #[test]
 fn a_rest_with_a_wrong_rate_is_named() {
     for rest in [0, 20, 45] {
@@ -152,7 +152,8 @@ fn a_rest_with_a_wrong_rate_is_named() {
     }
 }
 
-/// Results computed from the final residuals of a fit equal the results after the samples are integrated again.
+/// The outliers found from the final residuals of a fit equal the outliers found after the samples are integrated
+/// again.
 #[test]
 fn the_end_of_a_fit_is_judged_as_if_linearised_anew() {
     let run = paper(2).with_bad_move(20);
@@ -189,9 +190,10 @@ fn chi2(covariance: &DMatrix<f64>, jacobian: &DMatrix<f64>, residuals: &DVector<
     residuals.norm_squared() - (q.transpose() * &residuals).norm_squared()
 }
 
-/// The statistic equals the decrease of chi-square in a repeated fit. This fit omits the residuals of the group, or has
-/// the error of a rest's mean force as three additional parameters. Every group of every item is tested, also after the
-/// removal of other groups.
+/// The outlier statistic of a group equals the decrease of chi-square in a repeated fit. A group contains the residuals
+/// of a rest or move that are tested together, or the error of a rest's mean force. The repeated fit omits these
+/// residuals, or it estimates this error as three additional parameters. All groups are tested, also after the removal
+/// of other groups.
 #[test]
 fn the_statistic_is_that_of_a_fit_without_the_item() {
     let small = run(&RandomMoves { moves: 13, ..RandomMoves::default() }, 4).with_bad_move(6);

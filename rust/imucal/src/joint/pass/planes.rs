@@ -175,7 +175,7 @@ impl Changes {
     }
 
     /// Adds the derivative of `d . F` with respect to each parameter to `lanes`. F is the mean force of a block, with
-    /// the value `force`.
+    /// the value `force`, and d is a constant vector.
     pub(crate) fn add_along(&self, block: usize, force: &Vector3<f64>, d: &Vector3<f64>, lanes: &mut [f64]) {
         Instructions::Best.run(AddAlong { changes: self, block, force, d, lanes });
     }

@@ -66,9 +66,10 @@ impl Route<'_> {
     }
 }
 
-/// Maximum duration of a segment, s.
+/// Maximum duration of a segment, s. The derivatives with respect to the parameters of effects are evaluated once per
+/// segment.
 const STRETCH_S: f64 = 0.04;
-/// Minimum number of segments per move.
+/// Minimum number of segments per move. It shortens the segments of moves that last less than a second.
 const FEWEST: f64 = 24.0;
 
 /// Attitude Jacobian at the end of the move with respect to the base parameters, rad per unit of the parameter. The

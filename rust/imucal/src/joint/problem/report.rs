@@ -27,8 +27,8 @@ pub(crate) struct JointFit {
     pub(crate) model: Model,
     /// Covariance of all parameters in the symmetric frame. It includes `second_order`.
     pub(crate) covariance: Mat<f64>,
-    /// Mean square of the errors that the uncertainty of the held parameters (parameters with a prior, `crate::held`)
-    /// causes to second order; `None` without held parameters.
+    /// Mean square of the second-order errors that are due to the uncertainty of the held parameters (parameters with a
+    /// prior, `crate::held`); `None` without held parameters.
     pub(crate) second_order: Option<Mat<f64>>,
     pub(crate) report: FitReport,
     pub(crate) scales: ResidualScales,
@@ -49,7 +49,7 @@ pub(crate) struct JointFit {
 }
 
 /// Ratio of scatter to noise for each kind of residuals. The fit multiplies the standard deviations of the residuals by
-/// this ratio. The ratio is 1 if noise explains the residuals, or if there are no residuals of a kind.
+/// this ratio. The ratio is 1 if noise explains the residuals of the kind, or if there are none.
 #[derive(Clone, Copy, Debug)]
 pub struct ResidualScales {
     /// Ratio for the norms of the specific force at the rests.
@@ -153,8 +153,8 @@ impl JointFit {
 }
 
 impl Joint<'_> {
-    /// Mean square of the errors that the uncertainty of the held parameters (parameters with a prior, `crate::held`)
-    /// causes to second order. `None` without held parameters. Also `None` if the only priors are those of an
+    /// Mean square of the second-order errors that are due to the uncertainty of the held parameters (parameters with a
+    /// prior, `crate::held`). `None` without held parameters. Also `None` if the only priors are those of an
     /// accelerometer that was calibrated earlier, because their standard deviations are too small for second-order
     /// errors. `covariance` is the covariance of the parameters without second-order errors.
     fn second_order(

@@ -20,10 +20,10 @@ use crate::rests::moves::{Move, rows_across};
 use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
 
-/// Limit of the quiet ends of a move, in quantisation steps. During the quiet end, the rate of an axis differs from the
-/// mean rate at the adjacent rest by less than this limit, and its rounding error is assumed to equal the error at this
-/// rest. In simulated moves with filter bandwidths from 5 to 40 Hz, the computed rotation error agrees best with the
-/// true error at a limit of 0.8 steps.
+/// Limit of the rate that defines the quiet ends of a move, in quantisation steps. During a quiet end, the rate of an
+/// axis differs from the mean rate at the adjacent rest by less than this limit. Its rounding error is then assumed to
+/// equal the rounding error at this rest. In simulated moves with filter bandwidths from 5 to 40 Hz, the computed
+/// rotation error agrees best with the true error at a limit of 0.8 steps.
 const QUIET: f64 = 0.8;
 /// Standard deviation of the common error of the mean rates at the second and later epochs (parts) of a long rest,
 /// rad/s. The error is common because these epochs have one attitude. It is 0.1 deg/s, the effect of 1 g on a consumer
@@ -201,13 +201,13 @@ impl Joint<'_> {
     /// of the mean rates, the second for rounding errors of the mean forces. Each rest has three columns.
     ///
     /// The rounding errors of the forces are multiplied by the larger of the two factors for force norms and for
-    /// directions after moves (`Scales`). Without a factor, if rounding is the dominant error, the factors would hardly
-    /// change the whitened residuals and would not converge. The factor must be the same in all rows. If one axis is
-    /// much coarser than the others, the whitening estimates the rounding error of a rest from one residual and
-    /// subtracts it from the others. With different factors it would subtract a wrong multiple of the error. The
-    /// residuals would then exceed their noise, their factor would increase, and the multiple would be even more wrong:
-    /// the factor would grow without bound. The rounding errors of the rates have no factor, because the mean rates,
-    /// which contain the same errors, have none.
+    /// directions after moves (`Scales`). Without this factor, if rounding is the dominant error, the factors for force
+    /// norms and directions would hardly change the whitened residuals and would not converge. The factor must be the
+    /// same in all rows. If one axis is much coarser than the others, the whitening estimates the rounding error of a
+    /// rest from one residual and subtracts it from the others. With different factors it would subtract a wrong
+    /// multiple of the error. The residuals would then exceed their noise, their factor would increase, and the
+    /// multiple would be even more wrong: the factor would grow without bound. The rounding errors of the rates have no
+    /// factor, because the mean rates, which contain the same errors, have none.
     fn by_rounding(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let rows = linear.head_rows();
         let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());

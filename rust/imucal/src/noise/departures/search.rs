@@ -105,7 +105,8 @@ impl Search<'_> {
         best.map(|(_, explained)| explained)
     }
 
-    /// For the noise parameters `theta`: the step, the ramp and the warm-up that explain most of `residual`.
+    /// For the noise parameters `theta`: the best step, the best ramp and the best warm-up. They are the shapes that,
+    /// if added to the model, increase 2 ln L for the data `residual` most.
     fn best_shapes(&self, residual: &[f64], theta: &PerKind, present: &Explained) -> Vec<Shape> {
         let weights: Vec<f64> = self.blocks.expected.iter().map(|expected| 1.0 / self.power(theta, expected)).collect();
         let used = self.used(&weights);
@@ -189,8 +190,9 @@ impl Search<'_> {
     }
 
     /// Estimates the amplitudes of the components `shapes` and the noise parameters alternately. The iteration starts
-    /// with the noise parameters `theta`, which were fitted to the data without components. The first fit of the noise
-    /// parameters has only the kinds of noise `kinds`. All other fits have all kinds of the noise model.
+    /// with the noise parameters `theta`, which were fitted to the data before any component was subtracted. The first
+    /// fit of the noise parameters has only the kinds of noise `kinds`. All other fits have all kinds of the noise
+    /// model.
     fn explained(
         &self,
         shapes: Vec<Shape>,

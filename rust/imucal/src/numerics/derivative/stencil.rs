@@ -88,8 +88,8 @@ struct Even {
 }
 
 /// Weights that give the coefficients of the polynomial (columns) from the means over the boxes (rows). The variable of
-/// the polynomial is time in box widths. If the time steps are equal, it is zero at the middle sample of the stencil,
-/// otherwise at the sample at which the derivative is computed.
+/// the polynomial is time in box widths. This time is zero at the middle sample of the stencil if the time steps are
+/// equal, otherwise at the sample at which the derivative is computed.
 type Polynomial = SMatrix<f64, BOXES, BOXES>;
 /// Weights of the cumulative sums at the edges of consecutive boxes. The weighted sum is a slope.
 type Edges = [f64; BOXES + 1];

@@ -22,8 +22,8 @@ const PART: usize = 256;
 /// Number of samples that a thread processes as one job.
 const JOB: usize = 1 << 16;
 
-/// Number of blocks over which a mean of the Allan variance is taken. The means over 0.25 s show the noise at low
-/// frequencies.
+/// Number of consecutive blocks (0.25 s) in each mean from which the Allan variance is computed. Means over this
+/// duration contain only the noise at low frequencies.
 const GROUP_BLOCKS: usize = 5;
 
 /// The blocks of a recording, and further statistics that are computed in the same pass over the samples.
@@ -209,8 +209,8 @@ const FILTERED: f64 = 1.7;
 /// expected value for white noise with the variance of single samples.
 #[derive(Clone, Copy)]
 pub(super) struct Colour {
-    /// Sum of (b - a)^2 / (2 v) over all pairs a, b of consecutive means. v is the variance that white noise would give
-    /// a mean.
+    /// Sum of (b - a)^2 / (2 v) over all pairs a, b of consecutive means. v is the variance of a mean if the noise is
+    /// white.
     sum: Vector6<f64>,
     /// Number of pairs of consecutive means, for each channel. Pairs of a rest at which all samples of the channel are
     /// equal are not counted.

@@ -16,9 +16,9 @@ pub(super) fn trim(blocks: &Range<usize>, windows: usize) -> Range<usize> {
     start..end.max(start)
 }
 
-/// Removes blocks at both ends of a rest while the statistic of the first or last window is above 3 x (unsteadiness of
-/// the rest), because a hand settles slowly after a move. The limit is proportional to the unsteadiness, so it adapts
-/// to the tremor of the rest.
+/// Removes blocks at both ends of a rest while the statistic of the first or last window is above 3 x max(1, median of
+/// the statistic over the rest), because a hand settles slowly after a move. The limit is proportional to this median,
+/// so it adapts to the tremor of the rest.
 pub(super) fn calm(mut blocks: Range<usize>, statistic: &[f64]) -> Range<usize> {
     if blocks.len() <= WINDOW_BLOCKS {
         return blocks;
@@ -78,8 +78,9 @@ fn square(v: Vector3<f64>) -> Vector3<f64> {
 /// Removes those ends of a rest in which the unit still rotates, but so slowly that the variance within a window does
 /// not increase.
 ///
-/// Up to half a second at each end is compared with the inner part of the rest. Blocks belong to the move if a rotation
-/// as large as theirs has a probability below 1e-5 under the null hypothesis of no rotation.
+/// Up to half a second at each end is compared with the inner part of the rest. The blocks at an end are assigned to
+/// the move if a rotation as large as the measured one has a probability below 1e-5 under the null hypothesis of no
+/// rotation.
 pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6<f64>) -> Range<usize> {
     const EDGE: usize = WINDOW_BLOCKS;
     // Value that chi2 with three degrees of freedom exceeds with a probability of 1e-5.
@@ -111,9 +112,10 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
 /// Removes the end of the previous move and the start of the next move from the ends of a rest, if the noise of the
 /// rest hides them. Blocks outside `within` are not used.
 ///
-/// The angle is accumulated from 0.2 s inside the rest. If the move began before that, which slow moves do, it is
-/// accumulated again from twice as far inside, up to a third of the rest and at most [`FARTHEST`]. Nothing is removed
-/// if the angle does not increase, as after a jolt, or if the move began even earlier.
+/// The rotation angle is summed outwards over the blocks, starting 0.2 s inside the rest. A slow move may have begun
+/// farther inside. The sum is then started again from twice as far inside, up to a third of the rest and at most
+/// [`FARTHEST`] blocks. Nothing is removed if the angle does not increase, as after a jolt, or if the move began before
+/// the farthest start.
 pub(super) fn onset(
     range: Range<usize>,
     within: &Range<usize>,
@@ -153,19 +155,21 @@ pub(super) fn onset(
 /// Number of blocks inside the rest from which the angle is first accumulated (0.2 s).
 const FIRST: usize = 4;
 /// Largest number of blocks inside the rest from which the angle is accumulated (1.6 s). A gyroscope bias that settles
-/// for a minute after power-on is a rotation that ends smoothly, too, and such a rest is not shortened.
+/// for a minute after power-on looks like a rotation that ends smoothly. With this limit, the rest becomes at most 1.6
+/// s shorter.
 const FARTHEST: usize = 32;
-/// Time assigned to a move before it is seen, divided by angle / rate.
+/// Part of the time before the detection of a move ([`SeenMove`]) that is assigned to the move, in units of angle /
+/// rate at the detection.
 ///
 /// The angular acceleration of a move starts at zero, and its derivative (jerk) is bounded. At the time t after its
 /// start, a move therefore has the angle c t^3 and the rate 3 c t^2 with a constant c, so t = 3 angle / rate. The last
 /// five sixths of t are assigned to the move. In the first sixth, the angle is below a twentieth of its noise.
 const CUBIC: f64 = 3.0 * 5.0 / 6.0;
-/// The same for a slow move, whose jerk may also start at zero, so that t = 4 angle / rate. All of t is assigned to the
-/// move, because so much time hardly shortens the rest of a slow move.
+/// Value that replaces [`CUBIC`] for a slow move. The jerk of a slow move may also start at zero, so that t = 4 angle /
+/// rate. All of t is assigned to the move, because this makes the rest only slightly shorter.
 const QUARTIC: f64 = 4.0;
 
-/// The instant at which the angle of a move reaches ten times its noise.
+/// Detection of a move: the instant at which the rotation angle reaches ten times the noise of the angle.
 struct SeenMove {
     /// Number of blocks up to this instant.
     at: f64,
@@ -173,8 +177,8 @@ struct SeenMove {
     angle_over_rate: f64,
 }
 
-/// Accumulates the angle over blocks with the mean rates `rates`. None if no angle that increases reaches ten times its
-/// noise.
+/// Accumulates the angle over blocks with the mean rates `rates`, until the angle reaches ten times its noise. `None`
+/// if it does not reach this limit, or if it does not increase at this instant.
 fn seen_move(rates: &[Vector3<f64>], inner: &Inner) -> Option<SeenMove> {
     const CHI2_AT_END: f64 = 100.0;
     let mut angle = Vector3::zeros();

@@ -1,4 +1,5 @@
-//! Rests at several levels of tremor in one recording, for example on a table and in a hand (model.md (11)).
+//! Detection of rests with different strengths of tremor in one recording, for example on a table and in a hand
+//! (model.md (11)). Each strength is called a level. A level has its own noise variances and its own threshold.
 
 use std::ops::Range;
 
@@ -7,10 +8,11 @@ use nalgebra::Vector6;
 use super::WINDOW_BLOCKS;
 use super::threshold::{Choice, choose_threshold, statistic_of, still, window_statistic};
 
-/// Minimum weighted width of the range of thresholds that gives the rests of a further level: ln(upper end / lower end)
-/// x ln(n + 0.1) for the n rests that the level adds. In simulated hand-held runs after a table rest, with 12 to 30
-/// poses and a tremor of 0.1 to 0.8 deg, the width is 2.2 to 13. In simulated motion without further rests it is below
-/// 2, with one exception in 48 recordings (2.2).
+/// A further level is accepted only if its rests are found with a wide range of thresholds. The weighted width of this
+/// range, ln(upper end / lower end) x ln(n + 0.1), must be at least this number, where n is the number of rests that
+/// the level adds. In simulated hand-held runs after a table rest, with 12 to 30 poses and a tremor of 0.1 to 0.8 deg,
+/// the weighted width is 2.2 to 13. In simulated motion without further rests, it is below 2 in 47 of 48 recordings,
+/// and 2.2 in one.
 const CLEAR: f64 = 2.0;
 
 /// Detects the intervals at rest at all levels of tremor. Returns the chosen threshold of the last level, in units of
@@ -18,8 +20,9 @@ const CLEAR: f64 = 2.0;
 ///
 /// The statistic and the threshold of the first level refer to the noise of the sensors, which is estimated from the
 /// quietest windows. The variance of hand-held rests may be a thousand times larger and is then nearer to that of
-/// motion. Therefore, the same estimate is repeated with the windows outside the rests that were already found. If a
-/// hand-held run follows a rest on a table, the second level is that of the hand-held run alone.
+/// motion. Therefore, the noise variance and the threshold are estimated again from the windows outside the rests that
+/// were already found. If a hand-held run follows a rest on a table, the second level is that of the hand-held run
+/// alone.
 pub(super) fn rests_of_all_levels(
     variances: &[Vec<f64>; 6],
     steps: &Vector6<f64>,
@@ -43,8 +46,8 @@ pub(super) fn rests_of_all_levels(
         if (next.to / next.from).ln() * (added + 0.1).ln() < CLEAR {
             return (choice, at_rest);
         }
-        // Rests that were already found remain, because two of them with a slow rotation between them are one interval
-        // with the threshold of this level.
+        // Rests that were already found are not replaced. With the threshold of this level, two of them would become
+        // one interval if only a slow rotation separates them.
         at_rest.retain(|blocks| blocks.len() >= min_blocks);
         let is_new = |new: &Range<usize>| at_rest.iter().all(|old| old.end <= new.start || new.end <= old.start);
         let new: Vec<Range<usize>> = still(&of_level, next.factor).filter(is_new).collect();
@@ -78,11 +81,11 @@ mod tests {
     use super::*;
 
     /// Variances of windows: `tables` rests of 20 s on a table, then 20 hand-held rests of 4 s, with moves of 4 s
-    /// between all rests. The variances of the gyroscope and of the accelerometer in the hand are 2000 and 20 times
-    /// those on the table, and those in moves 30 times those in the hand.
+    /// between all rests. In the hand, the variance of the gyroscope is 2000 times the variance on the table, and that
+    /// of the accelerometer 20 times. In moves, both variances are 30 times those in the hand.
     fn table_then_hand(tables: usize) -> [Vec<f64>; 6] {
-        // Number of windows, variances of the two sensors, and logarithm of the factor by which they differ between
-        // windows.
+        // Number of windows, variances of the two sensors, and largest logarithm of the factor by which the variance of
+        // a window differs from these variances.
         let moving = (80, [6e4, 600.0], 1.4);
         let on_a_table = (0..tables).flat_map(|_| [(400, [1.0, 1.0], 0.2), moving]);
         let held = (0..20).flat_map(|k| [(80, [2000.0 + 40.0 * f64::from(k), 20.0], 0.2), moving]);
@@ -115,8 +118,8 @@ mod tests {
         }
     }
 
-    /// A slow turn on the table is at rest for the threshold of the hand, but the table rests before and after it
-    /// remain two.
+    /// With the threshold of the hand, a slow turn on the table counts as a rest. The table rests before and after the
+    /// turn must nevertheless remain two rests.
     #[test]
     fn rests_on_a_table_are_not_joined_by_the_threshold_of_a_hand() {
         let hand = table_then_hand(1);

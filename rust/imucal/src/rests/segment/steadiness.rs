@@ -51,8 +51,9 @@ impl Stretch {
     }
 
     /// Drift statistic of a rest: chi2 / 15. chi2 is the squared change of the mean force from the first to the last
-    /// third of the rest, divided by the variance of this change from noise. The divisor 15 is chosen so that the limit
-    /// of 2 for the unsteadiness applies. If a rest contains only noise, chi2 exceeds 30 with a probability of 1e-6.
+    /// third of the rest, divided by the variance that noise gives this change, and summed over the axes. With the
+    /// divisor 15, the limit of 2 for the unsteadiness corresponds to chi2 = 30. If a rest contains only noise, chi2
+    /// exceeds 30 with a probability of 1e-6.
     fn drift(&self, colour: &Vector6<f64>) -> f64 {
         let Some([first, last]) = &self.thirds else { return 0.0 };
         let change = last.mean() - first.mean();
@@ -126,8 +127,8 @@ pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
 }
 
 /// Whether the mean force of any window deviates from the mean force of the interval by more than 5 % of gravity (3
-/// deg). `size` is the magnitude of gravity. This check excludes a uniform tumble as a rest. The window statistic of a
-/// uniform tumble is low if the recording contains no quieter windows.
+/// deg). `size` is the magnitude of gravity. This check prevents a uniform tumble from being detected as a rest. The
+/// window statistic of a uniform tumble is low if the recording contains no quieter windows.
 ///
 /// In a rest of more than `long` blocks, accelerometer drift may reach the same limit. Each part of `long` blocks is
 /// therefore compared with its own mean. Over the whole rest, three times the deviation is permitted.

@@ -121,14 +121,15 @@ pub(super) struct Choice {
 }
 
 impl Choice {
-    /// The choice in another unit of variance, which is smaller by `ratio`.
+    /// The same choice with thresholds in another unit of variance. `ratio` is (present unit) / (new unit).
     pub(super) fn scaled(self, ratio: f64) -> Self {
         Self { factor: self.factor * ratio, from: self.from * ratio, to: self.to * ratio, rests: self.rests }
     }
 }
 
-/// Chooses the threshold. All thresholds in the range from which it is chosen give the same number n of rests. Among
-/// all such ranges, it has the largest weighted width, which is ln(upper end / lower end) x ln(n + 0.1).
+/// Chooses the threshold. The thresholds are divided into ranges, and all thresholds in a range give the same number n
+/// of rests. The range with the largest weighted width ln(upper end / lower end) x ln(n + 0.1) is selected. The chosen
+/// threshold is in this range.
 pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> Choice {
     // Lowest threshold that is tried, a ratio of variances. Most windows at rest have a statistic near 1, which is
     // below this threshold.

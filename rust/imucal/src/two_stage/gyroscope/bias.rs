@@ -62,8 +62,8 @@ pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> Gyros
 /// Indices of the rests that are not excluded (model.md (7)).
 ///
 /// The mean rate of a rest is compared with the median of all rests. Its deviation has three causes: the noise of the
-/// rest, the scatter between rests, and the error of the median. With the noise alone, the rest with the least noise
-/// would be excluded first, for example a rest on a table before a hand-held run.
+/// rest, the scatter between rests, and the error of the median. If only the noise of the rest were considered, the
+/// rest with the least noise would be excluded first, for example a rest on a table before a hand-held run.
 fn kept(means: &[f64], variances: &[f64]) -> Vec<usize> {
     let centre = median(&mut means.to_vec());
     let squares: Vec<f64> = means.iter().map(|mean| (mean - centre).powi(2)).collect();
