@@ -106,14 +106,21 @@ def random_unit(random: np.random.Generator) -> imucal.Unit:
 class Trial:
     """One run: the estimate, or None with the reason if it was refused, and the Cramér-Rao bound.
 
-    is_determined  whether the run determines all parameters by the limits of `imucal inspect`
+    reason  what `imucal inspect` misses in the recording of a run that was refused
+    share   largest standard deviation that errors of a real unit would cause, over its limit
     """
 
+    seed: int
     estimate: Estimate | None
-    reason: str
+    reason: str | None
     verdict: str
     bound: np.ndarray
-    is_determined: bool
+    share: float
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether the run determines all parameters by the limits of `imucal inspect`."""
+        return self.share < 1.0
 
 
 def _bound(truth: imucal.Truth, noise: Noise) -> np.ndarray:
@@ -125,13 +132,13 @@ def _bound(truth: imucal.Truth, noise: Noise) -> np.ndarray:
         return np.full(PARAMETERS, np.inf)
 
 
-def is_determined(truth: imucal.Truth) -> bool:
-    """Whether errors of a real unit change every parameter by less than its limit."""
+def share_of_limit(truth: imucal.Truth) -> float:
+    """Largest standard deviation that errors of a real unit would cause, over the limit of its parameter."""
     held_s = np.mean([end - start for start, end in truth.rests])
     moved_s = np.mean([after[0] - before[1] for before, after in pairwise(truth.rests)])
     errors = Noise(REST_ERROR_MPS2 * np.sqrt(held_s * RATE_HZ), MOVE_ERROR_RAD * np.sqrt(RATE_HZ / moved_s))
     sizes = np.r_[np.full(3, GRAVITY_MPS2), np.ones(PARAMETERS - 3)]
-    return bool(np.all(_bound(truth, errors) < DETERMINED * sizes))
+    return float(np.max(_bound(truth, errors) / (DETERMINED * sizes)))
 
 
 def trial(scene: Scene, seed: int) -> Trial:
@@ -140,9 +147,10 @@ def trial(scene: Scene, seed: int) -> Trial:
     true = np.array([parameter.value for parameter in run.truth.calibration.parameters])
     try:
         result = imucal.calibrate(run.recording)
-    except imucal.ImucalError as error:
-        return Trial(None, str(error), "refused", lowest, is_determined(run.truth))
-    return Trial(estimate(result, true), "", result.verdict, lowest, is_determined(run.truth))
+    except imucal.ImucalError:
+        missing = imucal.inspect(run.recording).missing
+        return Trial(seed, None, missing, "refused", lowest, share_of_limit(run.truth))
+    return Trial(seed, estimate(result, true), None, result.verdict, lowest, share_of_limit(run.truth))
 
 
 @dataclass(frozen=True)
@@ -186,6 +194,7 @@ def page(scenes: Sequence[SceneFigures]) -> str:
     runs = min(len(scene.trials) for scene in scenes)
     low, high = binomial(runs, LEVELS["95 %"][1], 0.01)
     rows = "\n".join(scene.row() for scene in scenes)
+    refused = [_refusal(scene.scene, trial) for scene in scenes for trial in scene.refused]
     return f"""# Faces only
 
 Written by `make faces`: seeds 1 to {runs} for each condition.
@@ -196,7 +205,7 @@ Written by `make faces`: seeds 1 to {runs} for each condition.
   truth: if rests had errors of half a mg and moves errors of 0.2 deg, each standard deviation would be
   below {DETERMINED:.0%} of the size of the parameter.
 * refused: runs among these that `imucal calibrate` refuses. The limits above are computed without the
-  estimator, so a run close to them may be judged differently.
+  estimator, so a run close to them may be judged differently. Each such run is listed below the table.
 * within 95 %: share of the stated 95 % intervals that contain the truth, over all parameters, and the
   smallest and the largest share of one parameter. For a perfect estimator 99 % of the shares of one
   parameter are between {low:.1%} and {high:.1%}.
@@ -207,7 +216,17 @@ Written by `make faces`: seeds 1 to {runs} for each condition.
 | condition | runs | determined | refused | good | within 95 % | of one parameter | RMSE / bound | largest |
 |---|---:|---:|---:|---:|---:|---:|---:|---:|
 {rows}
+
+{"".join(refused) or "No run among these is refused."}
 """
+
+
+def _refusal(scene: Scene, trial: Trial) -> str:
+    inspected = f"misses: {trial.reason}" if trial.reason else "**misses nothing**"
+    return (
+        f"* {scene.name}, seed {trial.seed}: by the truth, the least determined parameter reaches "
+        f"{trial.share:.1%} of its limit; `imucal inspect` of the recording {inspected}\n"
+    )
 
 
 SCENES = tuple(Scene(rests, by_hand) for by_hand in (False, True) for rests in (12, 14, 19))
@@ -225,9 +244,6 @@ def main() -> int:
             scenes.append(SceneFigures(scene, done))
     text = page(scenes)
     print(text)
-    for scene in scenes:
-        for refused in scene.refused[:3]:
-            print(scene.scene.name, refused.reason)
     if given.runs == RUNS:
         REPORT.write_text(text, encoding="utf-8")
         print(f"written to {REPORT}")

@@ -270,7 +270,7 @@ ADVISED = [
     Advised("clock_irregular", "stamps on arrival", time(jitter(0.006)), "rate_hz=", evenly),
     Advised("clock_irregular", "jitter", time(jitter(0.0025)), "rate_hz=", evenly),
     Advised("clock_irregular", "samples in bursts", time(sawtooth), "rate_hz=", evenly),
-    Advised("clock_irregular", "late samples", time(late), "nothing to do for a few", nothing),
+    Advised("clock_irregular", "late samples", time(late), "nothing needs to be done", nothing),
     Advised("clock_irregular", "late samples, evenly", time(late), "rate_hz=", evenly),
     *(
         Advised(
@@ -304,7 +304,7 @@ ADVISED = [
         "samples_missing",
         "one in 101",
         lambda r: without(r, np.arange(70, len(r), 101)),
-        "nothing to do",
+        "nothing needs to be done",
         nothing,
     ),
     Advised("too_short", "two seconds", lambda r: r.between(0.0, 2.0), "record at least nine rests", again),

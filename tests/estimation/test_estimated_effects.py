@@ -267,7 +267,7 @@ def test_the_command_writes_judges_and_shows_effects(two_runs, tmp_path, capsys)
         (["--effect", "gyro_g_sensitivty"], "is it gyro_g_sensitivity"),
         (["--effect", "gyro_saturation"], "gyro_saturation is a fault"),
         (["--effect", "gyro_bias_drift:full"], "'gyro_bias_drift:full' is no form of gyro_bias_drift"),
-        (["--effect", "gyro_bias_drift", "--effect", "gyro_bias_drift"], "is asked for twice"),
+        (["--effect", "gyro_bias_drift", "--effect", "gyro_bias_drift"], "is requested twice"),
         (["--effect", "gyro_bias_drift", "--frame", "triangular"], "leave frame at symmetric"),
     ],
 )
@@ -296,7 +296,7 @@ def test_several_recordings_tell_more_of_an_effect_than_one(two_runs):
     # Twice the rests and moves: sqrt(1 / 2) = 0.71, more or less, as the poses differ.
     assert np.median(gain) == pytest.approx(0.71, abs=0.1)
     assert together.verdict == "good"
-    with pytest.raises(imucal.InputError, match=r"earth_rate needs the heading, .* give one recording"):
+    with pytest.raises(imucal.InputError, match=r"earth_rate needs the heading, .* give a single recording"):
         imucal.calibrate(recordings, effects=["earth_rate"])
 
 

@@ -51,7 +51,7 @@ def test_an_effect_too_large_to_be_undone_is_poor(heated):
     calibration = replace(calibration, effects=(large,), covariance=None, covariance_names=())
     judged = imucal.evaluate(calibration, control)
     assert judged.verdict == "poor"
-    assert "too large there to be undone" in judged.reasons[0]
+    assert "too large to be removed" in judged.reasons[0]
 
 
 @pytest.mark.slow

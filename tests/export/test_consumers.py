@@ -225,8 +225,12 @@ def test_inav_refuses_counts_of_another_resolution():
     gyro = imucal.Triad(consumers.INAV_UNIT.gyroscope.sensitivity * 8, [0, 0, 0])
     accel = imucal.Triad(consumers.INAV_UNIT.accelerometer.sensitivity * 8, [0, 0, 0])
     for sensor, triad, said in (
-        ("accelerometer", accel, r"has 16\d+ counts per g, but acc_1G is taken as 2048: .*--accel-lsb-per-g"),
-        ("gyroscope", gyro, r"has 131.2 counts per deg/s, .* is taken as 16.4: .*--gyro-lsb-per-dps"),
+        (
+            "accelerometer",
+            accel,
+            r"has 16\d+ counts per g, but acc_1G is assumed to be 2048: .*--accel-lsb-per-g",
+        ),
+        ("gyroscope", gyro, r"has 131.2 counts per deg/s, .* is assumed to be 16.4: .*--gyro-lsb-per-dps"),
     ):
         unit = dataclasses.replace(consumers.INAV_UNIT, **{sensor: triad})
         with pytest.raises(imucal.InputError, match=said):

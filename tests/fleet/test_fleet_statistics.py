@@ -167,7 +167,7 @@ def test_what_cannot_be_judged_is_refused():
         drift(once)
     with pytest.raises(imucal.InputError, match="'nobody' has 0 usable calibrations"):
         drift(measurements, "nobody")
-    with pytest.raises(imucal.InputError, match="outliers need"):
+    with pytest.raises(imucal.InputError, match="the search for outliers needs"):
         outliers(measurements.where(np.arange(8)))
     with pytest.raises(imucal.InputError, match="no station 'C'"):
         spc(measurements, station="C")

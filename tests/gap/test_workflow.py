@@ -266,7 +266,7 @@ def test_effects_that_the_control_run_cannot_bear_are_a_verdict():
     run, control = pair(effects={"accel_scale_quadratic": [0.05, 0.05, 0.05]})
     gap = imucal.find_gap(run, control=control)
     assert (gap.verdict, gap.effects) == ("unknown", ())
-    assert "too large there to be undone" in gap.remainder.description
+    assert "too large to be removed" in gap.remainder.description
     assert "record more" not in gap.summary()
 
 

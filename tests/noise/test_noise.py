@@ -261,7 +261,7 @@ def test_the_longest_stretch_without_lost_or_repeated_samples_is_used(recording)
 
 def test_a_stretch_that_is_too_short_is_refused(recording):
     keep = np.delete(np.arange(6000), np.arange(500, 6000, 500))
-    with pytest.raises(imucal.InputError, match=r"longest stretch without lost .* 1000 are needed"):
+    with pytest.raises(imucal.InputError, match=r"longest part without lost .* 1000 are needed"):
         imucal.noise(replaced(recording, keep))
 
 

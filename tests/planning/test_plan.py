@@ -354,7 +354,7 @@ def test_a_box_on_its_faces_is_predicted_from_rests_and_moves():
     assert (plan.kind, plan.rests, plan.moves) == ("faces", 14, 13)
     assert plan.undetermined is None
     assert plan.through_moves == tuple(f"accel_sensitivity_{pair}" for pair in ("xy", "xz", "yz"))
-    assert "the moves between them determine these" in plan.summary()
+    assert "together with the moves between the rests they do" in plan.summary()
     run = imucal.simulate(plan.motion, unit="mpu6050", seed=3)
     stated = [parameter.std for parameter in imucal.calibrate(run.recording).parameters]
     assert sigma(plan) == pytest.approx(stated, rel=0.6)

@@ -55,7 +55,7 @@ def test_a_small_fleet_has_a_page_with_the_reasons(tmp_path):
     planted = planted_fleet(units=4, dates=1, drifting=0, odd=0)
     write_fleet_page(tmp_path / "fleet.html", PlantedFleet(planted.measurements))
     page = (tmp_path / "fleet.html").read_text()
-    assert "control charts need 10" in page and "outliers need" in page
+    assert "control charts need 10" in page and "the search for outliers needs" in page
     # Without an alarm, units without a result still show, and a test that was not made is no passed test.
     assert 'class="verdict incomplete"' in page
     assert "no alarm; not tested: shifts of stations, odd units" in page

@@ -49,7 +49,7 @@ class Outlook:
     def short_of(self, targets: Mapping[str, float]) -> str:
         """A text that lists the parameter groups whose predicted standard deviation exceeds the target."""
         return "; ".join(
-            f"{NAMES[group]} {_shown(size)}, wanted {_target(target, size)}"
+            f"{NAMES[group]} {_shown(size)}, target {_target(target, size)}"
             for group, (size, target) in self._above(targets).items()
         )
 

@@ -51,12 +51,14 @@ TASKS: Final[dict[str, dict[str, str]]] = {
         "calibrate": "Calibrate one unit from its recordings.",
         "evaluate": "Evaluate a calibration on recordings of the same unit that were not used for its fit.",
         "gap": "Find a missing effect from the residuals of a calibration, and add it to the model.",
-        "plan": "Plan a motion, and predict the standard deviations of the parameters that it gives.",
+        "plan": "Plan a motion, and predict the standard deviations of the parameters of a calibration "
+        "from it.",
         "stand": "Move a stand, record the unit on it, and calibrate.",
     },
     "Use a calibration": {
         "show": "Print the parameters of a calibration file, its verdict and its origin.",
-        "apply": "Correct a recording: samples in SI units and in the body frame; other columns are kept.",
+        "apply": "Correct a recording: the output has samples in SI units along the body frame, and all "
+        "other columns.",
         "export": "Write a calibration for another program: firmware, autopilots, estimators, simulators.",
         "import": "Read a calibration of another program, such as Kalibr, Basalt, RealSense, PX4 or "
         "ArduPilot.",

@@ -489,8 +489,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             cure="Record the unit at rest on something rigid.",
         ),
         "recording_interrupted": Code(
-            cause="Samples are lost or repeated; only the longest stretch without such samples is used.",
-            cure="Look for lost packets or a full buffer, and record again if the stretch is too short.",
+            cause="Samples are lost or repeated; only the longest part without such samples is used.",
+            cure="Look for lost packets or a full buffer, and record again if the part is too short.",
         ),
         "step": Code(
             cause="The mean of some axes changes abruptly, for example because the table was bumped.",

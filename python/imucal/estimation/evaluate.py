@@ -250,8 +250,8 @@ def _not_stated(calibration: Calibration) -> Iterator[str]:
     errors = [part for part in imported.missing if part in ERRORS] if imported is not None else []
     if imported is not None and errors:
         yield (
-            f"the files of {imported.program} do not state {', '.join(errors).replace('_', ' ')}, which "
-            "remain in the corrected samples"
+            f"the files of {imported.program} do not state {', '.join(errors).replace('_', ' ')}, so the "
+            "corrected samples still contain these errors"
         )
 
 
@@ -271,7 +271,7 @@ def _seen_by_the_fit(calibration: Calibration, recordings: Sequence[Recording]) 
                 "files",
                 "this calibration was estimated from the same file: unless the samples are from another "
                 "part of the file, the figures say nothing about new data",
-                "judge on another recording of the unit",
+                "evaluate the calibration on another recording of the unit",
             )
 
 

@@ -155,7 +155,8 @@ def inspect(
 def only_moves_determine(names: Sequence[str]) -> str:
     """A sentence on the parameters that the rests alone do not determine."""
     return (
-        f"the rests alone lack directions for {', '.join(names)}; the moves between them determine these, too"
+        f"the directions of gravity at the rests do not determine {', '.join(names)}; together with the "
+        "moves between the rests they do"
     )
 
 

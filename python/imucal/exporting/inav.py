@@ -138,8 +138,8 @@ def _require_resolution(calibration: Calibration, accel_lsb_per_g: float, gyro_l
         counts = per_si * float(abs(np.linalg.det(triad.sensitivity)) ** (1 / 3))
         if abs(counts / driver - 1) > MOST_OFF:
             raise InputError(
-                f"the {what.format(counts)} is taken as {driver:g}: give the value of the driver of your "
-                f"sensor ({option}), and calibrate raw counts of the same range as in INAV"
+                f"the {what.format(counts)} is assumed to be {driver:g}: give the value of the driver of "
+                f"your sensor ({option}), and calibrate raw counts of the same range as in INAV"
             )
 
 

@@ -117,8 +117,8 @@ def sentences(gap: GapFields) -> Iterator[str]:
         yield ", ".join(f"{words} {a:.3g} -> {b:.3g} {unit} rms" for words, a, b, unit in known)
     if gap.control_set is None and gap.held_out is not None:
         yield (
-            "no control recording was given: these figures are from cross-validation, in which each of "
-            f"{gap.held_out['folds']} fits predicts rests and moves that it has not used"
+            "no control recording was given: these figures of merit are from cross-validation, in which "
+            f"each of {gap.held_out['folds']} fits predicts rests and moves that it has not used"
         )
     if "after" in gap.fits:
         yield _remaining(gap.fits["after"])

@@ -44,7 +44,11 @@ def kalibr_yaml(noise: NoiseResult, *, rostopic: str = ROSTOPIC) -> str:
         value, std = max(((e.value, e.std) for e in seen), default=(max(e.high for e in estimates), None))
         if not np.isfinite(value):
             raise InputError(f"{noise.name}: an axis of the {sensor} is constant: {name} is not known")
-        how = "not detected on any axis: the end of its 95 % band" if std is None else f"1 sigma {std:.2g}"
+        how = (
+            "not detected on any axis: the upper end of its 95 % band"
+            if std is None
+            else f"1 sigma {std:.2g}"
+        )
         # YAML 1.1 reads a number without a decimal point, such as 1e-05, as text.
         lines.append(f"{name}: {np.format_float_scientific(value, precision=9, trim='0')}  # {unit}, {how}")
     quoted = require_name(rostopic, "the rostopic").replace("'", "''")

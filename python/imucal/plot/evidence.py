@@ -218,7 +218,7 @@ def before_and_after(gap: Gap) -> Figure:
     """
     sets = figure_sets(gap)
     if not sets:
-        raise InputError("there are no figures: faults of the data ended the search before any fit")
+        raise InputError("there are no figures of merit: faults of the data ended the search before any fit")
     _, make_subplots = plotly()
     figure = make_subplots(rows=len(FIGURES), vertical_spacing=0.17, subplot_titles=list(FIGURES.values()))
     looks = (("before", VERMILION, "triangle-up", 11), ("after", GREEN, "circle", 10))

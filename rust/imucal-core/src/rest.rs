@@ -239,7 +239,7 @@ impl fmt::Display for RestConfigError {
             Self::NoiseVariance { channel } => {
                 write!(f, "noise_variance[{channel}] is not a positive number: give the channel's variance at rest")
             }
-            Self::Threshold => f.write_str("threshold is not a positive number: give 2 to 10 times the noise variance"),
+            Self::Threshold => f.write_str("threshold is not a positive number: give a number from 2 to 10"),
         }
     }
 }

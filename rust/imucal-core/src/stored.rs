@@ -262,9 +262,13 @@ impl fmt::Display for StoredError {
         match self {
             Self::Length => f.write_str("the bytes end before the calibration does"),
             Self::Magic => f.write_str("there is no calibration: the bytes do not start with IMUC"),
-            Self::Version { given } => write!(f, "the form has version {given}, and {VERSION} is known"),
+            Self::Version { given } => {
+                write!(f, "the binary form has version {given}, but only version {VERSION} can be read")
+            }
             Self::Crc => f.write_str("the check sum is wrong: the bytes were damaged"),
-            Self::Effect { number } => write!(f, "effect {number} is not known to this version"),
+            Self::Effect { number } => {
+                write!(f, "this version of the catalogue has no effect with the number {number}")
+            }
             Self::Content => f.write_str("the check sum is right, but the content is not a calibration"),
         }
     }

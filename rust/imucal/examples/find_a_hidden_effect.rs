@@ -35,7 +35,7 @@ fn main() -> Result<(), Error> {
     println!("verdict: {}", gap.verdict.name());
     let Some(analysis) = gap.analysis else { return Ok(()) };
     println!("chi2 per degree of freedom on the control recording, without effects: {:.2}", analysis.unseen.before);
-    println!("with what joined the model: {:.2}", analysis.unseen.after);
+    println!("with the accepted effects: {:.2}", analysis.unseen.after);
     for score in &analysis.effects {
         println!("{}: log Bayes factor {:.0}", score.name, score.log_bayes_factor);
     }

@@ -292,7 +292,8 @@ fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error
         }
         if needs(Need::Attitude) && recordings.len() > 1 {
             return Err(Error::Input(format!(
-                "{} needs the heading, which is not known from one recording to the next: give one recording",
+                "{} needs the heading, but the change of heading between two recordings is not known: give a single \
+                 recording",
                 term.name()
             )));
         }

@@ -208,7 +208,7 @@ impl Analysis {
 /// Sample range of the longest rest in a part of the recording.
 fn longest_rest(recording: &Recording<'_>, part: &Range<usize>, min_rest_s: f64) -> Result<Range<usize>, Error> {
     if part.len() < FEWEST_SAMPLES && part.len() < recording.len() {
-        return Err(too_short(recording, part, "the longest stretch without lost or repeated samples"));
+        return Err(too_short(recording, part, "the longest part without lost or repeated samples"));
     }
     let stretch = Recording {
         time_s: &recording.time_s[part.clone()],
@@ -253,12 +253,12 @@ fn interrupted(recording: &Recording<'_>, stretch: &Stretch) -> Finding {
         value: samples.len() as f64 / recording.len() as f64,
         unit: "1",
         message: format!(
-            "samples are lost or repeated in {places} places ({lost} lost, {repeated} repeated); only the longest stretch \
-             without, {}, is used: {:.0} % of the recording",
+            "samples are lost or repeated in {places} places ({lost} lost, {repeated} repeated); only the longest part \
+             without lost or repeated samples, {}, is used: {:.0} % of the recording",
             place(recording, samples),
             100.0 * samples.len() as f64 / recording.len() as f64
         ),
-        way_out: "look for lost packets or a full buffer, and record again, if the stretch is too short".into(),
+        way_out: "look for lost packets or a full buffer, and record again, if the part is too short".into(),
         ..Finding::warning("recording_interrupted", recording.name)
     }
 }
@@ -303,7 +303,8 @@ fn remarks(recording: &Recording<'_>, duration_s: f64, rate_hz: f64, axes: &[Opt
         (
             "noise_filtered",
             columns(&|axis| axis.shortest_period_s * rate_hz > 2.5 && axis.misfit.abs() <= axis::MISFIT),
-            "at high frequencies the noise is not of these kinds, as after a filter: only lower frequencies are used",
+            "at high frequencies the spectrum is not that of white noise, bias instability, random walk and quantisation, \
+             usually because of a low-pass filter: only lower frequencies are used",
             "nothing to do; record without the filter and at a higher rate if you need a more accurate noise density",
         ),
         (
@@ -316,7 +317,8 @@ fn remarks(recording: &Recording<'_>, duration_s: f64, rate_hz: f64, axes: &[Opt
         (
             "recording_short",
             columns(&|axis| axis.bias_instability.value.is_none()),
-            "the recording is too short to show the bias instability, which is below the upper end of its band",
+            "the recording is too short to determine the bias instability: only an upper limit is given, the upper end of \
+             its band",
             "record for hours at a constant temperature if you need a value",
         ),
     ];

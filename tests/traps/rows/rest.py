@@ -156,7 +156,7 @@ GAPS = (
         "samples of a unit at rest are lost",
         "one in a hundred",
         rows(lambda n: np.delete(np.arange(n), np.arange(50, n, 100))),
-        refused("longest stretch"),
+        refused("longest part"),
     ),
     *(
         resting(

@@ -33,7 +33,7 @@ def apply(
     reading: Reading,
     json: JsonPath = None,
 ) -> None:
-    """Correct a recording: samples in SI units and in the body frame; other columns are kept.
+    """Correct a recording: the output has samples in SI units along the body frame, and all other columns.
 
     CSV and Parquet files are corrected in pieces, so that memory does not grow with the file. Calibrations
     with a lever arm or a delay need the derivative of the rate, and correct the file as a whole.

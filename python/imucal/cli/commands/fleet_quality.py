@@ -90,7 +90,7 @@ def grr(
     json: JsonPath = None,
     selection: Selection = Selection(),  # noqa: B008
 ) -> None:
-    """Study the measurement: units x operators x repeats, by analysis of variance.
+    """Gauge study: repeatability and reproducibility from units x operators x repeats (analysis of variance).
 
     Shows repeatability, reproducibility, the number of distinct categories (ndc), and the ratio of the
     repeatability to the stated standard deviations, which is 1 if these are correct on this stand. The

@@ -26,8 +26,8 @@ def inspect(
     """Show sampling rate, faults and rests of recordings, and the parameters that they determine.
 
     The standard deviation of every parameter is predicted from the rests, the moves and the noise at rest. A
-    calibration has these standard deviations if the data contain no errors other than noise and the 21
-    parameters.
+    calibration has these standard deviations if, besides noise, the data contain only errors that the 21
+    parameters describe.
 
     Ends with 2 if a calibration would refuse one of the recordings.
 

@@ -132,7 +132,7 @@ def plan(
     units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
-    """Plan a motion, and predict the standard deviations of the parameters that it gives.
+    """Plan a motion, and predict the standard deviations of the parameters of a calibration from it.
 
     Prints the predicted standard deviation of every parameter, the duration, and the smallest size of each
     effect that `imucal gap` would detect, compared with the paper's programs. Ends with 2 if a target is not

@@ -130,8 +130,8 @@ def outliers(measurements: Measurements) -> OutlierResult:
     needed = max(UNITS_PER_COLUMN * max(len(names), len(kept.names)), 10)
     if complete.sum() < needed:
         raise InputError(
-            f"{int(complete.sum())} units have all parameters and figures: outliers need twice as many units "
-            f"as parameters and figures, at least {needed}"
+            f"{int(complete.sum())} units have values of all parameters and figures of merit: the search "
+            f"for outliers needs at least {needed} units, and at least two per parameter or figure of merit"
         )
     own, rows, values = own.where(complete), rows[complete], values[complete][:, common]
     variances = all_columns.variances[rows][:, common]

@@ -61,9 +61,12 @@ impl<F: RealField + Copy> Effect<F> {
         reads: &[],
         needs: &[Need::AngularAcceleration],
         formula: "w(t - tau) - w(t)",
-        observable: "forces during turns, the accelerometer being the clock",
+        observable: "forces during turns; the delay is relative to the accelerometer",
         aliases: &[
-            Alias { with: "a delay of the accelerometer", told_apart_by: "nothing: only the difference is seen" },
+            Alias {
+                with: "a delay of the accelerometer",
+                told_apart_by: "no measurement: only the difference of the two delays is observable",
+            },
             Alias { with: "gyro_angular_acceleration", told_apart_by: "turns about three axes" },
         ],
         field: |state, _, terms| terms.column(neg(&mean_angular_acceleration(state))),

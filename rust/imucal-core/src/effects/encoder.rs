@@ -62,7 +62,7 @@ impl<F: RealField + Copy> Effect<F> {
         observable: "turns with encoder angles",
         aliases: &[Alias {
             with: "a delay of both sensors",
-            told_apart_by: "nothing: only the difference is seen",
+            told_apart_by: "no measurement: only the difference of the two delays is observable",
         }],
         field: |state, _, terms| terms.column(stand(state).rate_radps),
     };

@@ -41,7 +41,7 @@ impl<F: RealField + Copy> Effect<F> {
         observable: "the gyroscope's mean in rests of many orientations, and moves between them",
         aliases: &[
             Alias { with: "earth_rate", told_apart_by: "turns of the heading, or the latitude" },
-            Alias { with: "gyro_bias_drift", told_apart_by: "orientations that come back later" },
+            Alias { with: "gyro_bias_drift", told_apart_by: "orientations that are repeated later in the run" },
         ],
         field: |state, _, terms| terms.entries(state.specific_force),
     };

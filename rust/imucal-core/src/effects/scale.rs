@@ -128,7 +128,7 @@ impl<F: RealField + Copy> Effect<F> {
             Alias { with: "accel_scale_asymmetry", told_apart_by: "rests every 15 deg" },
             Alias {
                 with: "accel_cross_axis_quadratic",
-                told_apart_by: "a stand whose angles are known: |f| alone cannot tell",
+                told_apart_by: "a stand whose angles are known: the norm of f alone does not distinguish them",
             },
         ],
         field: |state, _, terms| quadratic(&state.specific_force, terms),
@@ -184,7 +184,7 @@ impl<F: RealField + Copy> Effect<F> {
         observable: "rests on a stand whose angles are known",
         aliases: &[Alias {
             with: "accel_scale_quadratic",
-            told_apart_by: "a stand whose angles are known: |f| alone cannot tell",
+            told_apart_by: "a stand whose angles are known: the norm of f alone does not distinguish them",
         }],
         field: |state, _, terms| accelerometer_cross_axis(state, terms),
     };

@@ -83,8 +83,10 @@ impl Outcome {
                  and small effects are not visible",
                 general(ratio, 2)
             ),
-            way_out: "hand tremor can be separated from sensor noise at 100 Hz or more; on a table see that nothing shakes it"
-                .into(),
+            way_out:
+                "for a hand-held unit, record at 100 Hz or more, so that hand tremor can be separated from sensor \
+                 noise; for a unit on a table, make sure that nothing shakes the table"
+                    .into(),
             ..Finding::warning("noise_overestimated", &names.join(" and "))
         })
     }

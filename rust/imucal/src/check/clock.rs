@@ -155,11 +155,11 @@ impl Steps {
             value: self.worst_backward_s,
             unit: "s",
             message: format!(
-                "time goes back {} times, first from {:.4} s to {:.4} s (sample {first}), at most by {:.4} s",
+                "time goes back {} times, by at most {:.4} s; the first time from {:.4} s to {:.4} s (sample {first})",
                 self.backward.samples,
+                -self.worst_backward_s,
                 recording.time_s[first - 1],
-                recording.time_s[first],
-                -self.worst_backward_s
+                recording.time_s[first]
             ),
             way_out:
                 "cut the recording there, sort its rows if they were shuffled, or unwrap the counter if it overflowed"

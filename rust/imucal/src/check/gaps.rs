@@ -71,7 +71,10 @@ impl Gaps {
                 counted(self.after_lost.samples, "gap"),
                 self.longest_s
             ),
-            way_out: "nothing to do for a few; else look for lost packets or a full buffer, and record again".into(),
+            way_out:
+                "if only a few samples are missing, nothing needs to be done; otherwise look for lost packets or a \
+                 full buffer, and record again"
+                    .into(),
             ..Finding::warning("samples_missing", recording.name)
         })
     }
@@ -93,7 +96,10 @@ impl Gaps {
                 if self.late.samples == 1 { "is" } else { "are" },
                 1e3 * self.latest_s
             ),
-            way_out: format!("nothing to do for a few; else {}", stamps::from_sensor(recording)),
+            way_out: format!(
+                "if only a few samples are late, nothing needs to be done; otherwise {}",
+                stamps::from_sensor(recording)
+            ),
             ..Finding::warning("clock_irregular", recording.name)
         })
     }

@@ -181,7 +181,8 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
     } else if !fitting.is_empty() {
         format!("looks like {}", fitting.join("; or like "))
     } else if norm < WITHOUT_GRAVITY_MPS2 {
-        "looks like linear acceleration, gravity removed: record the raw specific force, gravity is the only reference"
+        "looks like linear acceleration (gravity removed): record the raw specific force, because gravity is the only \
+         reference"
             .into()
     } else if in_file > COUNTS {
         "looks like raw counts: name the columns accel_x_lsb, accel_y_lsb, accel_z_lsb".into()

@@ -186,7 +186,10 @@ impl Differences {
                 general(times, 2),
                 general(widened, 2)
             ),
-            way_out: "look for what vibrates while the unit turns: its noise at rest is not that in motion".into(),
+            way_out:
+                "look for what vibrates while the unit rotates, because the noise in motion differs from the noise \
+                 at rest"
+                    .into(),
             ..fault("noise_grows_in_motion")
         })
     }

@@ -146,7 +146,7 @@ pub fn find_gap(
     let after = judgement.verdict.has_effects().then_some(after);
     let last = after.as_ref().unwrap_or(&before);
     let unseen = before.unseen_figure(last).ok_or_else(|| {
-        Error::NotEnoughMotion("no rest and no move can be held out to judge by: record more of both".into())
+        Error::NotEnoughMotion("there are too few rests and moves for a held-out test: record more of both".into())
     })?;
     let chi2_of_given = fits.chi2_of_given(&before, last)?;
     let rivals = match judgement.verdict {

@@ -210,7 +210,7 @@ impl<'a> ForwardSearch<'a> {
             } else if effect.sensor == Sensor::Encoder && !self.kinds.encoders {
                 Some(format!("stand_1, stand_2 and stand_3 columns without holes, and {}", effect.observable))
             } else if effect.needs.contains(&Need::Attitude) && recordings.len() > 1 {
-                Some("one recording: the heading is not known from one to the next".to_owned())
+                Some("a single recording, because the heading is not known between recordings".to_owned())
             } else {
                 None
             }

@@ -9,7 +9,7 @@ use super::evidence::Evidence;
 use crate::joint::{Kinds, Model, WarmStart};
 
 pub(super) const NO_EVIDENCE: &str =
-    "the residuals of these recordings have no evidence: look for numbers that are not finite";
+    "the evidence of a model could not be computed from these recordings: look for values that are not finite";
 
 /// A fitted model of the forward search and its evidence.
 #[derive(Clone)]

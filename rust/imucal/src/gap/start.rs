@@ -61,7 +61,7 @@ impl ForwardSearch<'_> {
                 open.into_iter().partition(|c| c.effect.needs.contains(&Need::Attitude));
             let names = lost.iter().map(|choice| choice.effect.name.to_owned());
             self.left_out.extend(
-                names.map(|name| (name, "every move: the heading is lost after a move that is left out".into())),
+                names.map(|name| (name, "all moves: the heading is lost after a move that the fit leaves out".into())),
             );
             open = left;
         }

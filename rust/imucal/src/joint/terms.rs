@@ -247,7 +247,7 @@ impl<'a> Terms<'a> {
         let term = Term { kind, sensor, linear, first, partly, histories: None, by_time_constant: None };
         let twice = |other: &Term<'_>| other.name() == term.name() && other.frozen_shape().is_none();
         if self.all.iter().any(twice) {
-            return Err(Error::Input(format!("{} is asked for twice: name each effect once", term.name())));
+            return Err(Error::Input(format!("{} is requested twice: name each effect once", term.name())));
         }
         self.count += term.count();
         self.sensors.resize(self.count, sensor);

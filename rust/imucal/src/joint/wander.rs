@@ -72,7 +72,7 @@ impl UnitWander {
             for value in wander.bias_instability.iter().chain(&wander.random_walk) {
                 if !(value.is_finite() && *value >= 0.0) {
                     return Err(Error::Input(format!(
-                        "bias_instability or random_walk of the {name} is {value}: give numbers from zero on, SI units"
+                        "bias_instability or random_walk of the {name} is {value}: give non-negative numbers in SI units"
                     )));
                 }
             }

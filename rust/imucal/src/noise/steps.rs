@@ -172,7 +172,7 @@ pub(super) fn finding(recording: &Recording<'_>, step: &Step, used: Option<&Rang
         ),
         None => (
             "step",
-            ": a step is not noise, but it appears as a random walk in the figures".to_owned(),
+            ": a step is not noise, but it increases the estimated random walk".to_owned(),
             "use only the longest part without a step: --cut-steps (cut_steps=True); or record again without touching the \
              table",
         ),

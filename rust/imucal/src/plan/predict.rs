@@ -66,8 +66,9 @@ pub fn predict(
         information += filter.information();
         found += rests.len();
     }
-    let covariance = covariance(&information, &sensors.prior_precision())
-        .ok_or_else(|| Error::Fit("the information of the motion is singular: check the noise of the unit".into()))?;
+    let covariance = covariance(&information, &sensors.prior_precision()).ok_or_else(|| {
+        Error::Fit("the information matrix of the motion is singular: check the noise densities of the unit".into())
+    })?;
     Ok(Prediction { sigma: (0..n).map(|p| covariance[(p, p)].sqrt()).collect(), rests: found })
 }
 

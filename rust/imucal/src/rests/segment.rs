@@ -245,7 +245,8 @@ impl Threshold {
     pub fn explain(&self, rests: usize) -> String {
         format!(
             "a {:.2} s window is at rest if its variance is below {:.1} times the noise variance; every threshold from {:.1} \
-             to {:.1} gives {rests} rests, the widest such range (weighted by the logarithm of the number)",
+             to {:.1} gives {rests} rests, the widest range with a constant number of rests (widths are weighted \
+             by the logarithm of this number)",
             self.window_s, self.factor, self.stable_from, self.stable_to
         )
     }

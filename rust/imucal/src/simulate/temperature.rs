@@ -28,7 +28,10 @@ impl Temperature {
         let input = |message: String| Err(Error::Input(format!("temperature profile: {message}")));
         if time_s.is_empty() || time_s.len() != temperature_degc.len() {
             let (times, values) = (time_s.len(), temperature_degc.len());
-            return input(format!("{times} times and {values} temperatures: as many of each are needed, at least one"));
+            return input(format!(
+                "{times} times and {values} temperatures: give the same number of times and temperatures, at least one of \
+                 each"
+            ));
         }
         if let Some(k) = (0..time_s.len()).find(|&k| !(time_s[k].is_finite() && temperature_degc[k].is_finite())) {
             return input(format!(

@@ -135,7 +135,7 @@ impl Sensor {
         }
         match self.converter {
             Some(Converter { lsb, .. }) if !(lsb.is_finite() && lsb > 0.0) => {
-                input(format!("one count is {lsb}: give a positive value"))
+                input(format!("the size of one count (lsb) is {lsb}: give a positive value"))
             }
             Some(Converter { bits, .. }) if !(2..=32).contains(&bits) => {
                 input(format!("the output word has {bits} bits: give 2 to 32"))

@@ -251,7 +251,7 @@ const OTHER_AXES: &str = "add moves of 90 deg or more about different axes, each
 /// with a known accelerometer. `turned_rad` is the total rotation about each axis, rad.
 pub(crate) fn missing_turns(open: &[usize], turned_rad: &Vector3<f64>) -> String {
     if open.is_empty() {
-        return "the poses that the accelerometer needs determine these parameters, too".into();
+        return "the poses recommended for the accelerometer also determine these parameters".into();
     }
     let largest = turned_rad.max();
     if largest < 0.3 {

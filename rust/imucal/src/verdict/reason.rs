@@ -352,7 +352,7 @@ impl fmt::Display for Reason {
             Self::PriorContradicted { parameter, prior: [value, sigma], sigmas } => write!(
                 f,
                 "{of_calibration}: the recordings contradict the prior of {parameter}, {value} +- {sigma}, by {} standard \
-                 deviations: hold it with a larger width, at another value, or not at all",
+                 deviations: give the prior a larger standard deviation or another mean, or remove the prior",
                 general(sigmas.abs(), 3)
             ),
             Self::ParametersHeld { parameters, cost: PriorCost { gravity_direction_deg, rotation_deg } } => {
@@ -394,12 +394,12 @@ impl fmt::Display for Reason {
                 write!(f, "{}: residuals exceed their noise: {}: ", set.name(), list(groups))?;
                 f.write_str(match set {
                     RecordingSet::Calibration => {
-                        "the unit or its motion does something that the model lacks; `imucal gap FILE --control CONTROL` \
-                         searches for it"
+                        "the unit or its motion has an error that the model does not contain; `imucal gap FILE --control \
+                         CONTROL` searches for it"
                     }
                     RecordingSet::Control => {
-                        "the unit has changed since its calibration, or does something that the model lacks; `imucal gap \
-                         FILE --control CONTROL` searches for it"
+                        "the unit has changed since its calibration, or has an error that the model does not contain; \
+                         `imucal gap FILE --control CONTROL` searches for it"
                     }
                 })
             }
@@ -417,7 +417,7 @@ impl fmt::Display for UncorrectedSamples {
         let cause = if *is_temperature_missing {
             "temp_degc is not a number there: repair it, or leave the effects of temperature out"
         } else {
-            "the effects are too large there to be undone: estimate them again, or leave them out"
+            "the effects at these samples are too large to be removed: estimate the effects again, or leave them out"
         };
         write!(
             f,
