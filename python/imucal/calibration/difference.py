@@ -264,7 +264,10 @@ def _of_frames(before: Calibration, after: Calibration) -> str:
         f"in the frame {c.frame}" + (f" with axes={c.axes!r}" if c.axes != UNCHANGED else "")
         for c in (before, after)
     )
-    return f"the first is {first}, the second {second}: both are compared in the symmetric frame"
+    return (
+        f"the first calibration is {first}, the second {second}: both are converted to and compared in the "
+        "symmetric frame, in which the sensitivity matrix of the accelerometer is symmetric"
+    )
 
 
 def _lacks_std(calibration: Calibration, name: str) -> bool:

@@ -148,6 +148,7 @@ impl Steps {
 
     fn not_increasing(&self, recording: &Recording) -> Option<Finding> {
         let (first, _) = self.backward.first?;
+        let often = if self.backward.samples == 1 { "once".into() } else { format!("{} times", self.backward.samples) };
         Some(Finding {
             columns: names(["time_s"]),
             place: Some(Place::new(recording, first - 1, first)),
@@ -155,8 +156,7 @@ impl Steps {
             value: self.worst_backward_s,
             unit: "s",
             message: format!(
-                "time goes back {} times, by at most {:.4} s; the first time from {:.4} s to {:.4} s (sample {first})",
-                self.backward.samples,
+                "time goes back {often}, by at most {:.4} s; the first time from {:.4} s to {:.4} s (sample {first})",
                 -self.worst_backward_s,
                 recording.time_s[first - 1],
                 recording.time_s[first]

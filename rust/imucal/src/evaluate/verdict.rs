@@ -179,8 +179,8 @@ mod tests {
         let found = uncorrected_samples(&[recorded], &[corrected]);
         assert_eq!(
             found[0].to_string(),
-            "no correction for 1 of 3 samples of run, the first one 1 at 0.10 s: temp_degc is not a number there: repair it, \
-             or leave the effects of temperature out"
+            "no correction for 1 of 3 samples of run, the first is sample 1 at 0.10 s: temp_degc is not a number there: \
+             repair it, or leave the effects of temperature out"
         );
     }
 }

@@ -181,8 +181,8 @@ impl Differences {
             value: times,
             unit: "1",
             message: format!(
-                "the noise of the gyroscope is {} times larger inside moves than at rest, and standard deviations of moves \
-                 are widened by a factor of {}",
+                "the noise of the gyroscope is {} times larger inside moves than at rest; the calibration increases the \
+                 standard deviations of the residuals of moves by a factor of {}",
                 general(times, 2),
                 general(widened, 2)
             ),

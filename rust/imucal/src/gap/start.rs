@@ -48,7 +48,7 @@ impl ForwardSearch<'_> {
                 if blind {
                     self.left_out.push((
                         choice.effect.name.to_owned(),
-                        "rotation on a stand, because a hand also translates the unit, and an accelerometer whose noise \
+                        "moves on a stand, because a hand also translates the unit, and an accelerometer whose noise \
                          exceeds a step of its converter"
                             .into(),
                     ));

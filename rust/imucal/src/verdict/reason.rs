@@ -287,7 +287,7 @@ impl fmt::Display for Reason {
                 general(noise / STANDARD_GRAVITY_MPS2 * 1e3, 3)
             ),
             Self::NotCorrected { set, samples } => {
-                write!(f, "{}: chi2 per degree of freedom has no value, nothing is judged: ", set.name())?;
+                write!(f, "{}: chi2 per degree of freedom is not a finite number, so nothing is judged: ", set.name())?;
                 if samples.is_empty() {
                     return f.write_str("some of its samples have no correction");
                 }
@@ -328,8 +328,8 @@ impl fmt::Display for Reason {
                 let uncalibrated = before.size(before.rms);
                 write!(
                     f,
-                    "{}: {after}, but {uncalibrated} without a calibration: this calibration makes the unit worse; it is \
-                     another unit's, or the unit has changed since",
+                    "{}: {after}, but {uncalibrated} without a calibration: this calibration makes the unit worse; it \
+                     belongs to another unit, or the unit has changed since it was calibrated",
                     set.name()
                 )
             }
@@ -386,8 +386,8 @@ impl fmt::Display for Reason {
                 write!(f, "{}: residuals exceed their noise: {}: ", set.name(), list(groups))?;
                 write!(
                     f,
-                    "those of the moves alone, as with wrong time stamps, and {} [{}] of {}: {}",
-                    clock.message, clock.code, clock.recording, clock.way_out
+                    "only those of the moves, as if time stamps were wrong; {}: {} [{}]: {}",
+                    clock.recording, clock.message, clock.code, clock.way_out
                 )
             }
             Self::ResidualsAboveNoise { set, groups } => {
@@ -421,7 +421,7 @@ impl fmt::Display for UncorrectedSamples {
         };
         write!(
             f,
-            "no correction for {count} of {all} samples of {recording}, the first one {first} at {time_s:.2} s: {cause}"
+            "no correction for {count} of {all} samples of {recording}, the first is sample {first} at {time_s:.2} s: {cause}"
         )
     }
 }
