@@ -1,4 +1,5 @@
-//! Corrects each sample and integrates the rotation as on a device, in f32 and without an allocator.
+//! Corrects each raw sample and integrates the corrected angular rate to a rotation, in f32 and without an allocator,
+//! as firmware on a device does.
 //!
 //! `cargo run --release -p imucal-core --example correct_on_the_device`
 

@@ -43,7 +43,7 @@ impl<F: RealField + Copy> Calibration<F> {
         Self::new(Triad::identity(), Triad::identity())
     }
 
-    /// The noise-free reading `(rate, force)` of the sensors in a true state, in raw units.
+    /// The noise-free readings `(rate, force)` of the sensors, in raw units, if the true state of the unit is `state`.
     pub fn measure(&self, state: &State<F>) -> (Vector3<F>, Vector3<F>) {
         let (on_rate, on_force) = self.effects.at(state);
         (
@@ -54,7 +54,7 @@ impl<F: RealField + Copy> Calibration<F> {
 
     /// Corrects one raw sample: returns the true `(rate, force)` in the body frame, rad/s and m/s^2.
     ///
-    /// Effects that depend on other quantities, such as the temperature, are not removed. Use
+    /// Effects that depend on quantities other than rate and force, such as the temperature, are not removed. Use
     /// [`correct_at`](Self::correct_at) to remove all effects.
     #[inline]
     pub fn correct(&self, raw_rate: Vector3<F>, raw_force: Vector3<F>) -> (Vector3<F>, Vector3<F>) {
@@ -65,8 +65,8 @@ impl<F: RealField + Copy> Calibration<F> {
         }
     }
 
-    /// Corrects one raw sample for which the other quantities on which effects depend (temperature, time, ...) are
-    /// known. Returns the true `(rate, force)` in the body frame, rad/s and m/s^2.
+    /// Corrects one raw sample. `surroundings` contains the quantities other than rate and force on which effects may
+    /// depend, for example temperature and time. Returns the true `(rate, force)` in the body frame, rad/s and m/s^2.
     ///
     /// Both results are NaN if the effects are too large to be removed (see [`EffectSet::remove`]).
     pub fn correct_at(
@@ -214,8 +214,8 @@ mod tests {
             for times in [1.0, 3.0] {
                 let calibration = with(&[typical(effect, times)]);
                 assert_ne!(calibration.measure(&state), unit().measure(&state), "{}", effect.name);
-                // The limit 1e-14 allows for the rounding of raw counts with a large offset, relative to the true
-                // value.
+                // The raw counts have a large offset. The rounding errors of these large numbers remain in the
+                // corrected value. The limit 1e-14, relative to the true value, allows for them.
                 assert!(comes_back(&calibration, &state) < 1e-14, "{} at {times} times", effect.name);
             }
         }
@@ -234,9 +234,11 @@ mod tests {
 
     #[test]
     fn a_pass_shrinks_the_error_by_the_slope_of_the_effect() {
-        // The slope of an effect is the derivative of the error that it adds with respect to the quantity that the
-        // sensor measures. For a gyroscope effect, the derivative with respect to force is omitted. The force converges
-        // first, because no accelerometer effect depends on the rate, except the lever-arm effect and the size effect.
+        // The slope of an effect is the derivative of the error that the effect adds with respect to the quantity that
+        // the sensor measures (rate or force). Each iteration of the correction multiplies the remaining error by about
+        // the slope. For a gyroscope effect, the derivative with respect to force is omitted: the force converges
+        // before the rate, because only two accelerometer effects depend on the rate (the lever-arm effect and the size
+        // effect).
         let step = 1e-6;
         let slope = |effect: &'static Effect<f64>, times: f64| {
             let (values, state) = (typical(effect, times), fast_state());
@@ -323,8 +325,9 @@ mod tests {
 
     #[test]
     fn rest_and_zero_settle_too() {
-        // These two states are difficult for the convergence test of the correction, which compares changes with the
-        // magnitude of the quantity. At rest, an effect is larger than the rate. At zero force, the magnitude is zero.
+        // The iteration of the correction ends when the change of rate and force is small relative to their magnitudes.
+        // Two states are difficult for this test. At rest, the error that an effect adds is larger than the rate. In
+        // free fall, the magnitude of the force is zero.
         for effect in catalogue() {
             for specific_force in [Vector3::zeros(), Vector3::new(0.0, 0.0, 9.80665)] {
                 let state = State { angular_rate: Vector3::zeros(), specific_force, ..fast_state() };

@@ -1,5 +1,5 @@
-//! Catalogue of effects. Effects are sensor errors that a sensitivity and a bias do not describe. Each effect is
-//! defined only in this module.
+//! Catalogue of effects. Effects are sensor errors that a sensitivity and a bias do not describe. Simulation,
+//! correction and estimation all use the definitions in this module.
 //!
 //! ```text
 //! measured = sensitivity * (true + sum_c Phi_c(state) theta_c) + bias      model.md (15)
@@ -31,9 +31,9 @@
 //!
 //! The catalogue does not contain noise, bias instability and random walks. They are random and therefore have no
 //! field: no function of the state describes them. The catalogue also does not contain the geometry of the stand that
-//! moves the unit, or faults of the data such as saturation or lost samples. With the feature `catalogue`, the
-//! catalogue contains errors of the encoders of a stand. An encoder error is added to a motor angle, rad. The
-//! correction on the device ignores encoder errors, because a device has no stand.
+//! moves the unit, or faults of the data such as saturation or lost samples. Of the errors of the stand, only the
+//! errors of its encoders are in the catalogue, and only with the feature `catalogue`. An encoder error is added to a
+//! motor angle, rad. The correction on the device ignores encoder errors, because a device has no stand.
 
 mod drift;
 mod dynamics;
@@ -137,7 +137,7 @@ impl<F: RealField + Copy> Surroundings<F> {
 
 /// An effect of the catalogue. The field Phi of the effect contains the derivatives of the error that the effect adds
 /// with respect to its parameters theta. Firmware refers to an effect by its constant, for example
-/// `Effect::GYRO_G_SENSITIVITY`. Without the feature `catalogue`, the constant contains no text.
+/// `Effect::GYRO_G_SENSITIVITY`. Without the feature `catalogue`, the constant contains no name, unit or other text.
 #[derive(Clone, Copy, Debug)]
 pub struct Effect<F: RealField + Copy> {
     /// Number that identifies the effect in the binary form of a calibration. A number is never reused. It is 0 for an
@@ -153,8 +153,9 @@ pub struct Effect<F: RealField + Copy> {
     /// Whether the field depends on a further, nonlinear parameter, called the shape, for example a time constant. The
     /// shape is positive.
     pub is_shaped: bool,
-    /// `Gyroscope` if the field depends on the true angular rate, `Accelerometer` if it depends on the true specific
-    /// force. `needs` contains the other quantities on which the field depends.
+    /// The measured quantities on which the field depends, each named by its sensor. The list contains `Gyroscope` if
+    /// the field depends on the true angular rate, and `Accelerometer` if it depends on the true specific force.
+    /// `needs` contains the other quantities.
     pub reads: &'static [Sensor],
     /// Quantities of [`Surroundings`] on which the field depends.
     pub needs: &'static [Need],
@@ -185,7 +186,7 @@ pub struct Effect<F: RealField + Copy> {
 }
 
 /// Two effects are equal if they have the same name. Without the feature `catalogue`, they are equal if they have the
-/// same number.
+/// same number and the same function `sum`.
 impl<F: RealField + Copy> PartialEq for Effect<F> {
     fn eq(&self, other: &Self) -> bool {
         #[cfg(feature = "catalogue")]
@@ -213,8 +214,9 @@ pub enum Sensor {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
     /// Name of the parameter, unique within its effect. It is an axis (`x`), an entry of a matrix, or a letter of the
-    /// formula. The parameter `xy` adds an error on the x axis that is proportional to the y component. The parameter
-    /// `x_yz` adds an error on the x axis that is proportional to the product of the y and z components.
+    /// formula. The parameter `xy` adds an error on the x axis that is proportional to the y component of the cause,
+    /// for example of the specific force. The parameter `x_yz` adds an error on the x axis that is proportional to the
+    /// product of the y and z components of the cause.
     pub name: &'static str,
     /// SI unit.
     pub unit: &'static str,

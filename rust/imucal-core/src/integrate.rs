@@ -28,18 +28,20 @@ pub fn increment<F: RealField + Copy>(w0: &Vector3<F>, w1: &Vector3<F>, dt_s: F)
 /// Rule by which an [`Integrator`] computes the rotation between two consecutive samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Order {
-    /// Uses the mean of both rates. This rule needs the least computing time. It is exact if the rate is linear in time
-    /// and its axis is fixed. It neglects coning, so an error due to coning accumulates with time.
+    /// Uses the mean of the rates at the two samples. This rule needs the least computing time. It is exact if the rate
+    /// is linear in time and the axis of rotation is fixed. It neglects coning, so an error due to coning accumulates
+    /// with time.
     Midpoint,
-    /// Uses the mean of both rates and the coning correction of [`increment`].
+    /// Uses the mean of the rates at the two samples and the coning correction of [`increment`].
     #[default]
     Magnus4,
 }
 
 /// Integrates the angular rate over a move, sample by sample.
 ///
-/// In `f32`, rounding limits the resolution of one step to 6e-8 rad. At 0.01 rad/s and 8 kHz, about one per cent of the
-/// rotation is lost. For slow motion at a high sampling rate, use `f64`, or push means over several samples.
+/// In `f32`, rounding limits the resolution of one step to 6e-8 rad. At 0.01 rad/s and 8 kHz, the rotation therefore
+/// has an error of about one per cent. For slow motion at a high sampling rate, use `f64`, or push means over several
+/// samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integrator<F: RealField + Copy> {
     order: Order,
@@ -133,8 +135,8 @@ mod tests {
         for pair in fourth.windows(2).chain(midpoint.windows(2)) {
             assert!((pair[0] / pair[1] - 4.0).abs() < 0.1, "not of second order: {fourth:?} {midpoint:?}");
         }
-        // Both rules have the error of the assumption that the rate is linear between samples. The midpoint rule also
-        // has the coning error, so its error must be larger.
+        // Both rules assume that the rate is linear between samples, and have an error because the rate is not exactly
+        // linear. The midpoint rule also has the coning error, so its total error must be larger.
         for (fourth, midpoint) in fourth.iter().zip(&midpoint) {
             assert!(midpoint > fourth, "{fourth} {midpoint}");
         }

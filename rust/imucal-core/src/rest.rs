@@ -9,9 +9,9 @@
 //! ```
 //!
 //! The index c denotes the channel. Consecutive windows are one block apart. A rest consists of all blocks of still
-//! windows that overlap each other. The first and the last block of a rest may contain the end of one move or the start
-//! of the next, even if the statistic is below the threshold. These two blocks are trimmed and do not contribute to the
-//! means.
+//! windows that overlap each other. The first block of a rest may contain the end of the previous move, and the last
+//! block may contain the start of the next move, even if the statistic is below the threshold. These two blocks are
+//! trimmed and do not contribute to the means.
 //!
 //! Samples may be raw or corrected, in any unit. The noise variances must be in the square of this unit. The detector
 //! counts samples and does not know their times, so call [`RestDetector::finish`] at a gap in the data. Sample indices

@@ -24,8 +24,8 @@ use nalgebra::{Matrix3, Quaternion, RealField, UnitQuaternion, Vector3, convert}
 
 /// Rotation for the rotation vector `phi`, rad: a rotation by the angle `|phi|` about the axis `phi`.
 ///
-/// For angles up to half a radian, the function uses polynomials instead of trigonometric functions. The rotation
-/// between two samples is practically always smaller than this.
+/// For angles up to half a radian, the function uses polynomials instead of trigonometric functions. The angle between
+/// two samples is practically always smaller than half a radian.
 #[inline]
 pub fn exp<F: RealField + Copy>(phi: &Vector3<F>) -> UnitQuaternion<F> {
     let (cosine, sinc) = cos_and_sinc(dot(phi, phi) * convert(0.25));

@@ -1,14 +1,15 @@
 //! Binary form of a calibration: a few hundred bytes in flash or EEPROM. The calibration is stored as data, so the same
 //! firmware runs on all units.
 //!
-//! `imucal export --to blob` writes the bytes. All numbers are little-endian; floats are IEEE 754 single precision.
+//! `imucal export --to blob` writes the bytes. All numbers are little-endian; floats are IEEE 754 single precision. The
+//! shape of an effect is the parameter on which the effect depends nonlinearly, for example a time constant.
 //!
 //! | offset | size | content |
 //! |---|---|---|
 //! | 0 | 4 | `IMUC` |
-//! | 4 | 1 | version of the form, 1 |
+//! | 4 | 1 | version of the binary form, 1 |
 //! | 5 | 1 | flags: 1 raw rate in counts, 2 raw force in counts, 4 the temperature range is known |
-//! | 6 | 2 | length of all bytes of the form |
+//! | 6 | 2 | length of the whole binary form, bytes |
 //! | 8 | 1 | number of effects |
 //! | 9 | 1 | number of effects of the calibration that this form omits |
 //! | 10 | 3 | signed bytes a_1, a_2, a_3: corrected component i is body axis \|a_i\| (1, 2 or 3) with the sign of a_i |

@@ -1,5 +1,6 @@
 //! The catalogue of effects for Python: definitions of the effects, evaluation of their fields (the derivatives of an
-//! effect's error with respect to its parameters), and conversion of effects and their parameter values from Python.
+//! effect's error with respect to its parameters), and conversion of effects and their parameter values from Python
+//! objects to the types of the library.
 
 use imucal::calibrate::EffectChoice;
 use imucal::correct::temperature_history_of;
@@ -205,7 +206,7 @@ pub(crate) fn effect_field<'py>(
     let effect = find(name).to_python(py)?;
     let count = effect.parameters.len();
     // This call only checks that `shape` (the nonlinear parameter, for example a time constant) is given if and only if
-    // the effect has a shape. The zeros are not used.
+    // the effect has a shape. The parameter values, all zero, are not used.
     let checked = library::EffectValues::try_new(effect, &[0.0; MAX_PARAMETERS][..count], shape);
     checked.map_err(|error| Error::Input(error.to_string())).to_python(py)?;
     let states = state.states(py, shape)?;

@@ -40,7 +40,8 @@ pub(crate) struct GenericFinding {
     log_bayes_factor: f64,
     axis: usize,
     rests: Vec<usize>,
-    /// Rms variation of the bias or scale (`block`) on the sensor axis `axis`, SI units.
+    /// Rms variation of the bias or of the scale on the sensor axis `axis`, SI units. `block` states which of the two
+    /// varies.
     rms: f64,
     p_value: f64,
 }
@@ -69,8 +70,8 @@ pub(crate) struct SessionStep {
 
 /// Name of an effect, and two measures of the residuals that remain if a unit has an effect of typical size and the
 /// fitted model lacks this effect. The first measure lists, for each kind of residual, its name and the rms of residual
-/// / standard deviation from noise. The second measure is the share of the effect's chi2 that the fit of the other
-/// parameters removes.
+/// / standard deviation from noise. The second measure is a share of the chi2 that the effect causes: the share that
+/// disappears when the other parameters are fitted.
 type Trace = (String, Vec<(&'static str, f64)>, f64);
 
 /// Result of a search for effects: the score of each candidate effect, the detection limits, and `generic`, a variation
@@ -90,7 +91,7 @@ pub(crate) struct Search {
     /// this limit.
     smallest_visible: Vec<(String, f64, String)>,
     traces: Vec<Trace>,
-    /// The kind of residual whose scatter exceeds noise most: the name of this kind, the ratio of its scatter to noise,
+    /// The kind of residual whose scatter exceeds noise most: the name of this kind, the ratio of the scatter to noise,
     /// and the p-value of the ratio. None if no ratio is significant.
     scattering_rests: Option<(&'static str, f64, f64)>,
     is_hand_moved: bool,
@@ -100,9 +101,9 @@ pub(crate) struct Search {
 /// do not apply are None. Reason 1: the fit with the effect failed; the entry is the message. Reason 2: the effect
 /// makes the prediction of unseen data (data that the fit does not use) worse; the entry is chi2 per degree of freedom
 /// of these data without and with the effect. Reason 3: the parameters of the effect are not significant; the entry is
-/// their p-value. Reason 4: a pure delay does not describe the gyroscope; the entry contains the estimated delay (s),
-/// half of the variance of the time under the impulse response of the gyroscope's filter (s^2), and the standard
-/// deviation of this half (s^2).
+/// their p-value. Reason 4: a pure delay does not describe the gyroscope; the entry contains the estimated mean delay
+/// of the gyroscope's filter (s), half of the variance of the delay (s^2), and the standard deviation of this half
+/// (s^2). Mean and variance are weighted by the impulse response of the filter.
 type RefusalTuple = (String, Option<String>, Option<[f64; 2]>, Option<f64>, Option<[f64; 3]>);
 
 /// A model fitted to the recordings of a unit, with its evaluation on the control recordings if there are any.

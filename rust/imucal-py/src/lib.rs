@@ -270,7 +270,7 @@ mod _core {
 
     /// The reason why these figures of merit give the verdict `poor`; None if they do not. `set` states which
     /// recordings the figures of merit refer to: `"calibration set"` or `"control set"`. If `has_gyroscope` is false,
-    /// no moves are required.
+    /// the verdict does not require any moves.
     #[pyfunction]
     #[pyo3(signature = (set, rests, moves, chi2_per_dof, has_gyroscope = true))]
     fn poor_figures(
@@ -438,7 +438,8 @@ mod _core {
     }
 
     /// Integrates the angular rate to the rotation `[w, x, y, z]` from the body frame at the last sample to the body
-    /// frame at the first sample: `v_start = rotation * v_end`. `midpoint` omits the coning correction.
+    /// frame at the first sample: `v_start = rotation * v_end`. If `midpoint` is true, the coning correction is
+    /// omitted.
     #[pyfunction]
     #[pyo3(signature = (time_s, angular_rate, midpoint=false))]
     fn integrate<'py>(

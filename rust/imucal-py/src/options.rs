@@ -46,9 +46,9 @@ pub(crate) struct CalibrateOptions<'py> {
     /// "bias" (biases).
     model: String,
     hold: Vec<HeldTuple>,
-    /// Standard deviations of the parameters between units, from the profile of the unit. They are used as standard
-    /// deviations of priors. For each group of parameters, for example `gyro_misalignment`: the name of the group and
-    /// its standard deviations.
+    /// Standard deviations with which parameters differ from unit to unit, from the unit profile. They are used as
+    /// standard deviations of priors. For each group of parameters, for example `gyro_misalignment`: the name of the
+    /// group and its standard deviations.
     profile: Vec<(String, Vec<f64>)>,
     joint: bool,
     /// Bias instability and random walk of the accelerometer and of the gyroscope.

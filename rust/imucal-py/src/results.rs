@@ -158,7 +158,7 @@ impl HeldOut {
 }
 
 impl Outcome {
-    /// Converts the outcome of a calibration with these recordings.
+    /// Converts the outcome of a calibration to Python objects. `recordings` are the recordings from which it was made.
     pub(crate) fn new(
         py: Python<'_>,
         o: calibrate::Outcome,
@@ -211,7 +211,8 @@ impl Outcome {
 }
 
 impl Outcome {
-    /// Converts the outcome of a calibration from a table of means with this name.
+    /// Converts the outcome of a calibration from a table of mean readings to Python objects. `name` is the name of the
+    /// table.
     pub(crate) fn of_means(
         py: Python<'_>,
         o: calibrate::AccelerometerOutcome,
@@ -222,7 +223,7 @@ impl Outcome {
         Self::of_accelerometer(py, o, &[table], options)
     }
 
-    /// Converts the outcome of a calibration of an accelerometer without a gyroscope.
+    /// Converts the outcome of a calibration of an accelerometer without a gyroscope to Python objects.
     pub(crate) fn of_accelerometer(
         py: Python<'_>,
         o: calibrate::AccelerometerOutcome,
@@ -315,7 +316,8 @@ pub(crate) struct Evaluation {
 }
 
 impl Evaluation {
-    /// Converts an evaluation on these recordings.
+    /// Converts an evaluation to Python objects. `recordings` are the recordings on which the calibration was
+    /// evaluated.
     pub(crate) fn new(py: Python<'_>, e: evaluate::Evaluation, recordings: &[Recording<'_>]) -> PyResult<Self> {
         Ok(Self {
             figures: fields(py, Figures::from(e.figures))?,

@@ -11,8 +11,9 @@ use pyo3::prelude::*;
 use crate::arrays::{UserFieldArrays, rows};
 use crate::results::Estimate;
 
-/// A Python object with the attribute `names` and the methods `fields(names, estimate)`, `corrected(estimate,
-/// of_control)` and `brief_means(before, after, of_control)`.
+/// A Python object that evaluates user-defined effects. It has the attribute `names` and the methods `fields(names,
+/// estimate)`, `corrected(estimate, of_control)` and `brief_means(before, after, of_control)`. The trait
+/// [`UserEffects`] describes these methods.
 pub(crate) struct PythonEffects {
     names: Vec<String>,
     source: Py<PyAny>,

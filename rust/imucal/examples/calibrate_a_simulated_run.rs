@@ -1,5 +1,5 @@
-//! Simulates a run with the unit of the paper (`docs/model.md`), calibrates it, and compares the result with the true
-//! parameters.
+//! Simulates a run with the unit of the paper cited in `docs/model.md`, calibrates this unit from the run, and compares
+//! the result with the true parameters.
 //!
 //! `cargo run --release -p imucal --example calibrate_a_simulated_run`
 

@@ -63,7 +63,8 @@ pub const MAX_ITERATIONS: u64 = 1000;
 pub struct Options<'a> {
     /// Local gravity, m/s^2. The estimated scale of every accelerometer axis is inversely proportional to this value.
     pub gravity_mps2: f64,
-    /// Standard deviations of local gravity and of the clock rate. They do not change the estimated parameters.
+    /// Standard deviations of local gravity and of the clock rate. They do not change the estimated parameters, only
+    /// the uncertainty that is stated for them.
     pub references: References,
     /// Body frame of the result.
     pub frame: Frame,
@@ -88,35 +89,37 @@ pub struct Options<'a> {
     /// constant, and the bias instability of the gyroscope is estimated from the scatter of its mean rates at the
     /// rests.
     pub wander: Option<UnitWander>,
-    /// Effects of the catalogue that are estimated together with the base parameters.
+    /// Effects of the catalogue ([`Effect`](imucal_core::effects::Effect)) that are estimated together with the base
+    /// parameters (biases and sensitivities).
     pub effects: Vec<EffectChoice>,
     /// Names of effects that are estimated even if the data determine only some combinations of their parameters. A
     /// prior determines the other combinations.
     pub partly: Vec<String>,
-    /// User-defined effects. Each is given by its field at every sample: the derivatives of the sensor reading with
-    /// respect to the parameters of the effect.
+    /// User-defined effects. Each effect is given by its field at every sample. The field contains the derivatives of
+    /// the sensor reading with respect to the parameters of the effect.
     pub user_fields: Vec<UserField<'a>>,
-    /// Number of folds of a cross-validation. Each fold predicts every `folds`-th move and rest from a fit without
-    /// them.
+    /// Number of folds of a cross-validation; `None` without a cross-validation. For each fold, a fit is made without
+    /// every `folds`-th move and rest. This fit predicts the omitted moves and rests.
     pub folds: Option<usize>,
-    /// Maximum number of iterations of the joint fit, summed over all repetitions of the fit with updated weights. If
-    /// a fit reaches this number before it converges, the verdict is poor.
+    /// Maximum number of iterations of the joint fit, summed over all repetitions of the fit with updated weights. If a
+    /// fit reaches this number before it converges, the verdict is `poor`.
     pub max_iterations: u64,
 }
 
 /// The model that is fitted to checked recordings.
 #[derive(Clone, Debug, Default)]
 pub struct ModelOptions<'a> {
-    /// Effects of the catalogue that are estimated together with the base parameters.
+    /// Effects of the catalogue ([`Effect`](imucal_core::effects::Effect)) that are estimated together with the base
+    /// parameters (biases and sensitivities).
     pub effects: Vec<EffectChoice>,
     /// Names of effects that are estimated even if the data determine only some combinations of their parameters. A
     /// prior determines the other combinations.
     pub partly: Vec<String>,
-    /// User-defined effects. Each is given by its field at every sample: the derivatives of the sensor reading with
-    /// respect to the parameters of the effect.
+    /// User-defined effects. Each effect is given by its field at every sample. The field contains the derivatives of
+    /// the sensor reading with respect to the parameters of the effect.
     pub user_fields: Vec<UserField<'a>>,
-    /// Number of folds of a cross-validation. Each fold predicts every `folds`-th move and rest from a fit without
-    /// them.
+    /// Number of folds of a cross-validation; `None` without a cross-validation. For each fold, a fit is made without
+    /// every `folds`-th move and rest. This fit predicts the omitted moves and rests.
     pub folds: Option<usize>,
 }
 
@@ -153,7 +156,7 @@ impl<'a> Options<'a> {
         }
     }
 
-    /// The options of the model.
+    /// The options that describe the model to be fitted.
     pub fn model(&self) -> ModelOptions<'a> {
         let Self { effects, partly, user_fields, folds, .. } = self.clone();
         ModelOptions { effects, partly, user_fields, folds }
@@ -189,8 +192,8 @@ impl Options<'_> {
         self.joint || self.has_effects() || !self.priors.is_empty()
     }
 
-    /// Whether a requested effect depends on time or temperature. The readings of a sensor may then drift during a
-    /// rest.
+    /// Whether a requested effect depends on time or temperature. A user-defined effect counts as dependent on them.
+    /// The readings of a sensor may then drift during a rest.
     fn may_drift(&self) -> bool {
         let drifts = |choice: &EffectChoice| {
             choice.effect.needs.iter().any(|need| matches!(need, Need::Time | Need::Temperature))

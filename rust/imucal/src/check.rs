@@ -52,8 +52,8 @@ pub use unsigned::check_counts;
 use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
 
-/// Runs all checks that do not need detected rests, for functions that need both sensors. An empty result means that no
-/// fault was found.
+/// Runs all checks that do not need detected rests, before a calculation that needs both sensors. An empty result means
+/// that no fault was found.
 ///
 /// The findings are those of [`check_one_or_both`]. If the recording has only one sensor, `sensor_missing` is added.
 pub fn check_columns(recording: &Recording) -> Vec<Finding> {
@@ -79,8 +79,8 @@ pub fn sensor_missing(recording: &Recording) -> Option<Finding> {
     })
 }
 
-/// Runs all checks that do not need rests, for recordings with one sensor or both. An empty result means that no fault
-/// was found.
+/// Runs all checks that do not need detected rests, for recordings with one sensor or both. An empty result means that
+/// no fault was found.
 ///
 /// Codes: `lengths_differ`, `empty`, `too_short`, `non_finite`, `value_impossible`, `time_not_increasing`,
 /// `samples_duplicated`, `samples_missing`, `clock_irregular`, `clock_rate`, `stuck_axis`, `counts_unsigned`,
@@ -182,7 +182,7 @@ impl Tally {
     }
 }
 
-/// Name of the unit of the raw data of a sensor, as used in messages: "lsb" for counts, otherwise `si`.
+/// The unit of the raw data of a sensor, as messages name it: "lsb" for counts, and the text `si` for data in SI units.
 pub(crate) fn unit_name(unit: RawUnit, si: &'static str) -> &'static str {
     match unit {
         RawUnit::Si => si,

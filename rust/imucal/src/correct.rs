@@ -142,8 +142,9 @@ fn correct_with(
     corrected.unzip()
 }
 
-/// The temperature history (lag, rate and direction of the temperature) at each sample, computed from the first sample
-/// on; empty if no effect depends on it, or if the recording has no temperature.
+/// The temperature history at each sample, computed from the first sample on: the derivative of the temperature, the
+/// direction of its last change, and the lags of both sensors. Empty if no effect depends on the temperature history,
+/// or if the recording has no temperature.
 pub(crate) fn temperature_history(recording: &Recording<'_>, effects: &EffectSet<f64>) -> Vec<TemperatureHistory<f64>> {
     let needs_history = effects.iter().any(|member| member.effect().has_need(Need::TemperatureHistory));
     match recording.temperature_degc {
@@ -154,8 +155,9 @@ pub(crate) fn temperature_history(recording: &Recording<'_>, effects: &EffectSet
     }
 }
 
-/// The temperature history (lag, rate and direction of the temperature) at each sample. `memory` contains the filters
-/// that compute it, and must not have received a temperature before.
+/// The temperature history at each sample: the derivative of the temperature, the direction of its last change, and the
+/// lags of both sensors. `memory` contains the filters that compute it, and must not have received a temperature
+/// before.
 pub fn temperature_history_of<'t>(
     mut memory: TemperatureMemory<f64>,
     time_s: &'t [f64],

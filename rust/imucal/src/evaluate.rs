@@ -33,7 +33,7 @@ use verdict::{impossible_rates, uncorrected_samples, worse};
 /// Figures of merit of a calibration on recordings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Figures {
-    /// Sum of the squares of all residuals, each divided by its standard deviation from noise. This sum is divided by
+    /// Sum of the squares of all residuals, each divided by its standard deviation due to noise. This sum is divided by
     /// the number of residuals minus the number of parameters that were fitted to them. The result is near 1 if noise
     /// explains the residuals.
     pub chi2_per_dof: f64,
@@ -103,7 +103,7 @@ pub struct MoveReport {
     pub duration_s: f64,
     /// Angle between the propagated and the measured direction of gravity, deg; NaN if the move cannot be integrated.
     pub direction_error_deg: f64,
-    /// Standard deviation of each of the two components of the direction error due to noise, deg.
+    /// Standard deviation that noise causes in each of the two components of the direction error, deg.
     pub direction_sigma_deg: f64,
     /// Unit vector of the measured vertical (up) in the body frame at the first sample.
     pub gravity_before: Vector3<f64>,
@@ -135,7 +135,7 @@ pub struct CarriedGravity {
 pub struct Evaluation {
     /// The figures of merit.
     pub figures: Figures,
-    /// The figures of merit of the uncalibrated sensors with their nominal sensitivity, from [`as_it_comes`].
+    /// The figures of merit with the nominal calibration ([`as_it_comes`]), which represents the uncalibrated sensors.
     pub before: Figures,
     /// All rests.
     pub rests: Vec<RestReport>,
@@ -145,10 +145,10 @@ pub struct Evaluation {
     pub carried: Vec<CarriedGravity>,
     /// Findings of the checks of the recordings.
     pub findings: Vec<Finding>,
-    /// Goodness of fit of the norms at the rests and of the gravity directions after the moves. It is relative to noise
-    /// and to the uncertainty of the calibration.
+    /// Goodness of fit of the norms of the specific force at the rests and of the gravity directions after the moves.
+    /// It is relative to noise and to the uncertainty of the calibration.
     pub groups: Vec<GroupMisfit>,
-    /// The verdict: good, incomplete or poor. An incomplete or poor verdict has reasons.
+    /// The verdict: `good`, `incomplete` or `poor`. The verdicts `incomplete` and `poor` have reasons.
     pub verdict: Verdict,
 }
 
@@ -199,7 +199,7 @@ pub fn evaluate(
 }
 
 /// Evaluates `calibration` as [`evaluate`] does, but on recordings that the caller has already corrected (`corrected`,
-/// in SI units). It is intended for effects that are not in the catalogue.
+/// in SI units). The function is intended for effects that are not in the catalogue.
 ///
 /// # Errors
 /// The errors of [`evaluate`]. [`Error::Input`] if `corrected` does not contain, for each recording, a corrected
@@ -415,7 +415,7 @@ pub(crate) fn unusable_report(m: &Move, reason: &'static str) -> MoveReport {
 }
 
 /// Gravity propagated from the first rest through the whole recording. Later rests do not correct the propagated
-/// gravity, so errors accumulate as in an application.
+/// gravity, so its errors accumulate, as in an application that only integrates the rates.
 fn carried_gravity(
     index: usize,
     [recorded, judged]: [&Recording<'_>; 2],

@@ -77,8 +77,8 @@ pub(crate) fn convert_change(
         }
         Frame::Symmetric => {
             // The change dT of the symmetric sensitivity T solves dT T + T dT = d(T T^T), where d(T T^T) = `product` is
-            // the same in both frames. In the basis of the eigenvectors of T, it can be solved for each entry of dT
-            // separately.
+            // the same in both frames. In the basis of the eigenvectors of T, this equation can be solved for each
+            // entry of dT separately.
             let eigen = SymmetricEigen::new(to.accelerometer);
             let inner = eigen.eigenvectors.transpose() * product * eigen.eigenvectors;
             let solved = Matrix3::from_fn(|i, j| inner[(i, j)] / (eigen.eigenvalues[i] + eigen.eigenvalues[j]));

@@ -1,6 +1,8 @@
-//! Search for missing effects. All candidate effects are scored, and the candidate with the largest evidence is added
-//! to the model. This step is repeated until no remaining candidate improves the fit significantly (docs/model.md (23),
-//! (24)). A rest is a period without motion, and a move is the motion between two rests.
+//! Search for missing effects. An effect is a sensor error that the linear sensor model (sensitivities and biases) does
+//! not contain, for example a bias that depends on temperature. All candidate effects are scored, and the candidate
+//! with the largest evidence is added to the model. This step is repeated until no remaining candidate improves the fit
+//! significantly (docs/model.md (23), (24)). A rest is a period without motion, and a move is the motion between two
+//! rests.
 //!
 //! * `evidence`: evidence (marginal likelihood) of a model. The prior of an effect has a standard deviation (the prior
 //!   width) that is a multiple of the typical size of the effect. The noise scale (chi2 per degree of freedom) of each
@@ -17,9 +19,10 @@
 //! * `detect`: detection limit of each effect. It is the smallest size of the effect that is detected with 90 %
 //!   probability.
 //! * `fits`, `acceptance`: an effect is accepted unless it makes the prediction of unseen data significantly worse.
-//!   Unseen data are control recordings or, without them, held-out rests and moves.
-//! * `mount`, `clock`: faults of the unit's mount on a stand, and faults of the clock. Such faults prevent conclusions
-//!   about effects.
+//!   Unseen data are control recordings (recordings that no fit uses) or, without control recordings, held-out rests
+//!   and moves.
+//! * `mount`, `clock`: faults of the unit's mount on a stand (a device with motors that rotates the unit), and faults
+//!   of the clock. Such faults prevent conclusions about effects.
 //! * `verdict`, `remainder`: the conclusion of a search, and a description of the residuals that the accepted effects
 //!   do not explain.
 //! * `session`: test for biases that changed between the calibration recordings and the control recordings.
@@ -94,8 +97,8 @@ pub struct Search {
     /// Scores of all candidates relative to the model without effects, in descending order of the log Bayes factor.
     pub ranking: Vec<Score>,
     /// The variation of a bias or scale that no effect of the catalogue describes (a generic hypothesis), if it
-    /// explains the residuals better than the selected effects. If there are several, the one with the largest log
-    /// Bayes factor.
+    /// explains the residuals better than the selected effects. If several generic hypotheses do so, this is the one
+    /// with the largest log Bayes factor.
     pub generic: Option<GenericFinding>,
     /// Effects with a large log Bayes factor on these recordings that were not selected, because they do not improve
     /// the prediction of held-out rests and moves.
@@ -106,22 +109,24 @@ pub struct Search {
     pub not_the_earth: Option<(f64, f64)>,
     /// Name of each effect that is not observable in these recordings, and the data that would make it observable.
     pub not_observable: Vec<(String, String)>,
-    /// Detection limit of each effect: the name, the smallest rms size per parameter that is detected with 90 %
-    /// probability, and the unit of this size. The limit is computed relative to the final model. If the final model
-    /// already contains the effect, the limit is computed relative to the model without effects.
+    /// Detection limit of each effect: the name of the effect, the smallest rms value of its parameters that is
+    /// detected with 90 % probability, and the unit of this value. In the test, the effect is added to the final model.
+    /// If the final model already contains the effect, it is added to the model without effects.
     pub smallest_visible: Vec<(String, f64, String)>,
-    /// For each effect: the residuals that would remain after a fit if the model lacked an effect of this kind and of
-    /// typical size.
+    /// For each effect: the residuals that remain after a fit if the unit has this effect at its typical size and the
+    /// fitted model lacks the effect.
     pub traces: Vec<Trace>,
-    /// The kind of residual with the largest ratio of scatter to noise under the final model. Only residuals at rests
-    /// and residuals relative to the stand's angles are tested. `None` if no ratio is significant. If effects were
-    /// selected, only residuals of the sensors on which these effects act, and of the stand, are tested. The effects
-    /// are estimated with and without the stand's angles. If the two estimates differ significantly, this contradiction
-    /// is reported instead, with the name `stand_and_sensors`.
+    /// The kind of residual with the largest ratio of scatter to noise under the final model; `None` if no ratio is
+    /// significant. Only residuals at rests and residuals relative to the motor angles of the stand are tested. If
+    /// effects were selected, the tested residuals are only those of the stand and of the sensors on which these
+    /// effects act. The effects are also estimated without the motor angles. If the estimates with and without these
+    /// angles differ significantly, this field reports the difference, with the name `stand_and_sensors`, instead of a
+    /// kind of residual.
     pub scattering_rests: Option<Scattering>,
     /// Whether the search ignores accelerometer samples inside moves. It ignores them if the unit was moved by hand,
     /// because the specific force then contains accelerations in addition to gravity. It also ignores them if the
-    /// accelerometer noise is far below the quantisation step.
+    /// accelerometer noise is far below the quantisation step, because the rounding errors of consecutive samples are
+    /// then not independent.
     pub is_hand_moved: bool,
     /// Parameter values of the final fit of the search. Later fits with the selected effects start from them.
     pub warm_start: WarmStart,

@@ -10,8 +10,9 @@
 //!
 //! h(p) is a function of the fitted parameters p: the bias b_i of axis i, or a ratio of entries of the sensitivity T.
 //! `value` and `sigma` are the mean and the standard deviation of the prior. Each held parameter adds one residual r to
-//! the joint fit. A held parameter is not fixed, because the recordings can change it. The covariance of the result
-//! includes the uncertainty of the prior. Held parameters refer to the symmetric body frame.
+//! the joint fit. A held parameter is not fixed: the recordings can change its estimate. The covariance of the result
+//! includes the uncertainty of the prior. Held parameters refer to the symmetric frame, which is the body frame in
+//! which the accelerometer sensitivity is a symmetric matrix.
 
 mod known;
 mod priors;

@@ -1,5 +1,6 @@
 //! Joint maximum-likelihood estimate of both sensor models and of the selected effects (model.md (17) to (20)). An
-//! effect is a sensor error that bias and sensitivity do not describe, for example a dependence on temperature.
+//! effect is a sensor error that bias and sensitivity do not describe, for example a dependence on temperature. A rest
+//! is an interval without motion, and a move is the motion from one rest to the next.
 //!
 //! ```text
 //! rest norms   |f_k| - g
@@ -10,9 +11,10 @@
 //!
 //! k is the index of a rest, or of the move after this rest. f_k is the mean force at rest k, u_k its direction, and g
 //! local gravity. m_k are the rates measured at rest k, b is the bias of the gyroscope, and T its sensitivity. An
-//! effect with the field Phi and the parameters theta adds Phi theta to the rate. R_k is the rotation over move k, and
-//! R(t) is the rotation from time t to the start of the move; both are integrated from the gyroscope rates. The two
-//! rows of E_k span the plane perpendicular to u_(k+1).
+//! effect with the parameters theta adds Phi theta to the rate. Its field Phi contains the derivatives of the rate with
+//! respect to theta, and mean(Phi)_k is the mean of Phi over rest k. R_k is the rotation over move k. R(t) is the
+//! rotation from the body frame at time t to the body frame at the start of the move. Both rotations are integrated
+//! from the gyroscope rates. The two rows of E_k span the plane perpendicular to u_(k+1).
 //!
 //! The quantities f, u and R are corrected for the effects. An error of the mean force at a rest changes the residuals
 //! of both adjacent moves, so these residuals are correlated. `whiten` multiplies the residuals by the inverse of the
@@ -104,9 +106,10 @@ const WIDE: f64 = 100.0;
 /// (model.md (18)).
 const SETTLED: f64 = 1e-3;
 /// If a parameter changes by more than this number of standard deviations in the last permitted fit, the weights are
-/// reported as not converged. The gradient test of a single fit has the same limit. An estimate whose last change is
-/// between `SETTLED` and this limit is usable. For example, in slow hand-held runs with a temperature cycle, the
-/// changes decrease only by a constant factor per fit.
+/// reported as not converged. The convergence test of a single fit, which uses the gradient of chi2, has the same
+/// limit. An estimate whose last change is between `SETTLED` and this limit is usable. For example, in slow hand-held
+/// runs with a temperature cycle, the changes decrease only by a constant factor per fit and may still exceed `SETTLED`
+/// after `MAX_ROUNDS` fits.
 const NOT_SETTLED: f64 = 0.1;
 /// Maximum number of fits with new weights. If the parameters have not converged after this number, the result is
 /// reported as not converged. Most runs converge within five fits.
@@ -117,15 +120,16 @@ const MISLEADING: f64 = 10.0;
 /// The repeated fits of a search for effects end if, for every kind of residuals, the ratio of scatter to noise changes
 /// by less than this factor from one fit to the next.
 const FAR: f64 = 1.5;
-/// Relative tolerance of the solver in a search for effects and in the first round of a fit, in which the weights are
-/// preliminary.
+/// Relative tolerance of the solver (see `lsq::EXACT`) in a search for effects and in the first round of a fit. In the
+/// first round, the weights are preliminary, so a coarse tolerance suffices.
 const SEARCH: f64 = 1e-5;
 /// Start values of the time constant of a warm-up, as fractions of the duration of the longest recording (model.md
 /// (23)).
 const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
-/// Start values of the time constant of a temperature lag, as fractions of the duration of the longest recording. The
-/// error due to a lag occurs at each change of the temperature, so short lags are observable in long recordings. A lag
-/// as long as the recording causes nearly the same errors as the temperature itself, and is not tried.
+/// Start values of the time constant of a temperature lag, as fractions of the duration of the longest recording. A
+/// warm-up occurs only once, but a lag causes an error at each change of the temperature. A time constant much shorter
+/// than the recording is therefore observable for a lag. A lag with a time constant as long as the recording causes
+/// nearly the same errors as the temperature itself, so this start value is not tried.
 const LAG_SHARES: [f64; 5] = [0.002, 0.006, 0.02, 0.06, 0.2];
 
 /// Effects that depend on the angular acceleration and cause a rotation error over a whole move. They are observable
@@ -163,8 +167,8 @@ pub(crate) fn fit(
         let change = if round > 0 { largest_move(&parameters, &found) } else { f64::INFINITY };
         let is_last = round + 1 == MAX_ROUNDS || iterations >= most;
         if (priors_have_settled && change < SETTLED) || is_last {
-            // The reported residuals must be computed from the samples at the final parameters. A first-order update is
-            // not accurate enough.
+            // The reported residuals must be computed from the samples at the final parameters. A first-order update of
+            // residuals from other parameters is not accurate enough.
             if problem.refresh(&found.parameters)? && iterations < most {
                 found = minimize_within(&problem, &found.parameters, lsq::EXACT, most - iterations)?;
                 iterations += found.iterations;
@@ -182,7 +186,7 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
-/// Joint fit for a search of effects. It starts from the model `start` and has a relative tolerance of 1e-5. If the
+/// Joint fit for a search for effects. It starts from the model `start` and has a relative tolerance of 1e-5. If the
 /// residuals at the start are far above noise, the fit is repeated with new weights until the weights hardly change.
 /// Otherwise, it is repeated once if encoders are used. `width` returns the standard deviation of the prior of an
 /// effect, in typical sizes, or `None` without a prior. Returns the residuals at the estimate and their derivatives.
@@ -226,7 +230,8 @@ fn minimize_within(problem: &Joint<'_>, start: &[f64], tolerance: f64, iteration
     Ok(found)
 }
 
-/// For each move, computed with the known model `model`: the gravity directions at its ends, and its rotation.
+/// Gravity directions at the ends of each move, and the rotation over the move. They are computed with the known model
+/// `model`.
 pub(crate) fn predict(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -311,8 +316,9 @@ fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error
 }
 
 /// Priors of the effects. An effect for which `width` returns a standard deviation gets a prior with this standard
-/// deviation, if the recordings determine at least one direction of its parameters. Any other effect must be determined
-/// in all directions. Otherwise, the function returns an error with the explanation from the catalogue of effects.
+/// deviation, if the recordings determine at least one direction of its parameters. The recordings must determine any
+/// other effect in all directions of its parameters. Otherwise, the function returns an error with the explanation from
+/// the catalogue of effects.
 fn check_determined(
     jacobian: &Mat<f64>,
     terms: &Terms<'_>,

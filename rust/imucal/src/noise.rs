@@ -108,8 +108,9 @@ pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUs
     let has_repeats = findings.iter().any(|finding| finding.code == "samples_duplicated");
     let stretch = stretch::longest(recording, has_repeats);
     if stretch.lost == 0 {
-        // The general check also reports samples whose time stamps are late. The module `stretch` distinguishes such
-        // samples from missing samples. If it finds no missing samples, the finding of the general check is removed.
+        // The general check also reports samples as missing if only their time stamps are late. The module `stretch`
+        // distinguishes late samples from missing samples. If it finds no missing samples, the finding of the general
+        // check is removed.
         findings.retain(|finding| finding.code != "samples_missing");
     }
     let is_whole = stretch.samples.len() == recording.len();

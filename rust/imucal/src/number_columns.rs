@@ -14,11 +14,12 @@ use crate::numerics::workers::{in_order, processors};
 
 /// Minimum size of a block, in bytes, whose lines are read by several threads.
 const WORTH_THREADS: usize = 1 << 20;
-/// Size of the first block, in bytes, from which a text is long: it may have many more blocks.
+/// If the first block has at least this number of bytes, the text counts as long, because many more blocks may follow.
+/// Each column then reserves memory for [`RESERVED`] values.
 const LONG: usize = 1 << 22;
 /// Number of values for which a column of a long text reserves memory. Their size exceeds 32 MB, so the allocator of
-/// Linux maps the memory directly from the system. Only used pages then count as memory. The column can grow without
-/// being copied, which avoids fragmentation.
+/// Linux maps the memory directly from the system. Only pages that are written then occupy memory. The column can grow
+/// into the reserved memory without being copied, which avoids fragmentation.
 const RESERVED: usize = (1 << 22) + (1 << 10);
 
 /// Format of a text table.
@@ -76,7 +77,8 @@ impl NumberColumns {
             return Ok(());
         };
         if std::mem::take(&mut self.is_new) {
-            // For a short text, mapping memory for each column would take a noticeable part of the time.
+            // For a short text, mapping that much memory for each column would take a noticeable part of the reading
+            // time.
             let rows = if block.len() < LONG { self.form.rows(block) } else { RESERVED };
             self.columns = self.form.columns(rows);
         }
@@ -138,7 +140,8 @@ fn split(lines: &[u8], count: usize) -> Vec<&[u8]> {
 #[derive(Debug)]
 struct Growing {
     numbers: Column,
-    /// Rows of an integer column whose text is `-0`. If the column is converted to f64, these values become -0.0.
+    /// Indices of the rows in which an integer column has the text `-0`. If the column is converted to f64, their
+    /// values become -0.0.
     negative_zeros: Vec<usize>,
 }
 
@@ -190,7 +193,8 @@ impl Growing {
 }
 
 impl Form {
-    /// A number of rows for which memory is reserved: a quarter more than if all lines were as long as the first.
+    /// Number of rows for which memory is reserved. It is a quarter more than the number of rows that `lines` would
+    /// have if all lines were as long as the first.
     fn rows(&self, lines: &[u8]) -> usize {
         let first = lines.iter().position(|&byte| byte == b'\n').map_or(lines.len(), |end| end + 1);
         lines.len() / first.max(self.used.len()).max(1) * 5 / 4

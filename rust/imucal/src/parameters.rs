@@ -1,9 +1,10 @@
 //! Order and names of the parameters of a unit.
 //!
-//! The parameter vector contains, in this order: accelerometer bias (3 parameters), accelerometer sensitivity (6,
-//! because the matrix is symmetric in the symmetric frame), gyroscope bias (3), gyroscope sensitivity (9, row by row),
-//! parameters of the effects, and parameters of a stand with encoders. An effect is a sensor error that bias and
-//! sensitivity do not describe, for example a dependence on temperature.
+//! The parameter vector contains, in this order: accelerometer bias (3 parameters), accelerometer sensitivity (6),
+//! gyroscope bias (3), gyroscope sensitivity (9, row by row), parameters of the effects, and parameters of a stand with
+//! encoders. In the symmetric body frame, the accelerometer sensitivity is a symmetric matrix, so it has six
+//! parameters. In the triangular body frame, it is a lower triangular matrix, also with six parameters. An effect is a
+//! sensor error that bias and sensitivity do not describe, for example a dependence on temperature.
 
 use imucal_core::calibration::Calibration;
 use std::ops::Range;

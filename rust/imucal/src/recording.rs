@@ -1,7 +1,7 @@
 //! A recording: the measurements of one unit. The columns are borrowed arrays of the caller.
 //!
 //! Each row is one sample. Time is in seconds. The samples of each three-axis sensor (triad) are in SI units (m/s^2,
-//! rad/s) or in raw counts (`lsb`). A sensor at rest reads +g on the axis that points up.
+//! rad/s) or in raw counts (`lsb`). An accelerometer at rest reads +g on the axis that points up.
 
 use std::borrow::Cow;
 use std::ops::Range;

@@ -35,8 +35,8 @@ const CORRELATED: f64 = 0.5;
 /// The prior states that the axes have similar noise. With a narrower prior, the levels of one axis have more
 /// influence on the estimated noise of another axis.
 const SIMILAR: f64 = 0.3;
-/// An rms rounding error of a mean up to this limit is neglected, in steps. Noise above 0.58 steps leaves a smaller
-/// error.
+/// The rounding error of a mean is neglected if its rms value is at most this number of steps. Noise above 0.58 steps
+/// leaves a smaller error.
 const NEGLECTED: f64 = 3e-4;
 /// Maximum relative difference between two quantisation steps that count as equal.
 const EQUAL_STEPS: f64 = 1e-3;

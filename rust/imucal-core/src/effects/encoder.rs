@@ -6,11 +6,12 @@
 //! encoder_backlash       b_m d_m,                             d_m is the sign of the last motion of motor m
 //! ```
 //!
-//! q_m is the true angle of motor m, and q the vector of the three angles. The parameters are s_mk and c_mk, the time
-//! offset tau, and the backlash b_m. The readings after motions in opposite directions differ by 2 b_m. If an encoder
-//! disk is off centre by 1 % of its radius, the angle has an error with an amplitude of 0.01 rad and a period of one
-//! revolution. If the disk is oval, the error has a period of half a revolution. Component m of the error of an effect
-//! belongs to the encoder of motor m. Motor 1 is the outermost motor.
+//! The plain form of an effect is the form with the fewest parameters, and the full form has all parameters. q_m is the
+//! true angle of motor m, and q the vector of the three angles. The parameters are s_mk and c_mk, the time offset tau,
+//! and the backlash b_m. The readings after motions in opposite directions differ by 2 b_m. If an encoder disk is off
+//! centre by 1 % of its radius, the angle has an error with an amplitude of 0.01 rad and a period of one revolution. If
+//! the disk is oval, the error has a period of half a revolution. Component m of the error of an effect belongs to the
+//! encoder of motor m. Motor 1 is the outermost motor.
 
 use super::{Alias, DEGREE, Effect, Need, Parameter, Sensor, StandState, State, Terms, effect, parameters};
 use nalgebra::{RealField, Vector3};

@@ -7,7 +7,8 @@
 //! ```
 //!
 //! f is the specific force and w the angular rate. The parameters are the 3x3 matrices G, G2 and H, and k_i for each
-//! axis i.
+//! axis i. The full form of an effect has all its parameters. The form with the fewest parameters is called the plain
+//! form.
 
 use super::{AXES, Alias, DEGREE, ENTRIES, Effect, Sensor, Terms, cross_products, effect, parameters, squares};
 use crate::{STANDARD_GRAVITY_MPS2, vector::each};

@@ -1,5 +1,5 @@
-//! Variables of the temperature history: the lag of a first-order low-pass, the rate of the temperature, and the
-//! direction in which the temperature last changed (`docs/model.md` (43)).
+//! Variables of the temperature history: the lag of a first-order low-pass of the temperature, the rate of change of
+//! the temperature, and the direction in which the temperature last changed (`docs/model.md` (43)).
 //!
 //! ```text
 //! lag         T_tau - T,          tau dT_tau/dt = T - T_tau
@@ -7,8 +7,8 @@
 //! direction   s <- clamp(s + change of (2 T_1 - T_2) / 1 K, -1, 1)
 //! ```
 //!
-//! s is the direction. At the first temperature, T_tau = T_1 = T_2 = T and s = 0. T is assumed to be linear in time
-//! between two readings of the thermometer, and the outputs of the low-passes are exact for this input.
+//! s is the direction. At the first reading of the thermometer, T_tau = T_1 = T_2 = T and s = 0. T is assumed to be
+//! linear in time between two readings of the thermometer, and the outputs of the low-passes are exact for this input.
 //!
 //! ```
 //! use imucal_core::effects::{Effect, EffectSet, EffectValues, Surroundings};
@@ -173,9 +173,9 @@ impl<F: RealField + Copy> TemperatureMemory<F> {
         self.accelerometer.advance(step_s, change_k);
         let (before_k, second_before_k) = (self.first.lag_k, self.second_lag_k);
         self.first.advance(step_s, change_k);
-        // The output of the first low-pass is the input of the second. This output is a straight line plus a decaying
-        // exponential. `steady_k` is the constant lag of the output behind the temperature after the exponential has
-        // decayed.
+        // The output of the first low-pass is the input of the second. If the temperature is linear in time, this
+        // output is a straight line plus a decaying exponential. `steady_k` is the output minus the temperature after
+        // the exponential has decayed.
         let step = step_s / smoothing_s;
         if step > F::zero() {
             let settled = -((-step).exp_m1());
@@ -257,7 +257,7 @@ mod tests {
         let mut seen: std::vec::Vec<f64> = std::vec::Vec::new();
         for degc in [20.0, 22.0, 30.0, 29.5, 29.0, 28.0, 27.0, 20.0, 20.5] {
             memory.update(20.0, degc);
-            // The temperature is constant until the low-pass has settled.
+            // The temperature then stays constant for 100 s, so that the low-passes settle.
             seen.push(memory.update(100.0, degc).direction);
         }
         let expected = [0.0_f64, 1.0, 1.0, 0.5, 0.0, -1.0, -1.0, -1.0, -0.5];

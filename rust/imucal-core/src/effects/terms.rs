@@ -84,8 +84,8 @@ impl<F: RealField + Copy> Terms<F> for ToColumns<'_, F> {
 }
 
 /// Computes `Phi theta`: the sum of all columns of Phi, each multiplied by its parameter. All methods are inlined at
-/// any optimisation level, so the indices of the parameters are constants. Without inlining, function calls would take
-/// most of the computing time of a correction on a device.
+/// any optimisation level, so the indices of the parameters are known at compile time. Without inlining, function calls
+/// would take most of the computing time of a correction on a device.
 pub(super) struct Sum<'a, F: RealField + Copy> {
     values: &'a [F; MAX_PARAMETERS],
     next: usize,
@@ -160,7 +160,7 @@ macro_rules! effect {
     ) => {{
         const PARAMETERS: &[$crate::effects::Parameter] = $parameters;
         const SHAPE: Option<$crate::effects::Parameter> = $shape;
-        #[allow(dead_code)] // Without `catalogue`, only `ALIASES` uses some constants of texts.
+        #[allow(dead_code)] // Unused without `catalogue`, but kept so that the texts in it count as used.
         const ALIASES: &[$crate::effects::Alias] = $aliases;
         $crate::effects::Effect {
             number: $number,

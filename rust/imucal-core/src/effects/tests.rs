@@ -228,8 +228,8 @@ fn a_field_depends_on_what_it_needs_and_on_nothing_else_around_it() {
     }
 }
 
-/// The joint fit computes the attitude at a rest from the specific force at the rest. Therefore no accelerometer effect
-/// may depend on attitude.
+/// The crate `imucal` estimates the parameters of both sensors in one joint fit. This fit computes the attitude at a
+/// rest from the specific force at the rest. Therefore no accelerometer effect may depend on attitude.
 #[test]
 fn what_acts_on_the_force_needs_no_attitude() {
     for effect in Effect::<f64>::catalogue().filter(|effect| effect.sensor == Sensor::Accelerometer) {

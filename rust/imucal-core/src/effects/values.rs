@@ -5,8 +5,8 @@
 //! true <- seen - sum_c Phi_c(true) theta_c,   starting at seen      model.md (16)
 //! ```
 //!
-//! `seen` is the rate or force with the errors of the effects. theta_c are the parameters of effect c. Phi_c is its
-//! field, the derivatives of the error that it adds with respect to theta_c.
+//! `seen` is the rate or force with the errors of the effects. theta_c are the parameters of effect c. Phi_c is the
+//! field of effect c: the derivatives, with respect to theta_c, of the error that the effect adds.
 
 use super::{Effect, MAX_PARAMETERS, Sensor, State, Surroundings};
 use crate::vector::{add, largest, sub};
@@ -63,7 +63,7 @@ impl<F: RealField + Copy> EffectValues<F> {
         self.effect
     }
 
-    /// Values of the parameters that were given when the effect was created.
+    /// The parameter values with which the effect was created.
     pub fn values(&self) -> &[F] {
         self.values.get(..self.count).unwrap_or_default()
     }
@@ -157,10 +157,10 @@ impl<F: RealField + Copy> EffectSet<F> {
     /// The method iterates `true <- seen - effects(true)`. It stops when an iteration changes rate and force only by
     /// rounding errors. If no effect depends on the rate (or on the force), the change of the rate (or of the force) is
     /// not tested. Each iteration multiplies the error by at most the derivative of the effects with respect to rate
-    /// and force, for example by 0.002 for a scale asymmetry of 0.2 %. One effect of typical size needs a single
-    /// iteration if it does not depend on the quantity that it changes. Otherwise, it needs two or three iterations in
-    /// `f32`, and two to seven in `f64`. If the derivative exceeds about 0.83, the iteration does not converge in
-    /// [`MAX_PASSES`] steps, and both results are NaN.
+    /// and force, for example by 0.002 for a scale asymmetry of 0.2 %. A single effect of typical size needs one
+    /// iteration if the error that it adds does not depend on the quantity to which it is added. Otherwise, it needs
+    /// two or three iterations in `f32`, and two to seven in `f64`. If the derivative exceeds about 0.83, the iteration
+    /// does not converge in [`MAX_PASSES`] steps, and both results are NaN.
     pub fn remove(
         &self,
         seen_rate: Vector3<F>,

@@ -86,8 +86,8 @@ impl<F: RealField + Copy> BlockSums<F> {
         let count = number::<F>(self.count);
         both(&self.squares, &self.sum, |squares, sum| {
             let about_mean = squares - sum * sum / count;
-            // Rounding can make the sum of squares about the mean of a constant channel slightly negative. NaN must
-            // remain NaN.
+            // Rounding can make the sum of squares about the mean of a constant channel slightly negative. It is then
+            // set to zero. The comparison leaves NaN unchanged, so that a NaN sample gives a NaN variance.
             (if about_mean < F::zero() { F::zero() } else { about_mean }) / (count - F::one())
         })
     }

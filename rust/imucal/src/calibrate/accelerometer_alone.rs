@@ -33,7 +33,7 @@ use crate::verdict::{GroupMisfit, Reason, RecordingSet, ResidualGroup, Verdict};
 /// A calibration of an accelerometer without a gyroscope, with its covariance, residuals and figures of merit.
 #[derive(Clone, Debug)]
 pub struct AccelerometerOutcome {
-    /// The accelerometer, in the body frame `frame`.
+    /// Sensitivity and bias of the accelerometer, in the body frame `frame`.
     pub triad: Triad<f64>,
     /// Body frame of the triad.
     pub frame: Frame,
@@ -53,8 +53,8 @@ pub struct AccelerometerOutcome {
     pub noise_density: Vector3<f64>,
     /// Report of the fit: chi2, and why the iterations ended.
     pub fit: FitReport,
-    /// Standard deviation of the norm of the mean force at a rest due to noise, m/s^2, estimated from the residuals of
-    /// the fit. `None` if the noise is known, so that no estimate is needed.
+    /// Noise of the mean force at a rest, as the standard deviation of its norm, m/s^2, estimated from the residuals of
+    /// the fit. `None` if the noise is known and is not estimated.
     pub noise_from_residuals_mps2: Option<f64>,
     /// Parameters with a prior (held parameters), with their estimates; empty if there are none.
     pub held: Vec<HeldEstimate>,
@@ -225,7 +225,8 @@ impl AccelerometerOutcome {
     }
 }
 
-/// Converts the fitted triad, and covariance matrices of its nine parameters, to the requested body frame.
+/// Converts the fitted triad, and covariance matrices of its nine parameters, from the symmetric to the requested body
+/// frame.
 fn of_frame(
     fit: &AccelerometerFit,
     covariances: [Mat<f64>; 2],

@@ -182,9 +182,9 @@ impl<'a> Checked<'a> {
         Ok(outcome)
     }
 
-    /// Returns an error if the joint fit of several recordings has failed. It has failed if its gains are implausible
-    /// although it started from a two-stage fit with plausible gains. A wrong unit of a data column would make the
-    /// gains of both fits implausible.
+    /// Returns an error if the joint fit of several recordings has failed. It has failed if it gives implausible gains
+    /// (scales of the axes) although the two-stage fit from which it started has plausible gains. A wrong unit of a
+    /// data column is no failure of the joint fit: it would make the gains of both fits implausible.
     fn require_fit(&self, gains: &[Finding]) -> Result<(), Error> {
         let is_error = |finding: &Finding| finding.severity == Severity::Error;
         let Some(wrong) = gains.iter().find(|finding| is_error(finding)) else { return Ok(()) };

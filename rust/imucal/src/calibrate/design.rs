@@ -1,6 +1,6 @@
-//! The design matrix of the joint fit, computed before any fit. It shows which parameters the rests and the moves
-//! determine when they are used together. It also gives least-squares values of these parameters, the start values of
-//! a fit (model.md (12)).
+//! The design matrix of the joint fit, computed before any fit. It shows which parameters are determined if rests and
+//! moves are used together. Its least-squares solution for these parameters provides the start values of a fit
+//! (model.md (12)).
 
 use std::ops::Range;
 
@@ -21,9 +21,9 @@ const STEPS: usize = 3;
 pub(super) const FAR_OFF: f64 = 0.3;
 
 /// The design matrix: the Jacobian of the residuals with respect to the parameters `OBSERVED`. The row of a residual is
-/// divided by the typical model error of a real unit in this residual ([`REST_ERROR_MPS2`] or [`MOVE_ERROR_RAD`]). The
-/// column of a parameter is multiplied by a hundredth of the size of the parameter (`sizes`). The row of a prior is
-/// divided by the standard deviation of the prior.
+/// divided by the error that the model of a real unit typically has in this residual ([`REST_ERROR_MPS2`] or
+/// [`MOVE_ERROR_RAD`]). The column of a parameter is multiplied by a hundredth of the size of the parameter (`sizes`).
+/// The row of a prior is divided by the standard deviation of the prior.
 #[derive(Default)]
 pub(super) struct Design {
     /// Rows of the matrix, with one column for each entry of [`OBSERVED`]. First come the rows of the residuals, then

@@ -35,7 +35,7 @@ pub struct Diagnosis {
     pub code: &'static str,
     /// Names of the parameters.
     pub parameters: Vec<String>,
-    /// The value that exceeded its limit. For `traded_off`, it is the largest correlation. For `flat`, it is (standard
+    /// The value that is beyond its limit. For `traded_off`, it is the largest correlation. For `flat`, it is (standard
     /// deviation) / (usual size of the parameter). For `at_bound`, it is the time constant, s.
     pub value: f64,
     /// Description with the value.
@@ -116,8 +116,9 @@ fn flat(outcome: &Outcome) -> Vec<Diagnosis> {
 fn at_bound(effect: &TermEstimate, longest_s: f64) -> Option<Diagnosis> {
     let tau_s = effect.shape?;
     let name = effect.parameter_names.last()?;
-    // The sensor lags behind each change of the temperature, so the short time constant of a lag is observable in a
-    // long recording.
+    // Most effects with a time constant act only once, after power-on, so a short time constant affects few samples of
+    // a long recording. A sensor that lags behind the temperature is different: its lag appears again at every change
+    // of the temperature, so a short time constant is also observable in a long recording.
     let acts_again = Effect::<f64>::find(&effect.name).is_some_and(|own| own.needs.contains(&Need::TemperatureHistory));
     let (bound, way_out) = if tau_s > longest_s {
         ("longer than", "record from power-on until the sensors have settled, or estimate a drift instead")

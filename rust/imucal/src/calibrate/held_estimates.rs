@@ -40,9 +40,10 @@ pub struct HeldEstimate {
     /// Share of the variance of the estimate that is due to the priors. It is 1 if the recordings contain no
     /// information about the parameter, and near 0 if they determine it accurately.
     pub prior_share: f64,
-    /// Difference between the prior value and the value from the recordings, in standard deviations of this difference.
-    /// `None` if the standard deviation from the recordings alone is not smaller than the typical spread of the
-    /// parameter among MEMS sensors. For an accelerometer without a gyroscope, it is always `None`.
+    /// Difference between the prior value and the value from the recordings alone, in standard deviations of this
+    /// difference. `None` if the standard deviation of the value from the recordings alone is not smaller than the
+    /// typical spread of the parameter among MEMS sensors. For an accelerometer without a gyroscope, it is always
+    /// `None`.
     pub contradiction: Option<f64>,
 }
 
@@ -92,11 +93,11 @@ pub(super) fn held_estimates(
     ((0..held.len()).map(estimate).collect(), &by_prior * by_prior.transpose())
 }
 
-/// Difference between the prior value and the value from the recordings, in standard deviations of this difference.
-/// `None` if the standard deviation from the recordings alone is not smaller than the typical spread of the parameter
-/// among MEMS sensors. Such weak information comes only from the nonlinearity of the model, and is no evidence against
-/// the prior. `residual` and `free` are the residual of the prior in standard deviations, and 1 - leverage of this
-/// residual.
+/// Difference between the prior value and the value from the recordings alone, in standard deviations of this
+/// difference. `None` if the standard deviation of the value from the recordings alone is not smaller than the typical
+/// spread of the parameter among MEMS sensors. Such weak information comes only from the nonlinearity of the model, and
+/// is no evidence against the prior. `residual` is the residual of the prior in standard deviations, and `free` is
+/// 1 - leverage of this residual.
 fn contradiction(held: &HeldParameter, (residual, free): (f64, f64)) -> Option<f64> {
     let of_recordings = held.sigma * ((1.0 - free) / free).sqrt();
     held.usual.is_none_or(|usual| of_recordings < usual).then_some(residual)
@@ -132,9 +133,10 @@ fn directions() -> Vec<Vector3<f64>> {
     all.filter(|v| v.norm() > 0.0).map(|v| v.normalize()).collect()
 }
 
-/// The names of the parameters in `held`, as a list for a message. `all` contains all held parameters. If `held`
-/// contains all parameters of a group (such as `accel_scale`) that are in `all`, and these are at least two, the list
-/// names the group instead of its parameters.
+/// The names of the parameters in `held`, as a list for a message. `all` contains all held parameters. A group such as
+/// `accel_scale` contains the parameters whose names have this beginning, for example `accel_scale_x`. If `all`
+/// contains at least two parameters of a group, and `held` contains all of these, the list names the group instead of
+/// the parameters.
 pub(super) fn listed(held: &[&HeldEstimate], all: &[HeldEstimate]) -> String {
     let mut names = Vec::new();
     for group in GROUPS {

@@ -69,8 +69,8 @@ impl UnitData<'_> {
     /// Returns the joint fit of both triads and the requested effects, and the rests and moves that this fit uses.
     ///
     /// The fit starts from the warm start. Without a warm start, it starts from the two-stage fit. After each fit, all
-    /// rests and moves are tested, including those excluded before. A rest or move that agrees with an improved fit is
-    /// therefore used again.
+    /// rests and moves are tested for outliers, including those excluded before. A rest or move that agrees with an
+    /// improved fit is therefore used again.
     pub(super) fn fit_without_outliers(
         &self,
         accelerometer: &AccelerometerFit,
@@ -85,8 +85,8 @@ impl UnitData<'_> {
         for _ in 1..MAX_ROUNDS {
             let fit = self.fit_jointly(&selection, model, options, warm_start.as_ref())?;
             let is_of_all = selection.used == all.used && selection.moves == all.moves;
-            // `fit` does not use the rests and moves that count as outliers so far, so they do not influence their own
-            // test.
+            // `fit` was made without the rests and moves that have counted as outliers so far. These rests and moves
+            // therefore do not influence the test that is applied to them here.
             let contradicts = self.prepared(&all, model, options, Wander::of(options.wander), |prepared| {
                 let known = is_of_all.then_some(&fit.linear);
                 joint::outliers(prepared, &self.terms(options)?, &fit.model, known)
@@ -239,7 +239,8 @@ impl UnitData<'_> {
         for (k, error) in found.norm_mps2 {
             norms[k] = error.unwrap_or(f64::NAN);
         }
-        // The error of a rest with several epochs is the mean error of its epochs.
+        // Long rests are divided into epochs with their own means. The error of such a rest is the mean error of its
+        // epochs.
         let mean = |own: Range<usize>| {
             let known = || norms[own.clone()].iter().filter(|error| error.is_finite());
             known().sum::<f64>() / known().count() as f64
@@ -269,9 +270,9 @@ impl UnitData<'_> {
         self.prepared_for(selection, model, options, (kinds, options.may_drift(), wander), work)
     }
 
-    /// Prepares the input of a joint fit and passes it to `work`. `kinds` states which additional residuals the fit has
-    /// (forces during moves, encoder angles). `drifts` states whether sensors may drift during a rest. `wander`
-    /// describes how the biases vary between rests.
+    /// Prepares the input of a joint fit and passes it to `work`. `kinds` states whether the fit also has residuals of
+    /// the forces during moves, and of the angles of encoders. `drifts` states whether sensors may drift during a rest.
+    /// `wander` describes how the biases vary between rests.
     pub(super) fn prepared_for<T>(
         &self,
         selection: &Selection,

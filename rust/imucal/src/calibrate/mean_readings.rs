@@ -1,6 +1,7 @@
 //! Calibration of an accelerometer from a table of mean readings. The table has one row for each rest.
 //!
-//! A table contains no samples. The user gives the noise of the means, or it is estimated from the residuals.
+//! A table contains no samples from which noise could be measured. The noise of the means is therefore given by the
+//! user, or estimated from the residuals.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -230,7 +231,8 @@ fn bias_of(rates: &[[f64; 3]]) -> RestBias {
     RestBias { value, std: (squares / (count - 1.0) / count).map(f64::sqrt) }
 }
 
-/// Returns an error for values that are not finite, and for a noise that is not positive.
+/// Returns an error if the columns of the table have different lengths, if a value is not finite, or if a noise is not
+/// positive.
 fn require_finite(table: &MeanReadings<'_>) -> Result<(), Error> {
     let rows = table.specific_force.len();
     let columns = [

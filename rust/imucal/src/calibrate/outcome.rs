@@ -29,7 +29,8 @@ use crate::verdict::{GroupMisfit, ResidualGroup};
 /// A calibration with its covariance, its residuals and the statistics of the fit.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// Both triads, in the body frame `frame`.
+    /// The calibration: the sensitivities and biases of both triads in the body frame `frame`, and the effects of the
+    /// catalogue. A triad is the three axes of the accelerometer or of the gyroscope.
     pub calibration: Calibration<f64>,
     /// Body frame of the triads.
     pub frame: Frame,

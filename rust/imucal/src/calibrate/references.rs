@@ -1,4 +1,4 @@
-//! Uncertainty of a calibration due to its two references: local gravity and the clock of the samples.
+//! Uncertainty of a calibration due to its two references: local gravity and the clock that provides the time stamps.
 //!
 //! Rests and moves determine every parameter only relative to gravity and to the time stamps. An error of a reference
 //! therefore does not change the residuals, but it changes all parameters together. Let gravity have the relative error

@@ -34,8 +34,8 @@ pub(super) struct Gyroscope {
     pub(super) fit: GyroscopeFit,
     /// For each move: the directions of gravity at its two ends, and the standard deviation of the move's residual.
     pub(super) ends: Vec<Ends>,
-    /// For each move: the part of the standard deviation of its residual that is independent of all other moves, rad.
-    /// It does not contain the noise of the mean forces at the adjacent rests.
+    /// For each move: the standard deviation of its residual, rad, without the noise of the mean forces at the adjacent
+    /// rests. This part is independent of all other moves, whereas consecutive moves have a rest in common.
     pub(super) random_walk_rad: Vec<f64>,
     /// Warnings about units and axes of the gyroscope.
     pub(super) findings: Vec<Finding>,
@@ -66,8 +66,8 @@ impl UnitData<'_> {
             }
             alone => alone?,
         };
-        // The fit returns `used` and `gain` for the rests in `clean`. Here, both are extended to all detected rests. An
-        // excluded rest gets false and a column of zeros.
+        // The fit returns `used` and `gain` for the rests in `clean`. Here, both are extended to all detected rests.
+        // For an excluded rest, `used` is false, and the column of `gain` is zero.
         let mut used = vec![false; self.rests.len()];
         let mut gain = Mat::zeros(9, self.rests.len());
         for (column, &k) in clean.iter().enumerate() {

@@ -19,8 +19,8 @@ const MAX_FITS: usize = 20;
 /// value. The relative change of the parameters is then also about this fraction.
 const SETTLED: f64 = 1e-7;
 
-/// The field of a user-defined effect (derivatives of the sensor reading with respect to its parameters) at every
-/// sample of the recordings of a unit.
+/// The field of a user-defined effect at every sample of the recordings of a unit. It contains the derivatives of the
+/// sensor reading with respect to the parameters of the effect.
 #[derive(Clone, Debug)]
 pub struct SampledField {
     /// Name of the effect.
@@ -99,8 +99,8 @@ impl Checked<'_> {
     /// The calibration of [`Checked::calibrate`] with the user-defined effects `names`.
     ///
     /// # Errors
-    /// The errors of [`Checked::calibrate`] and of `user_effects`. If the fields do not converge, the verdict of the
-    /// result is poor.
+    /// The errors of [`Checked::calibrate`] and of `user_effects`. If the fields do not converge, this is no error, but
+    /// the verdict of the result is `poor`.
     pub fn calibrate_with(
         &self,
         model: &ModelOptions<'_>,

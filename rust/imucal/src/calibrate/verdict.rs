@@ -92,8 +92,8 @@ impl Outcome {
     }
 }
 
-/// The reason for the verdict `incomplete` if neither the recordings nor a prior of the user determines some of the
-/// held parameters; `None` if there are no such parameters.
+/// The reason for the verdict `incomplete` if some of the held parameters (parameters with a prior) are determined
+/// neither by the recordings nor by a prior that the user gave; `None` if there are no such parameters.
 pub(super) fn held_by_default(held: &[HeldEstimate], cost: Option<PriorCost>) -> Option<Reason> {
     let unknown: Vec<&HeldEstimate> = held.iter().filter(|held| held.is_unknown()).collect();
     let cost = cost.filter(|_| !unknown.is_empty())?;

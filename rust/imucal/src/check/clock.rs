@@ -75,13 +75,13 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     findings.extend(rate(recording, median_s));
 
     // 80 % of a normal distribution are within +-1.2816 standard deviations. The median absolute deviation is not used,
-    // because it is zero if most steps are equal, as for time stamps in bursts.
+    // because it is zero if most steps are equal, as they are if the samples of a packet have equal time stamps.
     let spread = (high_s - low_s) / (2.0 * 1.2816) / median_s;
     // Gaps are searched for only if the relative spread of the time steps is at most the second limit of [`SPREAD`].
     // With a larger spread, the clock is so irregular that long time steps are no evidence of lost samples.
     let gaps = if spread <= SPREAD[1] {
-        // A clock with coarse resolution has alternating steps (2 ms and 3 ms), which are not gaps. A gap must
-        // therefore be longer than the 90 % quantile of the steps plus half a median step.
+        // A clock with coarse resolution has alternating steps, for example of 2 ms and 3 ms, which are not gaps. A gap
+        // must therefore be longer than the 90 % quantile of the steps plus half a median step.
         let longest_usual_s = (1.5 * median_s).max(high_s + 0.5 * median_s);
         gaps::find(recording, median_s, longest_usual_s * (1.0 + 1e-6))
     } else {

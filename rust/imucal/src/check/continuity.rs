@@ -32,8 +32,8 @@ const CLEAR: f64 = 8.0;
 const SMOOTH: f64 = 0.5;
 /// The ratio `k` is used only if (component of `d_i` perpendicular to `m`) / |m| is below this value.
 const ACROSS: f64 = 0.35;
-/// Range of the ratio `k` (rate change / mean of the adjacent changes) that counts as one lost sample: 2 +- two
-/// standard deviations of the noise of `k`, at the limit [`CLEAR`].
+/// Range of the ratio `k` (rate change / mean of the adjacent changes) that counts as one lost sample. It extends from
+/// 2 by two standard deviations of `k` to both sides. The standard deviation is the one at the limit [`CLEAR`], 1/8.
 const LOST: [f64; 2] = [1.75, 2.25];
 /// Range of `k` between the peaks at 1 and 2. Rough motion gives about as many values of `k` in this range as near 2,
 /// so it is a reference for the peak at 2.
@@ -46,8 +46,8 @@ const OPPOSITE: [f64; 2] = [2.0 - LOST[1], 2.0 - LOST[0]];
 const BLOCK: usize = 4096;
 /// A finding is reported only for at least this number of lost samples.
 const FEWEST: usize = 5;
-/// Lost samples are reported only if the number of values of `k` in the range [`LOST`] is at least this multiple of
-/// their number in the ranges [`BETWEEN`] and [`OPPOSITE`] together.
+/// Lost samples are reported only if the number of values of `k` in the range [`LOST`] is at least this multiple of the
+/// number of values in the ranges [`BETWEEN`] and [`OPPOSITE`] together.
 const PEAK: usize = 3;
 /// Repeated rows are additional rows if the mean of `k` over them is below this limit. `k` is (rate change across the
 /// repeated row) / (mean of the adjacent changes). It is 1 if a row was written in addition to the samples, and 2 if
@@ -220,7 +220,8 @@ mod tests {
 
     #[test]
     fn two_coarse_axes_are_no_loss() {
-        // With these steps, many changes of the rate in a move are 1, 2 and 1 steps, and others are 1, 0 and 1 steps.
+        // With these quantisation steps, three consecutive changes of the rate in a move are often 1, 2 and 1 steps, or
+        // 1, 0 and 1 steps.
         for step in [0.053, 0.057, 0.06, 0.063, 0.066] {
             let mut columns = Columns::tumbling();
             for [x, y, _] in &mut columns.rate {

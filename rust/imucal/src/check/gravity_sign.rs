@@ -19,8 +19,8 @@ use crate::simulate::gimbal::rotation_world_from_body;
 
 /// The stand counts as being in its zero position if the magnitude of each motor angle is at most this limit, rad.
 const STAND_ZERO_RAD: f64 = 0.02;
-/// An axis counts as pointing up if the unit up vector has at least this component along the axis. The limit is the
-/// cosine of 20 deg.
+/// The unit counts as reading -g on z if the z component of the measured unit up vector is below minus this value. The
+/// value is the cosine of 20 deg.
 const NEARLY_UPRIGHT: f64 = 0.94;
 /// There are two hypotheses for a reading of -g on z: the z axis points down, or the accelerometer has the reversed
 /// sign of gravity. Each hypothesis predicts the up direction at each rest from the motor angles. It is accepted only

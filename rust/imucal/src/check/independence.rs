@@ -16,8 +16,8 @@ pub use super::noise_tape::{AtRest, at_rest};
 use super::noise_tape::{Tape, is_same_rate};
 use crate::finding::Finding;
 
-/// Two recordings contain the same noise if the correlation of their noise is at least this value, in standard
-/// deviations of the correlation of independent noise.
+/// Two recordings contain the same noise if (correlation of their noise) / (standard deviation of this correlation for
+/// independent noise) is at least this value.
 const COPY_SIGMAS: f32 = 14.0;
 /// Two recordings count as copies only if (largest correlation) / (largest correlation at distant lags) is at least
 /// this value. Periodic vibration in two independent recordings gives large correlations at many lags, so it does not
@@ -77,7 +77,7 @@ struct Copy {
     first_of: usize,
     /// Numbers of samples of the common part in the recordings `recording` and `of`.
     samples: [usize; 2],
-    /// Correlation of the common part, in standard deviations of the correlation of independent noise.
+    /// Correlation of the common part, divided by the standard deviation of this correlation for independent noise.
     sigmas: f32,
 }
 
@@ -107,8 +107,8 @@ impl Copy {
 }
 
 /// Finds copies among the recordings: at most one for each pair for which `is_compared` is true. Two recordings are
-/// copies if their correlation is at least `copy_sigmas` standard deviations. Each recording is searched for in all
-/// recordings with at least as many samples.
+/// copies if their correlation is at least `copy_sigmas` times its standard deviation for independent noise. Each
+/// recording is searched for in all recordings with at least as many samples.
 fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool, copy_sigmas: f32) -> Vec<Copy> {
     let mut order: Vec<usize> = (0..recordings.len()).collect();
     order.sort_by_key(|&index| std::cmp::Reverse(recordings[index].recording.len()));

@@ -29,9 +29,9 @@ const LAGS: usize = BLOCK - TEMPLATE;
 /// Share of a block or template that is tapered at each end. Without the taper, the edges would spread periodic
 /// vibration over all frequencies.
 const TAPER: f64 = 0.05;
-/// Distance from the largest correlation, in samples. Other large correlations within this distance are ignored,
-/// because a copy with lost samples has large correlations at several neighbouring lags. Large correlations at a
-/// greater distance indicate a periodic signal instead of a copy.
+/// Distance from the lag of the largest correlation, in samples. Other large correlations at lags within this distance
+/// are ignored, because a copy with lost samples has large correlations at several neighbouring lags. Large
+/// correlations at a greater distance indicate a periodic signal instead of a copy.
 const NEAR: usize = 64;
 
 /// Number of samples in each part into which [`Transform::share_without_pulses`] divides a block.
@@ -60,8 +60,8 @@ pub(super) struct Template {
     spectra: [Spectrum; SIGNALS],
 }
 
-/// The largest correlation of a template with a tape. All correlations are in standard deviations of the correlation of
-/// independent noise.
+/// The largest correlation of a template with a tape. All correlations are divided by the standard deviation of the
+/// correlation for independent noise.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Peak {
     /// The largest correlation.
@@ -248,8 +248,8 @@ impl Transform {
         if signals == 0 {
             return None;
         }
-        // The inverse transform requires real values at the frequencies 0 and rate/2. The imaginary parts there are
-        // only rounding errors and are set to zero.
+        // The inverse transform requires real values at frequency 0 and at half of the sampling rate. The imaginary
+        // parts there are only rounding errors and are set to zero.
         self.product[0].im = 0.0;
         self.product[BLOCK / 2].im = 0.0;
         let length = self.inverse.get_scratch_len();
@@ -282,8 +282,9 @@ pub(super) fn samples_of(ratio: f64) -> usize {
     ((TEMPLATE - 2) as f64 / ratio) as usize + 1
 }
 
-/// The largest of the correlations `tops` in the blocks of a tape. Its field `elsewhere` is the largest correlation at
-/// any lag of the tape that differs by more than [`NEAR`] samples.
+/// The largest correlation of a template with a tape. `tops` contains the largest correlation for each block of the
+/// tape. The field `elsewhere` of the result is the largest correlation at the lags of the tape that differ by more
+/// than [`NEAR`] samples from the lag of the result.
 fn highest(tops: &[Peak]) -> Peak {
     let Some(&top) = tops.iter().max_by(|a, b| a.sigmas.total_cmp(&b.sigmas)) else { return Peak::default() };
     let others = tops.iter().filter(|other| other.at.abs_diff(top.at) > NEAR).map(|other| other.sigmas);

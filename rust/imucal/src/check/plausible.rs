@@ -36,12 +36,13 @@ const ACCEL_DENSITY: [f64; 2] = [1e-8 * STANDARD_GRAVITY_MPS2, 1e-2 * STANDARD_G
 const GYRO_DENSITY: [f64; 2] = [1e-6 * DEGREE_RAD, 0.1 * DEGREE_RAD];
 /// Largest plausible bias of a gyroscope, rad/s; source (5) above.
 const GYRO_BIAS_RADPS: f64 = 50.0 * DEGREE_RAD;
-/// Range of the noise densities of usual MEMS gyroscopes, deg/s/sqrt(Hz). A unit is recommended if the density is in
-/// this range when the columns are read in this unit.
+/// Range of the noise densities of usual MEMS gyroscopes, deg/s/sqrt(Hz). A unit of measurement is recommended if the
+/// density is in this range when the columns are read in this unit of measurement.
 const USUAL: [f64; 2] = [1e-3, 0.1];
 /// Highest noise density of common MEMS accelerometers, m/s^2/sqrt(Hz); source (3) above.
 const USUAL_ACCEL_DENSITY: f64 = 3e-3 * STANDARD_GRAVITY_MPS2;
-/// Range of the median specific force, in g, that counts as gravity. It allows for motion.
+/// Range of the median specific force, in g, that counts as gravity. The range is wide, because the median includes
+/// samples in which the unit moves.
 const GRAVITY_RATIO: [f64; 2] = [0.7, 1.4];
 /// Recommended action if the unit moves in the intervals that count as rests.
 const NEVER_RESTS: &str = "the unit never rests: hold it still on something rigid, away from motors and hands";
@@ -86,8 +87,8 @@ pub struct RestNoise {
 /// Reports noise densities and biases at rest that no sensor has, and recommends the unit of measurement in which they
 /// would be plausible. Only columns in SI units are checked, because a count may have any size.
 ///
-/// `columns` is the noise of the accelerometer's axes x, y, z and of the gyroscope's axes x, y, z. Codes, all of them
-/// warnings: `noise_implausible`, `bias_implausible`.
+/// `columns` contains the noise densities and means of the accelerometer axes x, y, z and then of the gyroscope axes x,
+/// y, z. Codes, all of them warnings: `noise_implausible`, `bias_implausible`.
 ///
 /// # Example
 /// A gyroscope in deg/s whose columns are read as rad/s appears to have a density of 0.3 deg/s/sqrt(Hz). No gyroscope
@@ -187,8 +188,8 @@ fn is_gravity(force_mps2: f64) -> bool {
     (GRAVITY_RATIO[0]..=GRAVITY_RATIO[1]).contains(&(force_mps2 / STANDARD_GRAVITY_MPS2))
 }
 
-/// Recommends the unit in which this density of a gyroscope, rad/s/sqrt(Hz), would be the density of a usual sensor,
-/// unless motion of the unit explains the density.
+/// Recommends the unit of measurement in which this density of a gyroscope, rad/s/sqrt(Hz), would be the density of a
+/// usual sensor. If motion explains the density, the text recommends to hold the sensor still instead.
 fn gyro_way_out(recording: &Recording, density: f64, accel: &[RestNoise; 3]) -> String {
     let usual = |density: f64| (USUAL[0]..=USUAL[1]).contains(&density);
     let (given, size_radps, _) = given_gyro_unit(recording);
@@ -233,9 +234,9 @@ fn gyro_way_out(recording: &Recording, density: f64, accel: &[RestNoise; 3]) -> 
         .into()
 }
 
-/// Recommends the unit in which this density of an accelerometer, m/s^2/sqrt(Hz), would be the density of a usual
-/// sensor, unless motion of the unit explains the density. Motion is the explanation if the median specific force
-/// equals gravity in the given unit.
+/// Recommends the unit of measurement in which this density of an accelerometer, m/s^2/sqrt(Hz), would be the density
+/// of a usual sensor. If motion explains the density, the text recommends to hold the sensor still instead. Motion is
+/// the explanation if the median specific force equals gravity in the given unit of measurement.
 fn accel_way_out(recording: &Recording, density: f64) -> String {
     let usual = |density_mg: f64| (0.03..=3.0).contains(&density_mg);
     let force = median_force(recording);
@@ -260,8 +261,8 @@ fn accel_way_out(recording: &Recording, density: f64) -> String {
         .into()
 }
 
-/// The text of the value of [`GYRO_COUNTS_DPS`] that equals `step`, the smallest step between the values of a column.
-/// `None` if there is no such value.
+/// The text of the entry of [`GYRO_COUNTS_DPS`] whose number equals `step`, the smallest step between the values of a
+/// column. `None` if there is no such entry.
 fn known_count(step: f64) -> Option<&'static str> {
     let same = |(size, _): &&(f64, &str)| (step / size - 1.0).abs() < SAME_COUNT;
     // The nearest known size is chosen, because 1/131 and 250/32768 differ by only 0.05 %.

@@ -22,7 +22,7 @@ const LOWEST_RAIL_G: f64 = 1.3;
 /// below this value.
 const ONE_RANGE: f64 = 1e-4;
 
-/// The lowest and the highest value of one axis. Each is `None` if the axis is not clipped there.
+/// The lowest and the highest value of one axis. Each of them is `None` if the axis is not clipped at this value.
 type Rails = [Option<f64>; 2];
 
 /// Findings `accel_saturation` and `gyro_saturation` for sensors with at least one clipped axis.

@@ -56,8 +56,8 @@ pub(crate) fn repeated_share(recording: &Recording<'_>) -> f64 {
 pub(super) struct Repeats {
     /// Counter of the rows that repeat all values of the previous row.
     doubled: Tally,
-    /// Number of rows that repeat at most one value of the previous row, if the last row before them outside any
-    /// sequence of repeated rows also does. Repeated rows between two such rows are counted.
+    /// Number of rows that repeat at most one value of the previous row, and for which the same is true of the last
+    /// earlier row that is not in a sequence of repeated rows. Repeated rows between two such rows are counted.
     changing: usize,
     /// Number of rows that repeat all but one value of the previous row.
     near: usize,

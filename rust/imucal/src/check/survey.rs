@@ -1,4 +1,4 @@
-//! Single pass over the samples that collects the data for all checks of columns.
+//! Single pass over the samples that collects the data for all checks that run before the rests are detected.
 //!
 //! Each check has a small accumulator. The recording is divided into short blocks. All accumulators process one block
 //! before the next block, so that the block stays in the processor's cache.
@@ -15,8 +15,8 @@ use crate::cancellation::checkpoint;
 use crate::numerics::instructions::Instructions;
 use crate::recording::Recording;
 
-/// Data that the pass over a recording has collected, one field for each check of columns. The checks derive their
-/// findings from them.
+/// Data that the pass over a recording has collected, one field for each kind of check. The checks derive their
+/// findings from these data.
 pub(super) struct Survey {
     pub(super) not_finite: NotFinite,
     pub(super) steps: Steps,

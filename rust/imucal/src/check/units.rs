@@ -226,14 +226,14 @@ fn gyroscope_has_gravity(recording: &Recording, gravity_mps2: f64) -> bool {
     has_size && low > STEADY_NORM[0] * median && high < STEADY_NORM[1] * median
 }
 
-/// Name and size in m/s^2 of the unit of the accelerometer columns.
+/// The unit of the accelerometer columns: its name, and its size in m/s^2.
 pub(super) fn given_accel_unit(recording: &Recording) -> (&'static str, f64) {
     let name = recording.column_units[0].unwrap_or("mps2");
     let mut units = ACCEL_UNITS.iter().map(|unit| (unit.0, unit.1)).chain(RARE_ACCEL_UNITS);
     units.find(|unit| unit.0 == name).unwrap_or(("mps2", 1.0))
 }
 
-/// Name, size in rad/s, and name in messages of the unit of the gyroscope columns.
+/// The unit of the gyroscope columns: its name, its size in rad/s, and its name in messages.
 pub(super) fn given_gyro_unit(recording: &Recording) -> &'static (&'static str, f64, &'static str) {
     let [_, given] = recording.column_units;
     let mut units = GYRO_UNITS.iter().chain(&RARE_GYRO_UNITS);

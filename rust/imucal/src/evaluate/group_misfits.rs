@@ -27,8 +27,8 @@ pub(super) struct Judged<'a> {
 impl Judged<'_> {
     /// Goodness of fit of both kinds of residuals (norms and directions). If one of the two p-values is below
     /// [`UNLIKELY`], noise alone does not explain the residuals. Then the goodness of fit also takes the uncertainty of
-    /// the calibration into account. For this purpose, `changed` is called. It returns the triads after a change by one
-    /// standard deviation along each eigenvector of the parameters' correlation matrix.
+    /// the calibration into account. `changed` is called only in this case. For each eigenvector of the correlation
+    /// matrix of the parameters, it returns the triads after a change by one standard deviation along this eigenvector.
     pub(super) fn groups(&self, changed: impl FnOnce() -> Vec<[Triad<f64>; 2]>) -> Vec<GroupMisfit> {
         let [norms, moves] = self.residuals();
         let mut groups =
@@ -51,15 +51,15 @@ impl Judged<'_> {
         groups.into_iter().filter(|group| group.degrees_of_freedom > 0.0 && group.chi2.is_finite()).collect()
     }
 
-    /// Residuals of the norms at the rests, and two direction residuals of each move, divided by their standard
-    /// deviations from noise.
+    /// Residuals of the norms of the specific force at the rests, and two direction residuals of each move. All are
+    /// divided by their standard deviations due to noise.
     fn residuals(&self) -> [Vec<f64>; 2] {
         let norm = |rest: &&RestReport| rest.norm_error_mps2 / rest.norm_sigma_mps2;
         [self.rests.iter().map(norm).collect(), self.move_residuals(self.triads, self.rotations)]
     }
 
-    /// chi2 per degree of freedom of the residuals of both kinds without outliers, relative to noise alone (not to the
-    /// uncertainty of the calibration).
+    /// chi2 per degree of freedom of the norm and direction residuals without outliers. It compares the residuals with
+    /// noise alone, and does not include the uncertainty of the calibration.
     pub(super) fn kept_chi2_per_dof(&self) -> f64 {
         let [norms, moves] = self.residuals();
         let squares = |z: &[f64], size: usize| -> Vec<f64> {
@@ -149,7 +149,7 @@ impl Judged<'_> {
     }
 
     /// For each rest: the change of the norm of the specific force if the accelerometer is `triad` instead of the
-    /// accelerometer of the calibration. The change is divided by the standard deviation of the norm from noise.
+    /// accelerometer of the calibration. The change is divided by the standard deviation of the norm due to noise.
     fn norm_changes(&self, triad: &Triad<f64>) -> Vec<f64> {
         let change = |rest: &&RestReport| {
             let mean = rest.mean_specific_force;
@@ -158,8 +158,8 @@ impl Judged<'_> {
         self.rests.iter().map(change).collect()
     }
 
-    /// Direction residuals of the moves, divided by their standard deviations from noise. They are computed with the
-    /// accelerometer `accelerometer` and the rotations `rotations`, which may differ from the calibration.
+    /// Direction residuals of the moves, divided by their standard deviations due to noise. They are computed with the
+    /// accelerometer `accelerometer` and the rotations `rotations`, which may differ from those of the calibration.
     fn move_residuals(&self, [accelerometer, _]: [&Triad<f64>; 2], rotations: &[Matrix3<f64>]) -> Vec<f64> {
         let again = |up: &Vector3<f64>| {
             let measured = self.triads[0].sensitivity() * up * GRAVITY_MPS2 + self.triads[0].bias();
@@ -189,9 +189,8 @@ fn with_scale(triad: &Triad<f64>, axis: usize) -> Option<Triad<f64>> {
 /// few disturbed rests or moves are excluded, for example rests that were detected in a slow part of a move.
 fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     let chi2: Vec<f64> = z.chunks_exact(size).map(|own| own.iter().map(|z| z * z).sum()).collect();
-    // Dividing the values of chi2 by this scale ensures that no rest or move is excluded if all of them scatter
-    // equally.
-    // The median of chi2 for noise is 0.455 with one residual and 1.386 with two.
+    // For noise, the median of chi2 is 0.455 with one residual and 1.386 with two. Dividing the values of chi2 by
+    // `scale` ensures that no rest or move is excluded if all of them scatter equally.
     let expected = if size == 1 { 0.455 } else { 1.386 };
     let scale = (median(&mut chi2.clone()) / expected).max(1.0);
     let mut order: Vec<usize> = (0..chi2.len()).collect();
@@ -211,8 +210,8 @@ const VISIBLE: f64 = 5.0;
 /// If the p-value of the residuals is above this limit, noise explains them. Otherwise, the uncertainty of the
 /// calibration is also taken into account.
 const UNLIKELY: f64 = 0.1;
-/// Maximum share of rests, or of moves, that are excluded as outliers. It equals `MAX_CONTRADICTING_SHARE` of a
-/// calibration.
+/// Maximum share of rests, or of moves, that are excluded as outliers. It equals `MAX_CONTRADICTING_SHARE`, the share
+/// above which the verdict on a calibration is `poor`.
 const MAX_OUTLIER_SHARE: f64 = 0.1;
 /// A rest or move is an outlier if its p-value is below this limit. The limit equals the significance level of the
 /// outlier detection in a joint fit.

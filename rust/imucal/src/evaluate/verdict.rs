@@ -62,8 +62,8 @@ impl Figures {
         }
     }
 
-    /// The reason why these figures of an accelerometer without a gyroscope make a verdict poor; `None` if they do not.
-    /// No moves are needed.
+    /// The reason why these figures of merit of an accelerometer without a gyroscope make a verdict `poor`; `None` if
+    /// they do not. No moves are needed.
     pub fn reason_of_accelerometer(&self, set: RecordingSet) -> Option<Reason> {
         if self.rests < MIN_RESTS {
             return Some(Reason::TooFewRests { set, rests: self.rests });
@@ -84,7 +84,7 @@ impl Figures {
     }
 }
 
-/// The reason for a poor verdict if noise hides the gravity direction after most moves; `None` otherwise.
+/// The reason for the verdict `poor` if noise hides the gravity direction after most moves; `None` otherwise.
 pub(crate) fn unknown_direction(set: RecordingSet, moves: &[MoveReport]) -> Option<Reason> {
     let used = moves.iter().filter(|m| m.excluded.is_none()).map(|m| m.direction_sigma_deg);
     let sigma_deg = median(&mut used.collect::<Vec<f64>>());

@@ -14,7 +14,8 @@ use crate::numerics::symmetric::SymmetricMatrix;
 /// model column are stored. [`Common::weighing`] adds the products of two columns of the same candidate.
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
-    /// For each group of residuals: the normalised Gram matrix, without the products of two candidate columns.
+    /// For each group of residuals: the Gram matrix of the normalised columns (see [`Gram::sizes`]), without the
+    /// products of two candidate columns.
     parts: Vec<SymmetricMatrix>,
 }
 
@@ -39,8 +40,8 @@ impl<'a> Common<'a> {
         Self { columns, parts }
     }
 
-    /// Eliminates the model's parameters. The noise variances of each group of residuals are multiplied by its noise
-    /// scale s_g^2. `None` if the normal matrix of the model is singular.
+    /// Eliminates the model's parameters. The noise variances of each group of residuals are multiplied by the noise
+    /// scale s_g^2 of the group. `None` if the normal matrix of the model is singular.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<SweptCommon> {
         Instructions::Best.run(SweepCommon(self, scales))
     }

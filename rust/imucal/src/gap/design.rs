@@ -165,8 +165,9 @@ fn base_of(prepared: &Prepared<'_>, linear: &Linear) -> [(f64, f64); BASE] {
     held::precisions(prepared.held, &linear.model.parameters())
 }
 
-/// Columns of a model at the indices `places` of the Gram matrices. `values` are the parameters of the model's effects.
-/// `base` contains, for each base parameter, the precision of its prior and its value minus the mean of the prior.
+/// The columns of a model. `places` are the indices of these columns in the Gram matrices. `values` are the parameters
+/// of the model's effects. `base` contains, for each base parameter, the precision of its prior and its value minus the
+/// mean of the prior.
 fn columns_of(
     (own, precisions): (&Terms<'_>, &[f64]),
     values: &[f64],
@@ -191,8 +192,8 @@ pub(super) fn axes_of(linear: &Linear) -> Vec<usize> {
 }
 
 impl Design {
-    /// The candidates, but of each effect only the form with the most parameters. The columns of a smaller form are
-    /// part of the columns of this form.
+    /// For each effect and each of its trial time constants, the candidate of the form with the most parameters. The
+    /// columns of a smaller form are part of the columns of this form.
     pub(crate) fn full_forms(&self) -> impl Iterator<Item = &Candidate> {
         let is_part = |own: &Range<usize>, other: &Range<usize>| own.start == other.start && own.end < other.end;
         let is_full =
@@ -202,9 +203,9 @@ impl Design {
 
     /// This design with some candidates moved into the model, and with the residuals of the new model. `None` if this
     /// design has no candidate for an effect of the new model, or if the residuals of the two models cannot be compared
-    /// row by row (see [`axes_of`]). The Jacobian of the old model is reused. Its relative error is about the relative
-    /// size of the effects, typically at most 1 %. The new residuals are exact, so this error does not change the
-    /// optimum.
+    /// row by row (see [`axes_of`]). The Jacobian of the old model is reused. Its relative error is about the size of
+    /// the effects relative to the signals, typically at most 1 %. The new residuals are exact, so this error does not
+    /// change the optimum.
     pub(crate) fn joined(
         &self,
         prepared: &Prepared<'_>,

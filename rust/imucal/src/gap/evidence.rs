@@ -10,7 +10,7 @@
 //! Group g has n_g residuals with free_g degrees of freedom, and J_g contains the rows of J for these residuals.
 //! chi2_g(theta) is the sum of squares of the residuals of group g at theta. P is the diagonal matrix of the prior
 //! precisions. Parameter p with the typical size typical_p and the prior width s has the precision 1 / (s typical_p)^2.
-//! Base parameters without a prior have the precision zero, and ln det P omits them.
+//! Base parameters (sensitivities and biases) without a prior have the precision zero, and ln det P omits them.
 //!
 //! A group is a kind of residual, for example norms at rest, directions after moves, or rates about one axis. Residuals
 //! of real recordings exceed sensor noise, by a different factor in each group. The scale s_g^2 of a group is chi2 per
@@ -65,9 +65,9 @@ pub(crate) struct Evidence {
 pub(super) const RIDGE: f64 = 1e-13;
 
 impl Gram {
-    /// Lower bound of the noise scale s_g^2 of a group of residuals in a model with these columns. A fit to this group
-    /// only gives chi2, and the bound is this chi2 divided by the number of residuals in the group. `None` if the group
-    /// has no rows or the normal matrix is singular.
+    /// Lower bound of the noise scale s_g^2 of a group of residuals in a model with these columns. The model is fitted
+    /// to the residuals of this group alone. The bound is chi2 of this fit, divided by the number of residuals in the
+    /// group. `None` if the group has no rows or the normal matrix is singular.
     pub(crate) fn least_scale(&self, group: usize, columns: &[Column]) -> Option<f64> {
         let place = self.groups.iter().position(|own| *own == group)?;
         let (sum, n) = (&self.sums[place], columns.len());

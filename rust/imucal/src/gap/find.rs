@@ -63,7 +63,8 @@ pub struct Analysis {
     /// Residuals that the accepted effects leave unexplained. If no effect was accepted, these are the residuals that
     /// the model without effects leaves unexplained.
     pub remainder: Remainder,
-    /// A figure of merit on unseen data, without and with the accepted effects.
+    /// The value of a figure of merit on unseen data (control recordings, or held-out rests and moves), without and
+    /// with the accepted effects.
     pub unseen: UnseenFigure,
     /// chi2 per degree of freedom of the given calibration, of the fit without effects, and of the fit with the
     /// accepted effects. These values are computed on the control recordings, or on the calibration recordings if there
@@ -105,7 +106,7 @@ pub struct NotTheEarth {
 }
 
 /// Compares recordings of a unit with the sensor model without effects, identifies the effects that this model lacks,
-/// and fits the model with them.
+/// and fits the model with these effects.
 ///
 /// `control` are recordings that are used only for validation. Without control recordings, rests and moves are held out
 /// in three folds.
@@ -190,8 +191,8 @@ enum Earth {
 
 impl Fits<'_> {
     /// Searches for effects, and validates the selected effects on unseen data. If an effect that is a function of time
-    /// is refused, the search is repeated without such effects of the same sensor, because the forward search may have
-    /// mistaken a random walk of the bias for the effect.
+    /// is refused, the search is repeated without any candidate of the same sensor that is a function of time, because
+    /// the forward search may have mistaken a random walk of the bias for the effect.
     fn search_and_accept(&mut self, before: &Rc<Fit>) -> Result<(Search, Earth, Accepted), Error> {
         let mut choices = self.options.choices();
         let first = self.search(before, &choices, false)?;

@@ -178,9 +178,9 @@ impl<'a> ForwardSearch<'a> {
     }
 }
 
-/// Whether the term is a temperature lag whose time constant exceeds the duration of the recordings. The low-passed
-/// temperature then hardly changes. The regressor of the lag (low-passed temperature minus temperature) is therefore
-/// nearly the negative temperature plus a constant, and the time constant is not observable.
+/// Whether the term is a temperature lag whose time constant exceeds the duration of the longest recording. The
+/// low-passed temperature then hardly changes. The regressor of the lag (low-passed temperature minus temperature) is
+/// therefore nearly the negative temperature plus a constant, and the time constant is not observable.
 fn is_longer_than_recordings(term: &Term<'_>, model: &Model, longest_s: f64) -> bool {
     let is_lag = term.has_shape() && term.effect().is_some_and(|effect| effect.has_need(Need::TemperatureHistory));
     is_lag && model.values[term.first + term.linear] > longest_s

@@ -92,9 +92,9 @@ pub fn linearise(
     })
 }
 
-/// The first list has one entry for each observable effect: its name, the smallest rms size per parameter that is
-/// detected with 90 % probability, and the unit of this size. The second list has one entry for each effect that is not
-/// observable: its name, and the data that would make it observable.
+/// The first list has one entry for each observable effect: its name, the smallest rms value of its parameters that is
+/// detected with 90 % probability, and the unit of this value. The second list has one entry for each effect that is
+/// not observable: its name, and the data that would make it observable.
 pub type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
 /// Detection limit of each candidate relative to the model without effects. `is_hand_moved` is as in [`search`].
@@ -157,7 +157,8 @@ fn is_warmed(recordings: &[Recording<'_>]) -> bool {
 pub(super) struct ForwardSearch<'a> {
     /// Kinds of residuals that the search uses.
     pub(super) kinds: Kinds,
-    /// Whether the unit was moved by hand; `None` if this is not known yet.
+    /// Whether accelerometer samples inside moves must be ignored, because the unit was moved by hand or because the
+    /// accelerometer noise is far below the quantisation step. `None` if this is not known yet.
     pub(super) is_hand_moved: Option<bool>,
     /// Name of each effect that is not observable, and the data that would make it observable.
     pub(super) left_out: Vec<(String, String)>,

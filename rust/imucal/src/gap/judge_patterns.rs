@@ -17,10 +17,10 @@ use crate::joint::{Kinds, Prepared, Terms};
 
 impl ForwardSearch<'_> {
     /// Evaluates generic hypotheses (unknown variations of a bias or scale) in a model without effects and in a model
-    /// with the selected effects. The evaluation uses rests and rest-to-rest moves. If the search uses samples inside
-    /// moves, the evaluation is repeated with these samples. The second result is a contradiction: the effects
-    /// estimated with and without the stand's angles differ significantly. It is `None` if they do not differ
-    /// significantly.
+    /// with the selected effects. The evaluation uses the residuals at the rests and of the gravity directions after
+    /// the moves. If the search uses accelerometer samples inside moves, the evaluation is repeated with these samples.
+    /// The second result reports a contradiction, which is a significant difference between the effects estimated with
+    /// and without the stand's angles. It is `None` if there is no significant difference.
     pub(super) fn patterns(
         &mut self,
         prepared: &Prepared<'_>,
@@ -32,8 +32,9 @@ impl ForwardSearch<'_> {
         let (mut patterns, mut contradiction) = (Vec::new(), None);
         for in_motion in [false, true].into_iter().filter(|in_motion| kinds.in_motion || !in_motion) {
             self.kinds = Kinds { in_motion, encoders: false };
-            // Samples inside moves determine the gyroscope scale more accurately than rest-to-rest moves. If such
-            // samples are used, hypotheses about the gyroscope scale are tested only with them.
+            // Accelerometer samples inside moves determine the gyroscope scale more accurately than the gravity
+            // directions after the moves alone. If such samples are used, hypotheses about the gyroscope scale are
+            // tested only with them.
             let is_selected = |block: Block| in_motion || !kinds.in_motion || block != Block::GyroscopeScale;
             let found = self.pattern(prepared, triads, open, &stage.members, is_selected);
             self.kinds = kinds;
@@ -61,8 +62,8 @@ impl ForwardSearch<'_> {
         let seen: Vec<EffectChoice> =
             inertial.iter().filter(|c| self.kinds.in_motion || !Kinds::needed_by(&[**c]).in_motion).copied().collect();
         let without = self.stage(prepared, triads, &[], &[], Beside::Nothing)?;
-        // The residuals of rest-to-rest moves may contain little information about effects that act inside moves. If
-        // the fit with these effects fails, it is repeated without them.
+        // The residuals of gravity directions after moves may contain little information about effects that act inside
+        // moves. If the fit with these effects fails, it is repeated without them.
         let with = [inertial, seen].into_iter().find_map(|choices| {
             let own = |m: &&Member| {
                 choices.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)

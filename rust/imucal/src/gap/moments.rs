@@ -25,8 +25,8 @@ const EVERY: usize = 5;
 /// sense of the last rotation is kept. The value is larger than the noise of a consumer gyroscope.
 const LEAST_RATE_RADPS: f64 = 0.05;
 
-/// Maximum number of epochs (rests and moves, see [`Epoch`]). The time of the computation grows with the third power of
-/// this number. With 240 epochs, the shortest correlation length of a smooth time course (1/40 of the duration) still
+/// Maximum number of epochs (rests and moves, see [`Epoch`]). The computing time grows with the third power of this
+/// number. With 240 epochs, the shortest correlation length of a smooth time course (1/40 of the duration) still
 /// contains six epochs.
 const MOST_EPOCHS: usize = 240;
 

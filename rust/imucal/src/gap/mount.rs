@@ -1,5 +1,6 @@
-//! Detection of faults of the mount between a unit and its stand. At each rest, two directions of gravity are compared:
-//! the direction measured by the accelerometer, and the direction computed from the motor angles.
+//! Detection of faults of the mount between a unit and its stand. The stand rotates the unit with three motors, whose
+//! angles are measured by encoders. At each rest, two directions of gravity are compared: the direction measured by the
+//! accelerometer, and the direction computed from the motor angles.
 //!
 //! ```text
 //! r_k = up_k - R(q_k)^T e_z                                  up_k: measured direction up, R: stand model (21)
@@ -8,8 +9,9 @@
 //! ```
 //!
 //! k is the index of the rest, q_k are the motor angles at this rest, and e_z is the unit vector up in the world frame.
-//! R(q) is the attitude of the body (world from body). Stand errors are the seven parameters of the stand model
-//! (docs/model.md (21)) and two harmonics of each encoder.
+//! R(q) rotates vectors from the body frame to the world frame. Stand errors are described by the seven parameters of
+//! the stand model (docs/model.md (21)) and by two harmonics of each encoder's error (one and two periods per
+//! revolution).
 
 use faer::Mat;
 use imucal_core::sensor::Triad;
@@ -55,7 +57,7 @@ pub struct StandRest {
     pub start_s: f64,
     /// Mean accelerometer reading, raw units.
     pub mean_specific_force: Vector3<f64>,
-    /// Whether the fit used the rest.
+    /// Whether the fit of the calibration used the rest.
     pub is_used: bool,
 }
 
@@ -72,8 +74,9 @@ impl From<&RestReport> for StandRest {
     }
 }
 
-/// Detects a lasting rotation of the unit relative to its mount, in each recording. `rests` are the rests of a
-/// calibration without effects.
+/// Detects a lasting rotation of the unit relative to its mount, in each recording. `accelerometer` and `rests` come
+/// from a calibration of these recordings that was fitted without effects: the accelerometer's sensor model, and the
+/// rests that were found.
 pub fn mount_slips(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: &[Recording<'_>]) -> Vec<Finding> {
     let slip_of = |(index, recording): (usize, &Recording<'_>)| {
         let rests = with_angles(rests, index, recording).into_iter().filter(|rest| rest.is_used).collect();
@@ -96,8 +99,8 @@ pub fn mount_slips(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: 
     recordings.iter().enumerate().filter_map(slip_of).collect()
 }
 
-/// Detects play of the mount: the attitude of the unit relative to the mount changes with every move. `rests` are the
-/// rests of a calibration without effects.
+/// Detects play of the mount: the attitude of the unit relative to the mount changes with every move. `accelerometer`
+/// and `rests` are as in [`mount_slips`].
 pub fn loose_mounts(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: &[Recording<'_>]) -> Vec<Finding> {
     let play_of = |(index, recording): (usize, &Recording<'_>)| {
         let residuals = Residuals::new(accelerometer, recording, with_angles(rests, index, recording))?;
@@ -114,9 +117,9 @@ pub fn loose_mounts(accelerometer: &Triad<f64>, rests: &[StandRest], recordings:
     recordings.iter().enumerate().filter_map(play_of).collect()
 }
 
-/// Median angle, deg, over all samples between two directions of gravity: the direction of the raw accelerometer
-/// sample, and the direction computed from the motor angles. The computation assumes a stand without errors and the
-/// mount angles that fit best. `None` without motor angles.
+/// Angle between two directions of gravity, as the median over all samples, deg. The first direction is that of the raw
+/// accelerometer sample. The second direction is computed from the motor angles, for a stand without errors and with
+/// the mount angles that fit best. `None` if the recording has no motor angles.
 pub fn stand_mismatch_deg(recording: &Recording<'_>) -> Option<f64> {
     let angles = recording.stand_rad?;
     let known = (0..recording.len()).filter(|&k| angles[k].iter().all(|angle| angle.is_finite()));
@@ -241,7 +244,7 @@ impl<'a> Residuals<'a> {
         Some(Self { rests, values, basis, by_mount: errors.subcols(0, MOUNT).to_owned() })
     }
 
-    /// The lasting rotation of the unit on its mount that decreases chi2 most.
+    /// The lasting rotation of the unit on its mount that decreases chi2 most if it is added to the model.
     fn largest_step(&self) -> Step {
         let mut best = Step { first: 0, turn_rad: 0.0, factor: 1.0 };
         let chi2 = self.values.squared_norm_l2();
@@ -264,7 +267,8 @@ impl<'a> Residuals<'a> {
         best
     }
 
-    /// Standard deviation of the direction residuals in each of the two directions perpendicular to gravity, rad.
+    /// Standard deviation, rad, of one component of the direction residuals. A residual has two components, which are
+    /// perpendicular to gravity.
     fn scatter_rad(&self) -> f64 {
         // Each rest has two degrees of freedom, because a direction is a unit vector.
         let freedom = (2 * self.rests.len()).saturating_sub(self.basis.ncols()).max(1);

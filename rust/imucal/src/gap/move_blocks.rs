@@ -94,9 +94,11 @@ impl MoveBlocks {
         self.blocks.iter().all(|block| block.temperature_k.is_some())
     }
 
-    /// For each regressor (a quantity on which residuals may depend): the attitude error at the end of the move if the
-    /// rate error inside the move equals one component of the regressor. Each regressor has one row for each body axis
-    /// at the end of the move, and one column for each component of the regressor.
+    /// For each regressor (a quantity on which residuals may depend): attitude errors at the end of the move, with one
+    /// row for each body axis. Each column assumes a rate error on one axis inside the move. For
+    /// [`Regressor::Gravity`], the rate error equals one component of the specific force, so there are nine columns.
+    /// For all other regressors, the rate error equals the scalar quantity or its component on the same axis, so there
+    /// are three columns.
     pub(super) fn attitude_changes(&self) -> Vec<(Regressor, [Vec<f64>; 3])> {
         let to_end = self.rotation.inverse().to_rotation_matrix();
         let blocks = || self.blocks.iter().map(|block| (block, to_end.matrix() * block.rotation * block.length_s));

@@ -24,7 +24,8 @@ pub struct GapOptions<'a> {
 /// without control recordings, on the calibration recordings.
 #[derive(Clone, Copy)]
 pub struct GivenCalibration<'a> {
-    /// The calibration, in the symmetric body frame, without user-defined effects.
+    /// The calibration, without its user-defined effects. Its body frame is the symmetric one, in which the
+    /// accelerometer's sensitivity matrix is symmetric.
     pub calibration: &'a Calibration<f64>,
     /// Local gravity with which the calibration was made, m/s^2.
     pub gravity_mps2: f64,

@@ -22,8 +22,8 @@ const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
 /// A generic hypothesis (unknown variation of a bias or scale) replaces the selected effects only if its log evidence
 /// exceeds the log evidence of the effects by more than this number of nats. 3 nats are odds of 20 to 1.
 const LEAD: f64 = 3.0;
-/// A generic hypothesis replaces the selected effects only if its log Bayes factor is above this number of nats. 8 nats
-/// are odds of 3000 to 1.
+/// A generic hypothesis replaces the selected effects only if its log Bayes factor, relative to the model without
+/// effects, is above this number of nats. 8 nats are odds of 3000 to 1.
 const LEAST: f64 = 8.0;
 /// The evidence of a hypothesis is computed exactly only if an approximate computation shows an increase of the log
 /// evidence by more than this number of nats. The approximation uses the noise scales of the model without the
@@ -36,11 +36,11 @@ const NOT_ALL: f64 = 12.0;
 /// B_effects are the Bayes factors of the hypothesis and of the effects. A hypothesis with a smaller ln B may only
 /// describe linearisation errors of large effects.
 const REMAINDER: f64 = 0.02;
-/// A generic hypothesis is reported only if d > REMAINDER_OF_CHI2 x d_effects. d and d_effects are the decreases of
-/// chi2 by the hypothesis and by the selected effects. For a hypothesis that replaces the effects, d is replaced by d -
-/// d_effects. A hypothesis with a smaller decrease may only describe linearisation errors of large effects. The limit
-/// [`REMAINDER`] alone is not sufficient, because the log Bayes factor grows only with the logarithm of an effect's
-/// size.
+/// A generic hypothesis is reported in addition to the selected effects only if d > REMAINDER_OF_CHI2 x d_effects. d
+/// and d_effects are the decreases of chi2 by the hypothesis and by the selected effects. A hypothesis is reported
+/// instead of the effects only if d - d_effects > REMAINDER_OF_CHI2 x d_effects. A hypothesis with a smaller decrease
+/// may only describe linearisation errors of large effects. The limit [`REMAINDER`] alone is not sufficient, because
+/// the log Bayes factor grows only with the logarithm of an effect's size.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 
 /// The generic hypothesis (unknown variation of a bias or scale) with the largest evidence, and its fit.

@@ -167,13 +167,15 @@ mod tests {
     #[test]
     fn what_is_there_predicts_and_what_is_not_costs_half_a_nat_or_so() {
         let there = gain_of(2.0, 0.0);
-        // The expected gain is about a quarter of the sum of squares of the sine, which is `2^2 * 60 / 2`.
+        // The expected gain is about a quarter of the sum of squares of a sine with the amplitude 2 over 60 rows, which
+        // is `2^2 * 60 / 2`.
         assert!(there.is_sure() && (30.0..90.0).contains(&there.nats), "{there:?}");
         let absent = gain_of(0.0, 0.0);
         assert!(!absent.is_sure() && (-2.0..1.0).contains(&absent.nats), "{absent:?}");
     }
 
-    /// Gain of an effect of size `size` if the bias swings slowly. Both models contain the constant and a random walk.
+    /// Gain of an effect of size `size` if the bias oscillates slowly. Both models contain the constant and a random
+    /// walk.
     fn gain_beside_a_swing(size: f64, has_variations: bool) -> Gain {
         const STEPS: usize = ROWS - 1;
         let noise = |i: usize| ((i * 7919 + 13) % 97) as f64 / 97.0 * 3.4 - 1.7;

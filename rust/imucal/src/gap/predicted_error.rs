@@ -5,9 +5,10 @@
 //! after^2 = noise^2 + E |D e|^2,   before^2 = noise^2 + E |d + D e|^2          model.md (35)
 //! ```
 //!
-//! All quantities refer to signals averaged over one second, so white noise of density N contributes N / sqrt(1 s). `e`
-//! is the vector of parameter errors of the calibration with effects. `D` is the Jacobian of the corrected signals. `d`
-//! is the difference between the signals corrected without and with the effects.
+//! All quantities refer to signals averaged over one second, so white noise of density N contributes N / sqrt(1 s). `E`
+//! is the expectation, and |.|^2 is the mean square over the axes and the seconds of the recordings. `e` is the vector
+//! of parameter errors of the calibration with effects. `D` is the Jacobian of the corrected signals. `d` is the
+//! difference between the signals corrected without and with the effects.
 
 use faer::Mat;
 use imucal_core::calibration::Calibration;
@@ -248,8 +249,8 @@ fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat
     (sums * faer::Scale(1.0 / count as f64), count)
 }
 
-/// Mean squared noise of the angular rate and of the specific force, averaged over one second, including other errors
-/// that the correction does not remove.
+/// Mean square of the noise of the angular rate and of the specific force, both averaged over one second. The noise
+/// includes other errors that the correction does not remove.
 ///
 /// The Earth's rate counts as an error of the angular rate, because the correction does not remove it and its
 /// body-frame components change with attitude.

@@ -7,7 +7,8 @@ use crate::recording::Recording;
 /// A calibration, and the recordings from which it was estimated, corrected by this calibration.
 #[derive(Clone, Copy)]
 pub struct CorrectedFit<'a> {
-    /// The calibration, in the symmetric body frame.
+    /// The calibration, in the symmetric body frame. In this frame, the accelerometer's sensitivity matrix is
+    /// symmetric.
     pub outcome: &'a Outcome,
     /// The corrected recordings, in SI units and in the body frame. Their order is the order in which the calibration
     /// used them.
@@ -51,13 +52,15 @@ impl ResidualKind {
     }
 }
 
-/// A quantity on which residuals may depend.
+/// A quantity on which residuals may depend. For direction residuals after moves, the rate error inside the move is
+/// assumed to be proportional to the quantity, and the regressor is the resulting attitude error at the end of the
+/// move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Regressor {
     /// Angular acceleration, three components.
     AngularAcceleration,
-    /// Direction of gravity in the body frame. For direction residuals after moves: attitude error at the end of the
-    /// move, due to a rate error inside the move that is proportional to a component of the specific force.
+    /// Direction of gravity in the body frame. For direction residuals after moves: components of the specific force
+    /// inside the move.
     Gravity,
     /// Squares and products of the components of gravity.
     GravitySquared,

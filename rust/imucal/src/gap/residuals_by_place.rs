@@ -1,9 +1,9 @@
 //! Residuals of recordings by kind and body axis, by rest and by move, and the quantities on which the residuals
-//! depend. They show where the recordings disagree with a calibration, and on what the disagreement depends.
+//! depend. These results show where the recordings disagree with a calibration, and on what the disagreement depends.
 //!
 //! A channel consists of all residuals of one kind on one body axis. A channel, a rest or a move is significant if the
-//! chi2 of its residuals exceeds a threshold. Noise alone exceeds the threshold in any of the channels with a
-//! probability of 0.1 %, and likewise for the rests and for the moves. Dependence is tested by linear regression of a
+//! chi2 of its residuals exceeds a threshold. With noise as the only error, the probability that any channel is
+//! significant is 0.1 %. The same holds for the rests and for the moves. Dependence is tested by linear regression of a
 //! channel on each [`Regressor`]. Let `r` be the share of the sum of squares over `n` rests or moves that the
 //! regression explains. Under the null hypothesis of no dependence, `-n ln(1 - r)` has a chi2 distribution.
 
@@ -64,8 +64,8 @@ pub struct ChannelResidual {
     pub times_noise: f64,
     /// Whether chi2 of the channel exceeds the significance threshold.
     pub is_significant: bool,
-    /// `times_noise` for the second calibration. `None` if there is no second calibration, or if samples cannot be
-    /// corrected for its effects.
+    /// `times_noise` for the second calibration. If there is no second calibration, it equals `times_noise`. `None` if
+    /// the model contains effects for which samples cannot be corrected.
     pub times_noise_after: Option<f64>,
 }
 

@@ -1,5 +1,6 @@
-//! Revision of the selected effects: an alias may replace an effect, forms are selected, and superfluous effects are
-//! removed. An alias is an effect that causes nearly the same residuals.
+//! Revision of the selected effects: an alias may replace an effect, the forms of effects are selected, and superfluous
+//! effects are removed. An alias of an effect is another effect that causes nearly the same residuals. The forms of an
+//! effect have different numbers of parameters, for example a linear and a quadratic form.
 
 use imucal_core::effects::Effect;
 
@@ -105,14 +106,14 @@ impl ForwardSearch<'_> {
     }
 
     /// Replaces an effect by an alias if the log posterior odds (log evidence + log prior odds) of the alias are larger
-    /// by more than [`RIVAL_NATS`]. An alias is an effect that causes nearly the same residuals. Aliases with a time
-    /// constant are compared because candidates are scored only at a few trial time constants. The effects of the
-    /// temperature history (lag, rate and hysteresis) are compared because the evidence of each of them changes when
-    /// the temperature effect is added. Aliases whose log posterior odds are smaller than the largest ones by less than
-    /// [`RIVAL_NATS`] become rivals. A temperature lag is also fitted from a second start value of its time constant,
-    /// because the best time constant may change when effects are added after the lag. If a temperature lag is not
-    /// distinguishable from an effect of the rate of change of temperature, the alias with the largest posterior odds
-    /// replaces it. Returns whether an effect was replaced.
+    /// by more than [`RIVAL_NATS`]. An alias of an effect is another effect that causes nearly the same residuals.
+    /// Aliases with a time constant are compared because candidates are scored only at a few trial time constants. The
+    /// effects of the temperature history (lag, rate and hysteresis) are compared because the evidence of each of them
+    /// changes when the temperature effect is added. Aliases whose log posterior odds are smaller than the largest ones
+    /// by less than [`RIVAL_NATS`] become rivals. A temperature lag is also fitted from a second start value of its
+    /// time constant, because the best time constant may change when effects are added after the lag. If a temperature
+    /// lag is not distinguishable from an effect of the rate of change of temperature, the alias with the largest
+    /// posterior odds replaces it. Returns whether an effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,
@@ -230,8 +231,8 @@ impl ForwardSearch<'_> {
     }
 
     /// Selects the form of each effect in the model that has several forms, such as the degree of a temperature effect.
-    /// A form with more parameters is selected if its log evidence is larger by more than [`RIVAL_NATS`]. The form is
-    /// selected again because, after further effects have been added to the model, another form may have the largest
+    /// A form with more parameters is selected if its log evidence is larger by more than [`RIVAL_NATS`]. The selection
+    /// is repeated whenever an effect has been added to the model, because another form may then have the largest
     /// evidence. Returns whether a form was changed.
     pub(super) fn choose_forms(
         &self,

@@ -33,8 +33,8 @@ const LEAST_CHANGE: f64 = LEAST_CHANGE_PARTLY * LEAST_CHANGE_PARTLY;
 const NOISE_CHANCE: f64 = 0.01;
 /// p-value below which the scatter of residuals at rests is significant.
 const SCATTER_CHANCE: f64 = 1e-6;
-/// The scatter of the residuals at rests is reported only if their standard deviation is larger than WIDE x white
-/// noise. Coloured noise and bias instability may cause ratios up to this value.
+/// The scatter of the residuals at rests is reported only if their standard deviation is larger than WIDE x their
+/// standard deviation from white noise. Coloured noise and bias instability may cause ratios up to this value.
 const WIDE: f64 = 2.5;
 /// Share of the residual variance of the model without effects. If effects were selected, scatter with a variance up to
 /// this share is not reported, because linearisation errors of a large effect may cause it.
@@ -52,8 +52,8 @@ pub(super) struct Judgement {
     pub(super) scores: Vec<Judged>,
     /// Name of each effect that is not observable, and the data that would make it observable.
     pub(super) blind: Vec<(String, String)>,
-    /// Detection limit of each candidate: the name of the effect, the smallest detectable rms size per parameter, and
-    /// the unit of this size.
+    /// Detection limit of each candidate: the name of the effect, the smallest detectable rms value of its parameters,
+    /// and the unit of this value.
     pub(super) visible: Vec<(String, f64, String)>,
 }
 
@@ -114,7 +114,8 @@ struct Look {
     /// Number of observable directions in the space of the candidate's parameters. The noise variances are not scaled
     /// (all noise scales s_g^2 are one).
     dof: usize,
-    /// Sum over the parameters p of the change of chi2 if only p changes, by its typical size.
+    /// Sum of changes of chi2, one for each parameter of the candidate. Each is the change of chi2 if only this
+    /// parameter changes, by its typical size.
     trace: f64,
     judged: Option<Judged>,
 }

@@ -5,9 +5,9 @@
 //! ```
 //!
 //! f_k is the mean specific force at rest k, u_k is the direction of f_k, and g is local gravity. f_k and the mean
-//! rates are corrected by the calibration. d_a and d_g are the changes of the accelerometer and gyroscope biases
-//! between the two sessions. An effect that is missing from the model causes almost equal errors in both sessions, so
-//! it is rarely mistaken for a change of the biases.
+//! rates are corrected by the calibration. d_a and d_g are the changes of the accelerometer and gyroscope biases from
+//! the session of the calibration recordings to the session of the control recordings. An effect that is missing from
+//! the model causes almost equal errors in both sessions, so it is rarely mistaken for a change of the biases.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
@@ -24,15 +24,16 @@ use crate::rests::noise_density::variance_by_axis;
 const LEAST_RESTS: usize = 6;
 /// Maximum p-value of a significant change of one sensor's biases.
 const SIGNIFICANCE: f64 = 1e-6;
-/// A change of the bias is reported only if, on any axis, |change| > LEAST_SIZE x scatter of the bias between the rests
-/// of one session. A smaller change hardly increases the errors of corrected signals, because biases scatter by a
-/// similar amount within a recording.
+/// A change of the bias is reported only if, on any axis, |change| > LEAST_SIZE x scatter. The scatter is the standard
+/// deviation of the bias from rest to rest within the control recordings. A smaller change hardly increases the errors
+/// of corrected signals, because biases scatter by a similar amount within a recording.
 const LEAST_SIZE: f64 = 3.0;
 /// Minimum value of the smallest eigenvalue of the mean of `u u^T` over the rests, where u is the direction up. Below
 /// this value, not all components of a change are observable. The eigenvalue is 1/3 for directions distributed
 /// uniformly over the sphere.
 const LEAST_SPREAD: f64 = 0.02;
-/// Indices of the first bias of the accelerometer and of the gyroscope among the parameters of a calibration.
+/// Index of the first bias component among the parameters of a calibration: for the accelerometer, then for the
+/// gyroscope.
 const BIASES: [usize; 2] = [0, 9];
 
 /// Change of the biases from the calibration recordings to the control recordings.
@@ -49,8 +50,8 @@ pub struct SessionStep {
     pub temperature_change_k: Option<f64>,
 }
 
-/// Change of the biases of one sensor, the covariance of this change, and the scatter (standard deviation) of the
-/// residuals from rest to rest.
+/// Change of the biases of one sensor, and the covariance of this change. The field `scatter` is the standard
+/// deviation, from rest to rest, of the residuals that the change leaves.
 struct Change {
     value: Vector3<f64>,
     covariance: Matrix3<f64>,
@@ -70,7 +71,8 @@ impl Change {
 
 impl SessionStep {
     /// Changes of the biases of both sensors; `None` if neither change is significant. `is_corrected` is true if the
-    /// rest means in `evaluation` are already corrected, which is the case if the calibration has effects.
+    /// mean readings at the rests in `evaluation` are already corrected, which is the case if the calibration has
+    /// effects.
     pub(super) fn find(
         outcome: &Outcome,
         evaluation: &Evaluation,
@@ -112,7 +114,7 @@ impl SessionStep {
         [self.accelerometer_mps2, self.gyroscope_radps].map(|change| change.unwrap_or_default().into())
     }
 
-    /// The calibration, with its biases replaced by the biases of the control recordings.
+    /// The given calibration, in which the biases are replaced by those that the sensors had in the control recordings.
     pub(super) fn calibration(&self, calibration: &Calibration<f64>) -> Option<Calibration<f64>> {
         let [force, rate] = self.changes();
         let moved = |triad: &Triad<f64>, change: Vector3<f64>| {
@@ -159,10 +161,11 @@ fn change_of_norms(rests: &[&RestReport], force: impl Fn(&RestReport) -> Vector3
     Some(Change { value, covariance, scatter: Vector3::repeat((sums[0] / free).sqrt()) })
 }
 
-/// Change of the gyroscope's bias: the mean of the corrected rates at the rests. The error of the mean consists of the
-/// scatter between rests and of the rounding error. The rounding error is common to all rests of a session (model.md
-/// (37)). `rounding` returns the variance of the rounding error. The variance of the mean is doubled, because the mean
-/// over the calibration recordings is assumed to have the same variance.
+/// Change of the gyroscope's bias: the mean of the corrected rates at the rests. The correction has already subtracted
+/// the bias of the calibration. The error of the mean consists of the scatter between rests and of the rounding error.
+/// The rounding error is common to all rests of a session (model.md (37)). `rounding` returns the variance of the
+/// rounding error. The variance of the mean is doubled, because the bias of the calibration is a mean over the
+/// calibration recordings and is assumed to have the same variance.
 fn change_of_means(
     rests: &[&RestReport],
     rate: impl Fn(&RestReport) -> Vector3<f64>,

@@ -62,8 +62,8 @@ pub(super) struct Shares {
     moves: Vec<Mat<f64>>,
 }
 
-/// Correlation length of the kernels that depend on directions or attitudes, dimensionless. It is the length of a
-/// difference of unit vectors.
+/// Correlation length of the kernels that depend on directions or attitudes, dimensionless. The kernels compare it with
+/// the length of the difference between two unit vectors.
 const LENGTH: f64 = 0.6;
 /// Maximum number of eigenfunctions per axis for a random walk. With this number, the eigenfunctions resolve periods
 /// down to a tenth of the recording's duration.
@@ -118,7 +118,7 @@ impl Shares {
 }
 
 /// Covariances of the deviation at the moment `a` with the deviations at the moments `others`. The correlation length
-/// of the temperature kernel is a fixed share of `temperatures_k`, a range of temperatures in K.
+/// of the temperature kernel is a quarter of `temperatures_k`, the range of the temperatures, K.
 fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment], to: &mut [f64]) {
     let side = |m: &Moment| m.up.cross(&m.ahead);
     let tilt = |b: &Moment| (a.up - b.up).norm_squared();

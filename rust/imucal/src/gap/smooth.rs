@@ -1,5 +1,5 @@
-//! Eigenfunctions of a covariance kernel, computed from the eigenvectors of its matrix at given points (Nystroem
-//! extension).
+//! Eigenfunctions of a covariance kernel, computed from the eigenvectors of the kernel's matrix at given points
+//! (Nystroem extension).
 
 use faer::Mat;
 
@@ -8,11 +8,11 @@ use crate::numerics::leading_eigen::LeadingEigen;
 /// Eigenfunctions whose eigenvalue is below this share of the largest eigenvalue are omitted.
 const SMALLEST: f64 = 1e-3;
 
-/// Eigenfunctions `f_c(x) = sqrt(n / trace K) sum_i k(x, x_i) U_ic / sqrt(s_c)`, where k is the centred kernel. K is
-/// the matrix k(x_i, x_j) at the n given points, with the eigendecomposition `K = U diag(s) U^T`. If all functions are
-/// kept, the mean over the points of `sum_c f_c^2` is one. Between the points, each function is the conditional mean of
-/// a Gaussian process with this kernel, given the values of the function at the points (Rasmussen and Williams,
-/// Gaussian Processes for Machine Learning, 2006, (2.25)).
+/// Eigenfunctions `f_c(x) = sqrt(n / trace K) sum_i k(x, x_i) U_ic / sqrt(s_c)`, where k is the kernel after its mean
+/// over the n given points has been subtracted in both arguments. K is the matrix k(x_i, x_j) at these points, with the
+/// eigendecomposition `K = U diag(s) U^T`. If all functions are kept, the mean over the points of `sum_c f_c^2` is one.
+/// Between the points, each function is the conditional mean of a Gaussian process with this kernel, given the values
+/// of the function at the points (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, (2.25)).
 pub(crate) struct Smooth<T> {
     points: Vec<T>,
     weights: Mat<f64>,
@@ -64,8 +64,8 @@ impl<T> Smooth<T> {
 mod tests {
     use super::*;
 
-    /// The conditional mean of a random walk is linear between the points at which it is given. At the points, the mean
-    /// of the sum of squares of the eigenfunctions must be one.
+    /// The conditional mean of a random walk is linear between the points at which the walk is given. At the points,
+    /// the mean of the sum of squares of the eigenfunctions must be one.
     #[test]
     fn functions_of_a_walk_rebuild_it_and_go_straight_between_points() {
         let points: Vec<f64> = (1..=5).map(f64::from).collect();

@@ -19,9 +19,10 @@ const STRETCH_S: f64 = 4.0 * BLOCK_S;
 /// Ratio of the scatter of the averaged specific force inside moves to its noise. Hand motion is detected only if the
 /// ratio is above this value and effects do not explain the scatter.
 const HAND: f64 = 10.0;
-/// Share of the variance of the averaged specific force. Hand motion is detected only if effects of the angular
-/// acceleration, for example the lever arm of the accelerometer, leave more than this share unexplained. Without hand
-/// motion, the unexplained share is smaller even with a long lever arm and a noisy gyroscope.
+/// Threshold of the unexplained share of the variance of the averaged specific force inside moves. Hand motion is
+/// detected only if effects that depend on the angular acceleration, for example the lever arm of the accelerometer,
+/// leave more than this share unexplained. Without hand motion, the unexplained share is smaller even with a long lever
+/// arm and a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
 /// Standard deviation of the prior of the gyroscope's delay in the test for hand motion, in multiples of the typical
 /// delay.
@@ -70,8 +71,8 @@ impl ForwardSearch<'_> {
         Ok((stage, open))
     }
 
-    /// Whether the specific force inside the moves of any recording contains hand motion. This is the case if no
-    /// combination of effects explains the scatter of the force.
+    /// Whether the specific force inside the moves of any recording contains accelerations by a hand. This is assumed
+    /// if no combination of effects explains the scatter of the force.
     fn seems_hand_moved(
         &mut self,
         prepared: &Prepared<'_>,
@@ -120,8 +121,8 @@ impl ForwardSearch<'_> {
                 let (gram, _) = seen.insides_apart(coarse);
                 let mut is_hand_moved = false;
                 for (group, plain) in &scattered {
-                    // Effects of the angular acceleration cannot explain hand motion. If they explain almost the whole
-                    // scatter, the unit was not moved by hand.
+                    // Effects that depend on the angular acceleration cannot describe accelerations by a hand. If these
+                    // effects explain almost the whole scatter, the unit was not moved by hand.
                     is_hand_moved |= inside(&gram, *group, &all_columns)? > HAND * HAND
                         && inside(&gram, *group, &of_rotation)? > UNEXPLAINED * plain;
                 }

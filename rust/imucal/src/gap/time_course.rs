@@ -15,11 +15,13 @@
 //! white       x ~ N(0, a_i^2) in each epoch
 //! ```
 //!
-//! The first three time courses also contain white scatter from epoch to epoch. The evidence of each time course is
-//! maximised over trial values of the sizes a_i and of the white scatter. For the switching time course, only the white
-//! scatter is varied. The evidence of the switching time course is computed for the most likely states s. This evidence
-//! is reduced by the information, nats, that is needed to describe the states: the number of changes, the epochs of the
-//! changes, and the intermediate state of each epoch that contains a change.
+//! Lambda is the information matrix of x, and eta is the gradient of the log likelihood at x = 0. t and t' are the
+//! times of two epochs, l is a correlation length, and v is the difference between the two levels. The first three time
+//! courses also contain white scatter from epoch to epoch. The evidence of each time course is maximised over trial
+//! values of the sizes a_i and of the white scatter. For the switching time course, only the white scatter is varied.
+//! The evidence of the switching time course is computed for the most likely states s. This evidence is reduced by the
+//! information, nats, that is needed to describe the states: the number of changes, the epochs of the changes, and the
+//! intermediate state of each epoch that contains a change.
 
 use faer::Mat;
 use faer::linalg::solvers::{Llt, Solve};
@@ -79,8 +81,9 @@ impl ForwardSearch<'_> {
         Ok(found?.and_then(|observed| observed.kernel()).unwrap_or(Kernel::RandomWalk))
     }
 
-    /// Log likelihood of the deviation in each epoch, from the residuals at the rests and of the gravity directions
-    /// after the moves. `None` if there are too few epochs, or if the fit of the model fails.
+    /// Log likelihood of the deviation in each epoch. It is computed from the residuals at the rests and from the
+    /// residuals of the gravity directions after the moves. `None` if there are too few epochs, or if the fit of the
+    /// model fails.
     fn observed(
         &self,
         prepared: &Prepared<'_>,
@@ -261,8 +264,8 @@ fn log_determinant(factor: faer::MatRef<'_, f64>) -> f64 {
     2.0 * (0..factor.nrows()).map(|i| factor[(i, i)].ln()).sum::<f64>()
 }
 
-/// Three lists of start values for the states. The deviations are projected on their principal direction. For each
-/// list, another threshold divides the projections into the states 0 and 1.
+/// Three lists of start values for the states. The deviations are projected on their principal direction. A threshold,
+/// which differs between the lists, divides the projections into the states 0 and 1.
 fn starts_of(x: &[f64]) -> Vec<Vec<f64>> {
     let n = x.len() / 3;
     let at = |k: usize| Vector3::new(x[k], x[n + k], x[2 * n + k]);

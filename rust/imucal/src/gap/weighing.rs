@@ -1,4 +1,5 @@
-//! Evidence of a model with additional columns, for several prior widths of these columns (docs/model.md (23)).
+//! Evidence of a model with additional Jacobian columns, for several prior widths of the coefficients of these columns
+//! (docs/model.md (23)).
 //!
 //! The noise variances of each group g of residuals are multiplied by a noise scale s_g^2. At fixed noise scales, the
 //! sweep operator first eliminates the parameters of the model from the Gram matrix. The Schur complement S of the

@@ -15,7 +15,8 @@ use nalgebra::SMatrix;
 use super::{HeldParameter, PriorSource, Quantity};
 use crate::error::Error;
 
-/// The nine parameters of a calibrated accelerometer in the symmetric frame, in raw units, and their covariance.
+/// The nine parameters of a calibrated accelerometer in raw units, and their covariance. They refer to the symmetric
+/// frame, which is the body frame in which the accelerometer sensitivity is a symmetric matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KnownAccelerometer {
     /// Bias x, y, z and the six entries of the sensitivity.

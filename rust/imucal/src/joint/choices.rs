@@ -1,4 +1,5 @@
-//! Effects that a fit estimates in addition to the base parameters, and the kinds of residuals that it uses.
+//! Effects that a fit estimates in addition to the base parameters (biases and sensitivities of both sensors), and the
+//! kinds of residuals that the fit uses.
 
 use imucal_core::effects::{Effect, Need, Sensor};
 
@@ -7,7 +8,8 @@ use imucal_core::effects::{Effect, Need, Sensor};
 pub struct EffectChoice {
     /// Entry of the effect in the catalogue.
     pub effect: &'static Effect<f64>,
-    /// Number of parameters of the form to be estimated ([`Effect::has_form`]).
+    /// Number of parameters to be estimated. It selects one of the forms of the effect, which differ in their number of
+    /// parameters ([`Effect::has_form`]).
     pub parameters: usize,
 }
 
@@ -43,7 +45,8 @@ pub struct UserField<'a> {
     pub columns: Vec<&'a [f64]>,
 }
 
-/// Residuals that a fit may use in addition to force norms and mean rates at rests and gravity directions after moves.
+/// Kinds of residuals that a fit may use in addition to the three kinds of every fit: force norms at rests, mean rates
+/// at rests, and gravity directions after moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Kinds {
     /// Whether the fit uses the specific force inside the moves (model.md (20)).
@@ -54,7 +57,7 @@ pub(crate) struct Kinds {
 }
 
 impl Kinds {
-    /// The additional residuals without which the effects `choices` are not observable.
+    /// The additional kinds of residuals that are needed because the effects `choices` are not observable without them.
     pub(crate) fn needed_by(choices: &[EffectChoice]) -> Self {
         Self {
             in_motion: choices.iter().any(|choice| choice.effect.needs.contains(&Need::AngularAcceleration)),

@@ -17,8 +17,8 @@ use crate::simulate::motion::Motion;
 use crate::simulate::tumble::{HandMoves, Tumble};
 use crate::simulate::{Faults, RandomMoves, Setup, Temperature, Unit};
 
-/// Calls `work` with the inputs of a fit. The fit has these effects in their full forms and a user-defined field. All
-/// effects are zero, and each time constant has its typical value.
+/// Calls `work` with the inputs of a fit. The fit estimates `effects` in their full forms (with all parameters) and one
+/// user-defined effect. All effects are zero, and each time constant has its typical value.
 fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, Vec<f64>)) {
     let run = Run::new(&RandomMoves { moves: 12, hold_s: 1.5, ..RandomMoves::default() }, rate_hz, &EffectSet::none());
     let wave = |time_s: &f64| [0.0, 1.0, 2.0].map(|phase| (3.0 * time_s + phase).sin());

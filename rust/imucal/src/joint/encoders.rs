@@ -94,7 +94,7 @@ impl StandModel {
 }
 
 /// Start value of the mount rotation. It is the least-squares rotation that maps the measured up directions `up` (body
-/// frame) to the up directions computed from the encoder angles (frame of the innermost ring).
+/// frame) to the up directions computed from the encoder angles (frame of the innermost ring of the stand).
 pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Vector3<f64> {
     let square = StandModel::of(&[0.0; STAND_PARAMETERS]);
     let sum: Matrix3<f64> =

@@ -1,9 +1,9 @@
 //! Temperature histories of the recordings of a fit.
 //!
-//! A temperature history contains the lags of the temperature in both sensors, the rate of the temperature, and the
-//! direction of its last change. It is computed from all temperatures of a recording, in the same way as when a
-//! calibration is applied to the recording. It is stored only at nodes, which are some of the samples, and is
-//! interpolated linearly between the nodes.
+//! A temperature history contains a lag for each sensor, the rate of change of the temperature, and the direction of
+//! its last change. A lag is the low-pass filtered temperature minus the temperature. The history is computed from all
+//! temperatures of a recording, in the same way as when a calibration is applied to the recording. It is stored only at
+//! nodes, which are some of the samples, and is interpolated linearly between the nodes.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -12,8 +12,8 @@ use imucal_core::temperature_memory::{TemperatureHistory, TemperatureMemory};
 use crate::correct::temperature_history_of;
 use crate::recording::Recording;
 
-/// Maximum time between two nodes, s. The rate of the temperature is filtered with a time constant of 0.5 s, so its
-/// interpolation error is at most 2e-4 of its change.
+/// Maximum time between two nodes, s. The rate of the temperature is filtered with a time constant of 0.5 s, so the
+/// interpolation error of this rate is at most 2e-4 of the change of the rate.
 const NODE_S: f64 = 0.02;
 /// Maximum number of nodes of a recording, which limits the memory of the process. In recordings longer than half an
 /// hour, the nodes are therefore further apart than `NODE_S`.

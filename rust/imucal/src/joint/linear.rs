@@ -34,7 +34,7 @@ pub(crate) struct Line {
     pub(crate) by_means: Vec<(usize, Vector3<f64>)>,
     pub(crate) source: Source,
     /// Whether the residual belongs to the second or a later epoch of a long rest, or to the move that leads to such an
-    /// epoch. A long rest is divided into epochs, because the biases drift during it.
+    /// epoch. Epochs are the parts into which a long rest is divided, because the biases drift during it.
     pub(crate) is_of_later_epoch: bool,
 }
 
@@ -179,8 +179,9 @@ pub(crate) const EPOCH_STEPS: usize = 9;
 /// Index of a kind of residuals: mean rates at the second and later epochs (parts) of long rests, all axes.
 pub(crate) const EPOCH_RATES: usize = 10;
 
-/// Computing time per sample of the integration over a move with effects or with force blocks, in multiples of the time
-/// per sample of the preintegration, which has neither. The number of threads is computed from it.
+/// Computing time per sample for the integration over a move with effects or with blocks (short intervals over which
+/// the force is averaged). It is given in multiples of the computing time per sample for preintegration, which is used
+/// without effects and without blocks. The number of threads is computed from the total computing time.
 const COST: usize = 30;
 
 impl Prepared<'_> {

@@ -4,11 +4,11 @@
 //! chi2 = r^T P r,     p = probability that chi2 with N - n degrees of freedom is larger
 //! ```
 //!
-//! r are the residuals, P is the matrix of equation (25) for all N residuals, and n is the number of fitted parameters.
-//! The chi2 of a rest or of a move is d of equation (25): the decrease of chi2 if the residuals of this rest or move
-//! are excluded. The residuals of a rest are its norm and its mean rates. The decrease has a chi2 distribution for any
-//! leverage of the rest or move. The weights contain only sensor noise, and standard deviations are not increased for
-//! excess scatter.
+//! r are the residuals, P is the matrix of equation (25) of model.md for all N residuals, and n is the number of fitted
+//! parameters. The chi2 of a rest or of a move is d of this equation: the decrease of chi2 if the residuals of this
+//! rest or move are excluded. The residuals of a rest are those of its force norm and of its mean rates about the three
+//! axes. The decrease has a chi2 distribution for any leverage of the rest or move. The weights contain only sensor
+//! noise, and standard deviations are not increased for excess scatter.
 
 mod groups;
 
@@ -57,9 +57,9 @@ pub(crate) struct Misfits {
     pub(crate) moves: Vec<Option<Misfit>>,
     /// Goodness of fit of each kind of residuals that has degrees of freedom.
     pub(crate) groups: Vec<GroupMisfit>,
-    /// For each parameter with a prior: the residual of the prior divided by its standard deviation after the fit, and
-    /// 1 - h. h is the leverage of this residual, and 1 - h is the share of its variance that remains after the fit.
-    /// `None` if no other residual depends on the parameter.
+    /// For each parameter with a prior: the residual of the prior, divided by the standard deviation that the residual
+    /// has after the fit, and 1 - h. h is the leverage of this residual, and 1 - h is the share of its variance that
+    /// remains after the fit. `None` if no other residual depends on the parameter.
     pub(crate) held: Vec<Option<(f64, f64)>>,
 }
 

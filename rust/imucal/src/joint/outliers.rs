@@ -92,7 +92,8 @@ enum Kind {
     Mean,
 }
 
-/// Rests and moves that contradict all others, in the order of their exclusion. The model must be near the optimum.
+/// Rests and moves that contradict all others, in the order of their exclusion. `model` must be close to the best fit,
+/// because the residuals are linearised at `model`.
 ///
 /// Moves are tested only with the gravity directions at their ends, even if the fit also uses the force inside the
 /// moves or the stand. `known` contains residuals and derivatives that were already computed for `model`. It must
@@ -169,8 +170,9 @@ pub(crate) fn outliers(
 
 /// Rests whose norm the other rests do not predict, for example the only rest of a box-shaped unit on one of its faces.
 /// Because only the moves predict this norm, its decrease d of chi2 is divided by the larger of the scales of norms and
-/// moves. The leverages are those of the design matrix of model.md (12). Its rows are the derivatives of the norms,
-/// divided by the model error of a rest, and the rows of the prior.
+/// moves. The leverages are those of the design matrix of model.md (12). This matrix has one row for each rest, with
+/// the derivatives of the norm divided by the model error of a rest. It also has one row for each parameter, for a
+/// prior of the parameter about its nominal value.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear

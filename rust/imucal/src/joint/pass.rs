@@ -27,9 +27,9 @@
 //! The derivative d neglects that the effects depend on the rate, which depends on the parameters. For most effects,
 //! this changes d by less than 1 % (exceptions: model.md (17)). The residuals themselves are computed without this
 //! approximation. The derivative of the force with respect to the accelerometer parameters is evaluated at the
-//! propagated gravity instead of the sampled force. Evaluated at the sampled force, this column of the Jacobian would
-//! contain the noise of the residual. A linear combination of this column and a noise-free column could then fit this
-//! noise (docs/decisions/0022).
+//! propagated gravity instead of the sampled force. If it were evaluated at the sampled force, its columns of the
+//! Jacobian would contain the noise of the residuals. A linear combination of these columns and of noise-free columns
+//! could then fit this noise (docs/decisions/0022).
 
 mod attitude_jacobian;
 mod corrected;
@@ -122,8 +122,8 @@ pub(crate) struct Route<'a> {
     pub(crate) block_s: f64,
     /// Whether blocks inside the move are requested, or only the rotation over the whole move.
     pub(crate) has_blocks: bool,
-    /// Rotation over the move and integrals of its Jacobian, computed without effects by preintegration; `None` if they
-    /// are not yet known. They are not used if blocks are requested.
+    /// Rotation over the move and the integrals from which its Jacobian is computed. They are from preintegration
+    /// without effects; `None` if they are not yet known. They are not used if blocks are requested.
     pub(crate) preintegrated: Option<(Matrix3<f64>, Sums)>,
 }
 

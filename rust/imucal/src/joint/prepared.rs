@@ -29,8 +29,9 @@ pub(crate) struct Prepared<'a> {
     /// Window width of the numerical derivative of the rate, for each move. It stays constant during a fit.
     pub(crate) widths: &'a [Width],
     /// For each axis: eigenvectors and eigenvalues of `N^-1/2 C N^-1/2`. N is the noise covariance of the mean rates,
-    /// and C is their covariance for bias instability of size one. They are computed only once, because N depends on
-    /// the model only through its lower limit, and C does not depend on the model.
+    /// and C is the covariance of the mean rates for a bias instability of 1. The eigenvectors and eigenvalues are
+    /// computed only once, because N depends on the model only through its lower limit, and C does not depend on the
+    /// model.
     pub(crate) flicker: &'a OnceLock<Option<[Modes; 3]>>,
     /// Temperature histories of the recordings.
     pub(crate) histories: &'a SharedHistories,

@@ -1,5 +1,5 @@
 //! Quantities of the rests at given parameters: the mean force, the gravity direction at both ends of each move, and
-//! the change of the mean rate by the effects.
+//! the rate that the effects add at each rest.
 //!
 //! The true rate at rest is zero, so the force does not depend on the effects on the rate. The force is computed first,
 //! by fixed-point iteration with the effects on the force. The effects on the rate are then evaluated once. No
@@ -29,14 +29,13 @@ pub(super) struct Force {
     pub(super) direction: Arc<EndDirection>,
 }
 
-/// Change of the rate at a rest by the effects, rad/s, and its derivatives with respect to the parameters of the
-/// effects.
+/// Mean rate that the effects add at a rest, rad/s, and its derivatives with respect to the parameters of the effects.
 pub(super) struct Rate {
     pub(super) added: Vector3<f64>,
     pub(super) columns: Vec<Vector3<f64>>,
 }
 
-/// Mean forces and rate changes at all rests, at given parameters.
+/// Mean forces at all rests, and the rates that the effects add there, at given parameters.
 pub(super) struct Rests<'a> {
     prepared: &'a Prepared<'a>,
     model: &'a Model,
@@ -47,14 +46,14 @@ pub(super) struct Rests<'a> {
     stills: Vec<(Still, Vec<Vector3<f64>>)>,
     /// Mean force at each rest.
     pub(super) forces: Vec<Force>,
-    /// For each recording: the change of the rate by the effects, averaged over the rests of the recording. Empty if no
-    /// rest is hand-held, or if no effect changes the rate.
+    /// For each recording: the rate that the effects add, averaged over the rests of the recording. Empty if no rest is
+    /// hand-held, or if no effect changes the rate.
     mean_rates: Vec<Rate>,
 }
 
 /// Gyroscope bias of the model minus the bias with which the samples of a hand-held rest were rotated to its ends,
 /// rad/s. `columns` contains the derivatives of this difference with respect to the parameters of the effects. The
-/// derivative with respect to the bias parameter is `T^-1` and is not stored.
+/// derivative with respect to the bias parameter is the inverse of the gyroscope sensitivity and is not stored.
 pub(super) struct BiasError {
     pub(super) value: Vector3<f64>,
     pub(super) columns: Vec<Vector3<f64>>,
@@ -88,7 +87,7 @@ impl<'a> Rests<'a> {
         rests
     }
 
-    /// Change of the rate by the effects, averaged over all rests of a recording that the fit uses.
+    /// Rate that the effects add, averaged over those rests of a recording that the fit uses.
     fn mean_rate(&self, recording: usize) -> Rate {
         let (own, _) = self.prepared.rests_of(recording);
         let mut mean = Rate { added: Vector3::zeros(), columns: vec![Vector3::zeros(); self.on_rate.count] };
@@ -155,8 +154,8 @@ impl<'a> Rests<'a> {
     }
 
     /// Gravity direction at the last sample of a rest if `at_end` is true, otherwise at its first sample. At a
-    /// hand-held rest, the direction was propagated with a preliminary gyroscope bias. It is corrected here to the bias
-    /// of the model (model.md (27)).
+    /// hand-held rest, the direction was propagated with a preliminary gyroscope bias. The direction is corrected here
+    /// for the difference between this bias and the bias of the model (model.md (27)).
     fn end(&self, rest: usize, end: &End, at_end: bool) -> Arc<EndDirection> {
         let of_mean = end.steady.then(|| Arc::clone(&self.forces[rest].direction));
         let mut direction = of_mean.unwrap_or_else(|| self.force(rest, &end.raw).direction);
@@ -176,7 +175,7 @@ impl<'a> Rests<'a> {
         direction
     }
 
-    /// Change of the mean rate at a rest by the effects.
+    /// Mean rate that the effects add at a rest.
     pub(super) fn rate(&self, k: usize, attitude: Option<UnitQuaternion<f64>>) -> Rate {
         let Self { model, on_rate, stills, forces, .. } = self;
         let mut columns = vec![Vector3::zeros(); on_rate.count];

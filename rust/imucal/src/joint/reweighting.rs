@@ -14,9 +14,9 @@ use crate::numerics::lsq::Solution;
 /// Number of fits after which the weights are extrapolated. Weights from the first fits are not extrapolated, because
 /// they are preliminary. Most runs converge within two or three further fits without extrapolation.
 const EXTRAPOLATE_AFTER: usize = 3;
-/// Largest extrapolation of the logarithm of an excess, in multiples of its last change. If each change is r times the
-/// previous change, all further changes add up to r / (1 - r) times the last change. This is 10 times the last change
-/// for r = 10/11.
+/// Limit of the extrapolation of the logarithm of an excess, in multiples of the last change of this logarithm. If each
+/// change is r times the previous change, all further changes add up to r / (1 - r) times the last change. This is 10
+/// times the last change for r = 10/11.
 const LARGEST_STEP: f64 = 10.0;
 
 /// State of the iteration over the weights.
@@ -68,8 +68,8 @@ impl Reweighting {
         if self.fits <= EXTRAPOLATE_AFTER {
             return None;
         }
-        // A factor of 1 or an excess of zero means that the standard deviation is not increased. Such values are not
-        // extrapolated.
+        // If a standard deviation is not increased, its factor is 1 (logarithm 0), or the variance to be added is zero
+        // (logarithm minus infinity). Such values are not extrapolated.
         let is_none = |i: usize, value: f64| value == f64::NEG_INFINITY || (i < FACTORS && value == 0.0);
         let (mut along, mut square) = (0.0, 0.0);
         let mut next = now[1];

@@ -4,13 +4,13 @@
 //! sum_i z_i^2 / (1 + s lambda_i) = free,     N^-1/2 C N^-1/2 = Q Lambda Q^T,   z = Q^T N^-1/2 r
 //! ```
 //!
-//! r are the residuals of the mean rates on one axis. Their noise is independent, with the covariance N. The excess
-//! scatter is modelled by a covariance s C that is added to N. C is an assumed covariance of the excess at all rests,
-//! up to a factor. It is either the identity or the covariance that bias instability causes. Lambda contains the
-//! eigenvalues lambda_i of `N^-1/2 C N^-1/2`, and Q its eigenvectors. The factor s is chosen so that chi2 equals its
-//! degrees of freedom `free` (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). Each candidate matrix C, with its own
-//! s, gives the same chi2. The likelihood is therefore largest for the candidate with the smallest
-//! `sum_i ln(1 + s lambda_i)`.
+//! r are the residuals of the mean rates of the rests on one axis. The noise of different rests is independent, and its
+//! covariance N is diagonal. The excess scatter is modelled by a covariance s C that is added to N. C is an assumed
+//! covariance matrix of the excess at all rests. It need be known only up to a factor, because the factor s is
+//! estimated. C is either the identity or the covariance that bias instability causes. Lambda contains the eigenvalues
+//! lambda_i of `N^-1/2 C N^-1/2`, and Q its eigenvectors. The factor s is chosen so that chi2 equals its degrees of
+//! freedom `free` (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). Each candidate matrix C, with its own s, gives the
+//! same chi2. The likelihood is therefore largest for the candidate with the smallest `sum_i ln(1 + s lambda_i)`.
 
 use faer::Mat;
 

@@ -14,8 +14,8 @@ use super::terms::{Kind, Term, Terms};
 /// Maximum number of fixed-point iterations. Each iteration multiplies the error by about 0.01 for effects of typical
 /// size.
 const MAX_ITERATIONS: usize = 24;
-/// Safety factor for the predicted next change. The iteration stops when the predicted change times this factor is as
-/// small as rounding errors.
+/// Safety factor for the change that the next iteration is predicted to make. The iteration stops when the predicted
+/// change times this factor is as small as rounding errors.
 const SLACK: f64 = 10.0;
 
 /// Solver for the true rate and force of single samples, by fixed-point iteration.
@@ -96,10 +96,10 @@ impl Terms<'_> {
         force
     }
 
-    /// Computes the derivatives of the sensor readings with respect to the parameters (`columns`) at the given force
-    /// and attitude, averaged over a rest, for the effects that `is_asked` selects. If the derivatives of an effect are
-    /// constant during a rest, they are evaluated only for the first part of the rest. The derivatives of a
-    /// user-defined effect are averaged over the samples of the rest.
+    /// Computes `columns`, the derivatives of the sensor readings with respect to the parameters of the effects that
+    /// `is_asked` selects. They are evaluated at the given force and attitude and are averaged over a rest. If the
+    /// derivatives of an effect are constant during a rest, they are evaluated only for the first part of the rest. The
+    /// derivatives of a user-defined effect are averaged over the samples of the rest.
     pub(super) fn mean_columns(
         &self,
         values: &[f64],
@@ -160,8 +160,9 @@ impl Terms<'_> {
         self.all.iter().any(|term| matches!(term.kind, Kind::User(_)))
     }
 
-    /// Converts the mean columns of user-defined effects over a segment to values at the midpoint of the segment. The
-    /// conversion subtracts `share` times the second difference of the mean columns of three consecutive segments.
+    /// Converts the columns (derivatives of the reading) of user-defined effects from means over a segment of a move to
+    /// values at the midpoint of the segment. The conversion subtracts `share` times the second difference of the means
+    /// over three consecutive segments.
     pub(super) fn user_middles(
         &self,
         recording: usize,

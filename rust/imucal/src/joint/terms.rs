@@ -22,8 +22,8 @@ use crate::error::Error;
 use crate::parameters::{BASE, STAND_PARAMETERS};
 use crate::recording::Recording;
 
-/// Step of the central difference with respect to a shape parameter, as a fraction of its value. The relative error of
-/// the derivative is about the square of this step.
+/// Step of the central difference with respect to a shape parameter, as a fraction of the value of the parameter. The
+/// relative error of the derivative is about the square of this step.
 const SHAPE_STEP: f64 = 1e-4;
 
 /// One effect of a fit, from the catalogue or user-defined.

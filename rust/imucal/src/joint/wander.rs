@@ -7,9 +7,9 @@
 //!
 //! b is the bias of one axis, t and s are times, B is the bias instability, and K is the random walk of the axis. The
 //! covariance of b(t) and b(s) is defined up to an additive constant. This constant cancels in C_kl, because b is
-//! measured from its mean over the recording. A large B can be estimated from the scatter of the mean rates. A smaller
-//! B, and any K, can only be given in the unit's profile. The estimated bias parameter is the mean over the recording.
-//! The bias in a move is the mean of the biases at the adjacent rests.
+//! measured from its mean over the recording. A large B can be estimated from the scatter of the mean rates of the
+//! rests. A smaller B, and any K, can only be given in the unit's profile. The estimated bias parameter is the mean
+//! over the recording. The bias in a move is the mean of the biases at the adjacent rests.
 
 use std::f64::consts::PI;
 
@@ -18,7 +18,8 @@ use faer::Mat;
 use crate::error::Error;
 
 /// Maximum number of force norms, directions after moves and mean rates for which the full covariance is factorised.
-/// The time of the factorisation grows with the third power of this number.
+/// The time of the factorisation grows with the third power of this number. If a fit has more of these residuals,
+/// errors that are correlated between rests are neglected, and a unit's profile with varying biases is refused.
 pub(super) const MOST_ROWS: usize = 6000;
 
 /// Model of the bias variation between rests.
@@ -125,7 +126,7 @@ mod tests {
 
     const UNIT: BiasWander = BiasWander { bias_instability: [2e-5, 0.0, 3e-5], random_walk: [0.0, 4e-6, 1e-6] };
 
-    /// The Allan variance must be half the mean squared difference of consecutive means.
+    /// The Allan variance must be half the mean squared difference of the mean biases over two consecutive intervals.
     #[test]
     fn neighbouring_means_have_the_allan_variance_of_the_definitions() {
         for (axis, tau_s) in [(0, 0.5), (1, 3.0), (2, 100.0)] {

@@ -234,8 +234,8 @@ fn reading_variance(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     prepared.encoders.as_ref().map_or(0.0, variance) * scales.stand_moves * scales.stand_moves
 }
 
-/// Covariance of the mean gyroscope biases at the rests that the fit uses, for a bias instability of size one. The
-/// second and later epochs (parts) of long rests are omitted. `None` if there are too many residuals to factorise their
+/// Covariance of the mean gyroscope biases at the rests that the fit uses, for a bias instability of 1. The second and
+/// later epochs (parts) of long rests are omitted. `None` if there are too many residuals to factorise their
 /// covariance.
 pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
     let is_later = |k: usize| prepared.rests[k].is_later_epoch();

@@ -6,9 +6,9 @@
 //! ```
 //!
 //! A window consists of W consecutive values y, and z_j is its cosine transform. The z_j of a window are exactly
-//! independent for white noise, for a random walk, and for block means of these two. In a Fourier transform, the
-//! difference between the ends of a random walk would leak into all frequencies. For flicker noise, the z_j are only
-//! nearly independent, but their variances, which are computed here, are exact.
+//! independent for white noise, for a random walk, and for block means of these two. A Fourier transform does not have
+//! this property, because the difference between the two ends of a random walk leaks into all frequencies. For flicker
+//! noise, the z_j are only nearly independent, but their variances, which are computed here, are exact.
 //!
 //! A long record is processed in stages. The first stage has windows of 32 samples. The next stage has windows of 32
 //! means of the first stage, and so on. The last stage is a single window with fewer than 2048 values. In every stage

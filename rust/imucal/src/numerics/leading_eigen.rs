@@ -29,8 +29,8 @@ pub(crate) struct LeadingEigen {
 }
 
 impl LeadingEigen {
-    /// The `count` largest eigenvalues of `matrix`, or all eigenvalues of a smaller matrix. `None` if the decomposition
-    /// fails.
+    /// The `count` largest eigenvalues of `matrix`, or all its eigenvalues if it has fewer than `count` rows. `None` if
+    /// the decomposition fails.
     ///
     /// A large matrix is decomposed by subspace iteration with Rayleigh-Ritz projections (Halko, Martinsson and Tropp,
     /// SIAM Review 53, 2011, 217-288). The time of an iteration grows only with the square of the number of rows.

@@ -184,8 +184,8 @@ pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error>
     Ok((values, Mat::from_fn(n, n, |i, j| eigen.U()[(i, n - 1 - j)])))
 }
 
-/// Returns the components of the residuals along the left singular vectors of the Jacobian, and its singular values.
-/// The columns of the Jacobian are first scaled to unit length. `None` if a value is not finite.
+/// Returns the components of the residuals along the left singular vectors of the Jacobian, and the singular values of
+/// the Jacobian. Its columns are first scaled to unit length. `None` if a value is not finite.
 pub(crate) fn singular_of_triangle(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> Option<(Vec<f64>, Vec<f64>)> {
     let (n, norms) = (jacobian.ncols(), column_norms(jacobian));
     let rows = jacobian.nrows();

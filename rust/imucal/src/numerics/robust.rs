@@ -43,8 +43,8 @@ pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
     (scores[worst] > LIMIT * scale).then_some(worst)
 }
 
-/// Whether one more rest or move may be excluded. At most a fifth of all may be excluded, and at least `least` must
-/// remain. `used` is false for rests or moves that are already excluded.
+/// Whether one more rest or move may be excluded. At most a fifth of all rests or moves may be excluded, and at least
+/// `least` of them must remain. `used` is false for rests or moves that are already excluded.
 pub(crate) fn may_exclude(used: &[bool], least: usize) -> bool {
     let kept = used.iter().filter(|&&kept| kept).count();
     kept > least && used.len() - kept < used.len() / 5

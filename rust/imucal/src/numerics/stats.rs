@@ -199,9 +199,10 @@ pub(crate) struct RandomEffectsMean {
     pub(crate) between: f64,
 }
 
-/// Weighted mean of measured `values` whose true values may differ. `variances` are those of the measurement errors. If
-/// they explain the scatter of the values, the weights are the inverse variances. If the scatter is much larger, the
-/// weights are nearly equal (DerSimonian and Laird, Controlled Clinical Trials 7, 1986, 177-188; model.md (7)).
+/// Weighted mean of measured `values` whose true values may differ. `variances` contains the variances of the
+/// measurement errors. If these errors explain the scatter of the values, the weights are the inverse variances. If the
+/// scatter is much larger, the weights are nearly equal (DerSimonian and Laird, Controlled Clinical Trials 7, 1986,
+/// 177-188; model.md (7)).
 pub(crate) fn random_effects_mean(values: &[f64], variances: &[f64]) -> RandomEffectsMean {
     let fixed: Vec<f64> = variances.iter().map(|v| 1.0 / v).collect();
     let total: f64 = fixed.iter().sum();

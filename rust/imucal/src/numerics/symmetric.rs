@@ -6,8 +6,8 @@ use pulp::Simd;
 
 use crate::numerics::aligned::WIDEST;
 
-/// The upper triangle of a symmetric matrix, or of its first rows. Each row is stored in full length and padded to
-/// complete SIMD registers. The stored values to the left of the diagonal are not used.
+/// The upper triangle of a symmetric matrix, or only the first rows of this triangle. Each row is stored in full length
+/// and padded to complete SIMD registers. The stored values to the left of the diagonal are not used.
 #[derive(Clone)]
 pub(crate) struct SymmetricMatrix {
     /// Number of columns of the matrix, without the padding.

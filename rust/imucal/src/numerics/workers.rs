@@ -19,7 +19,7 @@ pub(crate) fn threads_for(samples: usize) -> usize {
 }
 
 /// Number of threads that can run in parallel. The system is queried only once, because the query takes as long as a
-/// short pass.
+/// pass over a short recording.
 pub(crate) fn processors() -> usize {
     static COUNT: OnceLock<usize> = OnceLock::new();
     *COUNT.get_or_init(|| thread::available_parallelism().map_or(1, NonZeroUsize::get))

@@ -43,9 +43,10 @@ impl InformationFilter {
         Self { width, matrix: vec![0.0; width * width] }
     }
 
-    /// Adds a measurement with the given weight. `row` contains the derivatives divided by the standard deviation of
-    /// the measurement. The derivatives with respect to the two angles of the gravity direction come first, and the
-    /// derivatives with respect to the parameters follow.
+    /// Adds a measurement and multiplies its information by `weight`. `row` contains the derivatives divided by the
+    /// standard deviation of the measurement. If this is the standard deviation of a mean over one second, `weight` is
+    /// the duration of the mean in seconds. The derivatives with respect to the two angles of the gravity direction
+    /// come first, and the derivatives with respect to the parameters follow.
     pub(super) fn add_row(&mut self, row: &[f64], weight: f64) {
         for (i, value) in row.iter().enumerate().filter(|(_, value)| **value != 0.0) {
             let factor = weight * value;

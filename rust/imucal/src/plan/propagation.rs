@@ -1,4 +1,5 @@
-//! A run as a sequence of rests and moves. A rest gives information, and a move propagates the gravity direction.
+//! A run as a sequence of rests and moves. A rest gives information about the gravity direction and the parameters, and
+//! a move propagates the gravity direction to the next rest.
 
 use nalgebra::Matrix2;
 
@@ -86,8 +87,8 @@ impl RestInformation {
 
 impl MoveInformation {
     /// Propagation of the gravity direction over a move that starts at `start_s` and takes `duration_s`. `at` returns
-    /// the motion as a function of time. The unit is at rest before and after the move. The first `settle_s` of the
-    /// next rest are not used.
+    /// the motion as a function of time. The unit is at rest before and after the move. The propagation continues
+    /// through the first `settle_s` of the next rest, because samples in this time are not used as samples at rest.
     pub(super) fn new(
         sensors: &Sensors,
         start_s: f64,

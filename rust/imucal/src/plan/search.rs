@@ -52,7 +52,8 @@ pub struct Search {
 pub struct Found {
     /// The best program found. It starts with all motors at the angle zero.
     pub program: Program,
-    /// Whether the program reaches the standard deviations of the goal.
+    /// Whether the program reaches the target standard deviations of the goal. It is always true for a goal without
+    /// targets.
     pub reached: bool,
 }
 

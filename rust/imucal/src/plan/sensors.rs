@@ -137,8 +137,9 @@ impl Sensors {
     }
 
     /// Prior precision 1 / sigma^2 of each parameter. By default, sigma is a tenth of the size of a parameter of the
-    /// triads, and ten times the typical size of a parameter of an effect. If the user gave a narrower prior, its sigma
-    /// is used.
+    /// triads, and ten times the typical size of a parameter of an effect. The size of a sensitivity is the mean scale,
+    /// and the size of a bias is the reading at 1 g or at 1 rad/s. If the user gave a narrower prior, its sigma is
+    /// used.
     pub(super) fn prior_precision(&self) -> Vec<f64> {
         let scale = |matrix: &Matrix3<f64>| matrix.norm() / 3f64.sqrt();
         let (accelerometer, gyroscope) = (scale(&self.accelerometer), scale(&self.gyroscope));

@@ -1,5 +1,6 @@
-//! A trial program. The information from each rest and from each move is stored separately. After a change of the
-//! program, only the information from the affected rests and moves is computed again.
+//! A trial program: a program whose cost the search computes. The information from each rest and from each move is
+//! stored separately. After a change of the program, only the information from the affected rests and moves is computed
+//! again.
 
 use std::rc::Rc;
 
@@ -86,7 +87,8 @@ impl Scene<'_> {
         Rc::new(RestInformation::new(self.sensors, &moment, time_s, self.limits.in_hand))
     }
 
-    /// The fastest move between two poses, with its duration, s; `None` if the limits forbid the move.
+    /// Duration, s, of the fastest move between two poses, and the information from this move; `None` if the limits
+    /// forbid the move.
     fn leg(&self, from: &Vector3<f64>, to: &Vector3<f64>, start_s: f64) -> Option<(f64, Rc<MoveInformation>)> {
         let turn = to - from;
         if turn.amax() < LEAST_TURN_RAD || !self.limits.allow(from, to) {
@@ -142,7 +144,9 @@ impl Trial {
         self.holds_s.iter().chain(&self.moves_s).sum()
     }
 
-    /// Distributes the time that remains after the moves among the holds; `None` if this time is too short.
+    /// Changes the holds so that the program takes `duration_s`. Each hold takes `shortest_s` plus a share of the
+    /// remaining time; the ratios between these shares are kept. `None` if the time is too short for the moves and for
+    /// holds of `shortest_s`.
     fn fill(&mut self, duration_s: f64, shortest_s: f64) -> Option<()> {
         let count = self.holds_s.len() as f64;
         let spare_s = duration_s - self.moves_s.iter().sum::<f64>() - shortest_s * count;
@@ -169,7 +173,8 @@ impl Trial {
         filter.information()
     }
 
-    /// The program with times rounded up or down to multiples of [`TICK_S`].
+    /// The program with hold durations that are multiples of [`TICK_S`]. They are rounded up if `up` is set, and down
+    /// otherwise.
     pub(super) fn program(&self, up: bool) -> Result<Program, Error> {
         let ticks = |hold_s: f64| if up { whole_ticks(hold_s) } else { (hold_s / TICK_S + 1e-6).floor() * TICK_S };
         let mut steps = vec![Step::hold(ticks(self.holds_s[0]))];

@@ -106,8 +106,8 @@ struct Pair {
 
 fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: Vector3<f64>, pairs: &mut Vec<Pair>) {
     let dt_s = m.interval_s;
-    // A block has an even number of samples, so that its centre is between two samples. If the time stamps of a move
-    // hardly increase, a block would be longer than the move.
+    // A block has an even number of samples, so that its centre is between two samples. This number is limited, because
+    // if the time stamps of a move hardly increase, 0.1 s would contain far more samples than the move.
     let block = ((BLOCK_S / dt_s / 2.0).round() as usize).clamp(1, m.last + 1 - m.first) * 2;
     let up = |start: usize| {
         let sum: Vector3<f64> = recording.specific_force.slice(start..start + block).iter().map(Vector3::from).sum();

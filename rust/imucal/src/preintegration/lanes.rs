@@ -25,9 +25,9 @@ impl<S: Simd> Lanes<S> {
         Self { simd, value: simd.splat_f64s(value) }
     }
 
-    /// Vector with `value(l)` in lane l. The array has exactly the length of the register, so the compiler uses shuffle
-    /// instructions. A longer array would be written to memory in parts and read as a whole, which causes a
-    /// store-forwarding stall.
+    /// Vector with `value(l)` in lane l. The values are collected in an array that has exactly the length of the
+    /// register, so the compiler uses shuffle instructions. A longer array would be written to memory in parts and read
+    /// as a whole, which causes a store-forwarding stall.
     #[inline(always)]
     pub(super) fn from_fn(simd: S, value: impl Fn(usize) -> f64) -> Self {
         let v = &value;
@@ -155,8 +155,8 @@ impl Quaternions {
 
 /// Prefetches `samples.len()` samples, beginning `ahead` samples after the start of `samples`.
 ///
-/// The lanes read eight streams of memory, which is more than the hardware prefetcher can follow. Without prefetching,
-/// the integration takes a fifth longer.
+/// Each lane reads its own range of the samples. With eight lanes, these are more memory streams than the hardware
+/// prefetcher can follow. Without prefetching, the integration takes a fifth longer.
 #[inline(always)]
 pub(super) fn prefetch(samples: &[[f64; 3]], ahead: usize) {
     #[cfg(target_arch = "x86_64")]

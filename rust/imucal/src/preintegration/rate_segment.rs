@@ -282,7 +282,8 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    /// The frame for a gyroscope. `scale` converts rates from rad/s to the unit of the vectorised integration.
+    /// The frame for a gyroscope. `scale` is the factor by which the vectorised integration multiplies rates in rad/s.
+    /// If all time steps are equal, it is a sixth of the time step, s, otherwise 1.
     pub(super) fn of(gyroscope: &Triad<f64>, scale: f64) -> Self {
         let inverse = gyroscope.inverse() * scale;
         let (axes, upper) = inverse.qr().unpack();

@@ -1,10 +1,10 @@
 //! One integration step in every SIMD lane: the quaternion of the step, the rotation before the step, and the
 //! contribution of the step's first sample to the sums.
 //!
-//! The units of this file keep the formulas short. The rotation vector of a step is `3 p` with `p = s + q`. `s` is a
-//! third of the integral of the rate over the step, and `q` is a third of the coning correction. For equal steps and
-//! linear interpolation, the samples a0 and a1 at the ends of a step are scaled so that `s = a0 + a1` and `q = a0 x
-//! a1`.
+//! The quantities in this file are scaled so that the formulas are short. The rotation vector of a step is `3 p` with
+//! `p = s + q`. `s` is a third of the integral of the rate over the step, and `q` is a third of the coning correction.
+//! For equal steps and linear interpolation, the samples a0 and a1 at the ends of a step are scaled so that `s = a0 +
+//! a1` and `q = a0 x a1`.
 //!
 //! The quaternion of a step is proportional to `(1, tau(y) p)` with `y = |p|^2`. The polynomial tau(y) approximates
 //! `3 tan(t/2) / t`, where t is the rotation angle of the step. The quaternion `(1, tau(y) p)` is not normalised: its
@@ -125,9 +125,9 @@ impl<S: Simd> LaneState<S> {
         self.times = [self.times[1], self.times[2], time];
     }
 
-    /// Adds the next sample. With linear interpolation, it is the end of a step. With cubic interpolation, it is the
-    /// sample after the end of a step. The quantities that do not depend on the rotation before the step are written to
-    /// `term` and `sample`.
+    /// Adds the next sample. With linear interpolation, this sample is at the end of a step. With cubic interpolation,
+    /// it is the sample after the end of a step. The quantities that do not depend on the rotation before the step are
+    /// written to `term` and `sample`.
     #[inline(always)]
     pub(super) fn take_step<const EVEN: bool, const CUBIC: bool, const SUMS: bool, const RANGE: usize>(
         &mut self,
@@ -202,8 +202,8 @@ impl<S: Simd> LaneState<S> {
         [[one - (yy + zz), xy + zw, xz - yw], [xy - zw, one - (xx + zz), yz + xw], [xz + yw, yz - xw, one - (xx + yy)]]
     }
 
-    /// Columns of the rotation matrix at a node. The norm of the quaternion is computed first, because it is not
-    /// updated between nodes.
+    /// Columns of the rotation matrix at the start, the middle or the end of a node (16 steps). The norm of the
+    /// quaternion is computed first, because it is not updated from step to step if nodes are used.
     #[inline(always)]
     pub(super) fn rotation_at_node(&mut self) -> [Three<S>; 3] {
         self.double = Lanes::splat(self.simd, 2.0) / self.square_of_length();

@@ -141,7 +141,7 @@ impl Samples<'_> {
     }
 
     /// For each instruction set: the largest error of the rotation, rad, and of the sums, rad and s. If `by_nodes` is
-    /// true, the reference sums are computed over the same nodes, otherwise sample by sample.
+    /// true, the reference sums are computed over the same nodes (groups of 16 steps), otherwise sample by sample.
     fn errors(&self, by_nodes: bool) -> Vec<(Instructions, f64, f64)> {
         let error = |instructions: Instructions| {
             let at_nodes = if by_nodes { self.steps_at_nodes(instructions) } else { 0 };
@@ -158,8 +158,8 @@ impl Samples<'_> {
         Instructions::available().into_iter().map(error).collect()
     }
 
-    /// Number of steps that are summed in nodes. The segment must fit into one block, and its step angles must be in
-    /// the first range of angles.
+    /// Number of steps that the vectorised integration sums in nodes (groups of 16 steps). The segment must fit into
+    /// one block, and all its step angles must be in the first of the `ANGLE_RANGES`.
     fn steps_at_nodes(&self, instructions: Instructions) -> usize {
         let (steps, lanes) = (self.raw.len() - 1 - 2 * usize::from(self.is_cubic), instructions.run(CountLanes));
         let is_short = self.time_s.is_ok_and(|interval_s| interval_s < 1e-3);
@@ -183,8 +183,8 @@ fn shaken(samples: usize, interval_s: f64, speed: f64, noise_rad_per_s: f64) -> 
 #[test]
 fn rotations_and_sums_are_exact_with_all_instructions() {
     let (_, _, triad) = tumble();
-    // These numbers of steps test four cases: fewer steps than lanes, incomplete lanes, incomplete tiles, and many
-    // tiles per lane.
+    // These numbers of steps test four cases: fewer steps than lanes, incomplete lanes, incomplete tiles (groups of 8
+    // steps), and many tiles per lane.
     for steps in [0, 1, 5, 15, 16, 17, 63, 64, 65, 200, 1023, 8_005] {
         for (interval_s, speed) in [(1.25e-4, 1.0), (1.25e-4, 1.4), (0.01, 1.0), (0.01, 3.9)] {
             for is_cubic in [false, true] {

@@ -31,8 +31,8 @@ const TREMBLING: f64 = 1.5;
 /// A rest does not count as hand-held if the scatter of its rates within 0.1 s is below this limit, rad/s. Hand tremor
 /// causes larger rates. The limit prevents false detections in recordings without noise.
 const STILL_RADPS: f64 = 1e-3;
-/// Lower bound of the standard deviation of the gravity-direction error after a move, rad. It is the error of
-/// integrating a sampled rate, which is the only error in simulated data without noise.
+/// Lower bound of the standard deviation of the gravity-direction error after a move, rad. The bound is the size of the
+/// error that the integration of a sampled rate causes. In simulated data without noise, this is the only error.
 pub(crate) const FINEST_RAD: f64 = 2e-5;
 
 /// A move: the samples from the last sample of a rest to the first sample of the next rest.
@@ -88,8 +88,8 @@ pub(crate) fn across(up: &Vector3<f64>) -> [Vector3<f64>; 2] {
 }
 
 /// Index of the coordinate axis from which [`across`] constructs the perpendicular vectors. It is the first axis that
-/// is far from parallel to `up`, so a small change of `up` rarely changes the axis. The axis along which `up` has its
-/// smallest component is not used: if two components are near zero, noise decides which of them is smaller.
+/// is far from parallel to `up`, so a small change of `up` rarely changes the axis. The axis of the smallest component
+/// of `up` would be a worse choice: if two components are near zero, noise decides which of them is the smallest.
 pub(crate) fn axis_aside(up: &Vector3<f64>) -> usize {
     /// The component of `up` along the chosen axis must be below this limit in absolute value. A unit vector always has
     /// such an axis, because its smallest component is at most 0.58.
@@ -183,12 +183,12 @@ pub(crate) struct Directions<'a> {
 pub(crate) struct End {
     /// Reading of the accelerometer at this end of the move, raw units.
     pub(crate) raw: Vector3<f64>,
-    /// Whether the reading is the mean over the whole rest, as for a rest on a rigid support. Otherwise, it describes
-    /// only one end of the rest.
+    /// Whether the reading is the mean over the whole rest, as for a rest on a rigid support. Otherwise, the reading
+    /// holds only for one end of the rest.
     pub(crate) steady: bool,
-    /// First part of the variance, rad^2: noise of the mean over the whole rest. The residual of the other move at this
-    /// rest, and the residual of the norm of the mean force, depend on the same mean. The errors of all these residuals
-    /// are therefore correlated.
+    /// First part of the variance, rad^2: noise of the mean over the whole rest. The move on the other side of this
+    /// rest has a residual that depends on the same mean, and so does the residual of the norm of the mean force. The
+    /// errors of all these residuals are therefore correlated.
     pub(crate) shared_variance: f64,
     /// Second part of the variance, rad^2: noise that only the residual of this move contains.
     pub(crate) own_variance: f64,
@@ -215,8 +215,8 @@ impl Directions<'_> {
 
     /// Accelerometer readings of gravity at the start and at the end of a move, with their variances.
     ///
-    /// `sensors_drift` is true if the mean force may change during a rest because the sensors drift. Whether a rest is
-    /// hand-held is then determined from the gyroscope only.
+    /// `sensors_drift` is true if the mean force may change during a rest because the sensors drift. An unsteady rest
+    /// then counts as hand-held only if the gyroscope also shows tremor.
     pub(crate) fn readings(&self, m: &Move, sensors_drift: bool) -> [End; 2] {
         let steady = |k: usize| {
             let UnitRest { recording, rest, .. } = &self.rests[k];

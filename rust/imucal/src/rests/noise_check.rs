@@ -13,9 +13,9 @@ use crate::rests::segment::Segments;
 use crate::rests::tremor::{Hand, Sensors};
 
 impl Segments {
-    /// Findings about noise densities and biases that no sensor has. There are no findings if every rest is unsteady
-    /// (hand-held), because the densities then contain the tremor of the hand. Whether a rest is unsteady is decided by
-    /// comparison with the quietest parts of the recording, so no rest is unsteady if the tremor is equally strong
+    /// Findings about noise densities and biases that no real sensor has. There are no findings if every rest is
+    /// unsteady (hand-held), because the densities then contain the tremor of the hand. A rest counts as unsteady if it
+    /// scatters more than the quietest parts of the recording, so no rest is unsteady if the tremor is equally strong
     /// everywhere. In this case, the tremor is detected by the correlation between both sensors, and the densities are
     /// computed without the tremor.
     pub fn check_noise(&self, recording: &Recording<'_>) -> Vec<Finding> {

@@ -120,7 +120,8 @@ impl Segments {
         // tilt check.
         let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };
         let block_s = block_samples as f64 * dt_s;
-        // A lower limit of the number of blocks is needed, because a block may last minutes at very low sampling rates.
+        // A long rest has at least as many blocks as a window. This limit is needed because a block may last minutes at
+        // very low sampling rates.
         let long_blocks = ((LONG_REST_S / block_s).round() as usize).max(WINDOW_BLOCKS);
         let still: Vec<_> = still
             .iter()
@@ -204,7 +205,7 @@ impl Segments {
         Ok(found)
     }
 
-    /// All rests and all epochs of rests, to change their means.
+    /// Mutable references to all rests and to all epochs of rests, through which their means are changed.
     fn means(&mut self) -> impl Iterator<Item = &mut Rest> {
         self.rests.iter_mut().chain(self.epochs.iter_mut().flatten())
     }
@@ -308,8 +309,9 @@ fn around(still: &[Range<usize>], blocks: usize) -> impl Iterator<Item = Range<u
     before.zip(after).map(|(start, end)| start..end)
 }
 
-/// Magnitude of gravity in raw units. For raw counts, it is estimated from the range of the readings. The estimate is
-/// more often too large than too small, also if the counts have an offset.
+/// Magnitude of gravity in raw units. For raw counts, it is estimated as the larger of two norms: the norm of half the
+/// range of the readings, and the norm of the middle of this range. The estimate is more often too large than too
+/// small, even if the counts have an offset. A value that is too large only makes the tilt check less strict.
 fn gravity_size(recording: &Recording<'_>, blocks: &[Block]) -> f64 {
     if recording.accel_unit == RawUnit::Si {
         return STANDARD_GRAVITY_MPS2;

@@ -176,10 +176,10 @@ impl Hand {
         sum / weights
     }
 
-    /// Corrects the means of a rest for the tremor. The variance of the mean force is set to that of sensor noise. The
-    /// rotation of the hand from the first to the last sample, divided by the duration of the rest, is subtracted from
-    /// the mean rate. The component of the rotation about gravity is unknown and not subtracted. Returns the subtracted
-    /// rotation, rad.
+    /// Corrects the means of a rest for the tremor. The variance of the mean force is set to the variance that sensor
+    /// noise alone causes. The rotation of the hand from the first to the last sample, divided by the duration of the
+    /// rest, is subtracted from the mean rate. The component of the rotation about gravity is unknown and not
+    /// subtracted. Returns the subtracted rotation, rad.
     fn remove_tremor(&self, recording: &Recording<'_>, rest: &mut UnitRest, sensors: Sensors<'_>) -> Vector3<f64> {
         let UnitRest { rest: Rest { first, end, start_s, end_s, .. }, bias, .. } = *rest;
         let duration_s = end_s - start_s;
@@ -226,8 +226,8 @@ pub(crate) fn hands(
         if own.is_empty() {
             return None;
         }
-        // Only a few rests are excluded because of slow rotations. If most rests of a recording are excluded, the cause
-        // is a bias that differs from the biases in the other recordings. All rests then contribute.
+        // The unit rotates slowly at only a few rests. If `used` excludes most rests of a recording, the cause is not a
+        // slow rotation but a bias that differs from the biases in the other recordings. All rests then contribute.
         if 2 * own.iter().filter(|own| own.contributes).count() < own.len() {
             own.iter_mut().for_each(|own| own.contributes = true);
         }
@@ -236,8 +236,8 @@ pub(crate) fn hands(
         noise[index] = hand.noise;
         own.iter_mut().for_each(|own| own.rest.bias = *sensors.gyroscope.bias());
         // `turn` is the rotation about the two axes perpendicular to gravity. The variance of the hand's rotation about
-        // each of these axes is the mean square of `turn` minus the error variance of both directions. The rotation
-        // about gravity is unknown and is assumed to have the same variance.
+        // each of these axes is half the mean of |`turn`|^2, minus the error variances of the gravity directions at
+        // both ends of the rest. The rotation about gravity is unknown and is assumed to have the same variance.
         let turned = |own: &mut OwnRest<'_>| {
             let errors = 2.0 * hand.variance_rad2(&own.rest.rest);
             let turn = hand.remove_tremor(recording, own.rest, sensors);

@@ -47,7 +47,7 @@ pub(crate) fn rests_of_means(rests: &[Rest]) -> Vec<UnitRest> {
     rests.iter().enumerate().map(|(whole, rest)| UnitRest::new(0, *rest, whole, 0)).collect()
 }
 
-/// The rests of all recordings, first in the order of the recordings, then in the order of time.
+/// The rests of all recordings, ordered by recording, and by time within each recording.
 pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
     let of = |(recording, segments): (usize, &Segments)| {
         segments.rests.iter().map(move |rest| (recording, *rest)).collect::<Vec<_>>()
@@ -119,8 +119,9 @@ impl UnitRest {
         }
     }
 
-    /// Whether this is the second or a later epoch of a long rest. A later epoch has the same pose as the first epoch.
-    /// Its readings determine how the readings change during the rest, but they add no further gravity direction.
+    /// Whether this is the second or a later epoch of a long rest. A later epoch has the same pose as the first epoch,
+    /// so it adds no further gravity direction. The change of its readings since the first epoch shows drifts and
+    /// effects of temperature.
     pub(crate) fn is_later_epoch(&self) -> bool {
         self.epoch > 0
     }

@@ -37,7 +37,9 @@ const NEGLIGIBLE: f64 = 12.0;
 pub(crate) struct Levels {
     /// Mean of the readings, steps.
     mean: f64,
-    /// Each level, in steps, and its number of independent samples.
+    /// Each level, in steps, and its number of independent samples. The noise is correlated, so each sample counts as
+    /// only 1/c independent samples. c is the factor by which this correlation increases the variance of a mean
+    /// (model.md (10)).
     counts: BTreeMap<i64, f64>,
 }
 

@@ -72,7 +72,8 @@ impl Attitude {
         Self {
             rotation: UnitQuaternion::new_unchecked(Quaternion::from_parts(1.0, p) * (weight / 2.0).sqrt()),
             rate,
-            // p' x p' is zero, and the derivative of the weight is -weight^2 p . p'.
+            // This is the derivative of `rate`: p' x p' is zero, and the time derivative of `weight` is -weight^2 times
+            // the dot product of p and p'.
             acceleration: (p_acceleration - p.cross(&p_acceleration)) * weight - rate * (weight * p.dot(&p_rate)),
         }
     }

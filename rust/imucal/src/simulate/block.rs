@@ -180,7 +180,8 @@ impl Piece<'_> {
         let mut cursor = plan.truth.cursor();
         let mut seen = self.seen_force.iter_mut().zip(self.seen_rate.iter_mut());
         for (i, time_s) in self.true_time_s.iter().enumerate() {
-            // The last internal step is at the instant of the sample, so the cursor is at this instant after the loop.
+            // The last internal step is at the instant of the sample, so the cursor contains the true state at this
+            // instant after the loop.
             for step in 1..=steps {
                 let share = step as f64 / steps as f64;
                 cursor.seek(time_s - (steps - step) as f64 * step_s, history(self.history, i, share));

@@ -8,7 +8,7 @@
 //! R_wb is the attitude (world from body). R_x(q1) is the rotation about the x axis by the angle q1 of motor 1, and e_x
 //! is the unit vector along this axis. R_y, R_z, e_y and e_z are defined likewise. If all motor angles are zero, the
 //! body frame equals the world frame, z up. Motors 2 and 3 can produce any direction of gravity in the body frame, so
-//! the accelerometer program does not use motor 1.
+//! the accelerometer program (`Program::grid`) does not use motor 1.
 //!
 //! On a stand with non-orthogonal axes, the directions of the axes are as follows if all motor angles are zero:
 //!

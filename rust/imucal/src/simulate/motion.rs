@@ -49,8 +49,8 @@ impl Motion {
         }
     }
 
-    /// Start and end of each rest, s. If there is tremor, the unit also moves during these intervals, but its pose is
-    /// held.
+    /// Start and end of each rest, s. If there is tremor, the unit trembles about a constant pose during these
+    /// intervals.
     pub fn rests(&self) -> Vec<(f64, f64)> {
         match self {
             Self::Stand { program, .. } => program.rests(),

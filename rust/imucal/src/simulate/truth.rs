@@ -6,9 +6,10 @@
 //! ```
 //!
 //! R_wb is the attitude (world from body), x the position in the world frame, g local gravity, and e_z the unit vector
-//! up. `seen` is the input of a triad. theta_c are the parameters of effect c, and Phi_c (its field) contains the
-//! derivatives of the error that it adds with respect to them. `added` are the errors in `Setup::added`, which the user
-//! gives for each sample. The state is evaluated at the true instant of a sample, even if the time stamps are wrong.
+//! up. `seen` is the input of a triad. theta_c are the parameters of effect c. Phi_c is the field of effect c: the
+//! derivatives, with respect to theta_c, of the error that the effect adds. `added` are the errors in `Setup::added`,
+//! which the user gives for each sample. The state is evaluated at the true instant of a sample, even if the time
+//! stamps are wrong.
 
 use imucal_core::effects::{EffectSet, Need, State, Surroundings};
 use imucal_core::temperature_memory::TemperatureHistory;

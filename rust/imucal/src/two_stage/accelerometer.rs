@@ -8,7 +8,8 @@
 //! r_k is the residual of rest k, a_k its mean reading, and sigma_k the standard deviation of the residual. T is the
 //! sensitivity, b the bias, and g local gravity.
 //!
-//! The fit uses the symmetric frame, with nine parameters: `[b_x, b_y, b_z, T_xx, T_yy, T_zz, T_xy, T_xz, T_yz]`.
+//! The fit uses the symmetric frame, which is the body frame in which T is a symmetric matrix. It has nine parameters:
+//! `[b_x, b_y, b_z, T_xx, T_yy, T_zz, T_xy, T_xz, T_yz]`.
 
 use faer::Mat;
 use imucal_core::sensor::Triad;
@@ -47,16 +48,16 @@ pub(crate) struct AccelerometerFit {
     /// Mean square of the second-order errors of the parameters that are due to the priors, 9 x 9.
     pub(crate) second_order: Mat<f64>,
     pub(crate) report: FitReport,
-    /// Whether the rests determine all parameters without priors and without moves. If not, the moves determine the
-    /// parameters that are missing.
+    /// Whether the rests determine all parameters without priors and without moves. If it is false, the moves must
+    /// determine the remaining parameters.
     pub(crate) is_determined: bool,
 }
 
 /// Fits the nine parameters. Rests that contradict all others are excluded one by one (model.md (14)).
 ///
 /// `nominal` is the start value if the rests do not determine an ellipsoid. If it is `None`, the fit of recordings in
-/// SI units (`raw_is_si`) starts from the identity. Parameters in `held` have a prior, so the rests need not determine
-/// them.
+/// SI units (`raw_is_si`) starts from the identity matrix as sensitivity and from zero bias. Parameters in `held` have
+/// a prior, so the rests need not determine them.
 ///
 /// # Errors
 /// * [`Error::NotEnoughMotion`] if the rests do not determine the parameters.
@@ -97,8 +98,8 @@ pub(crate) fn fit(
 /// `start`, and all others are fitted. For this purpose, every parameter has a prior around its start value, with a
 /// standard deviation of 1 % of its size. This prior hardly changes a parameter that the rests determine.
 ///
-/// All rests are used. With a few rests on the faces of a box, a wrong rest cannot be detected. The joint fit excludes
-/// outliers.
+/// All rests are used. With only a few rests on the faces of a box-shaped unit, a wrong rest cannot be detected. The
+/// joint fit excludes outliers.
 ///
 /// # Errors
 /// [`Error::Fit`] if the result is not finite.

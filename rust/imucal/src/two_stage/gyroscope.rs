@@ -67,7 +67,8 @@ struct Linearised {
     preintegrated: Vec<Preintegrated>,
 }
 
-/// A first fit is close to the global minimum if the rms of its direction errors is below this limit, rad.
+/// If the rms of the direction errors of a first fit is below this limit, rad, the fit is assumed to be close to the
+/// global minimum. No further start values are then tried.
 const CLOSE_RAD: f64 = 0.05;
 /// Limit for a first-order correction of a preintegration to a slightly different sensitivity. For each move, the
 /// second-order error must be at most this value x standard deviation of the direction residual. Otherwise, the samples
@@ -247,7 +248,7 @@ impl Weighed<'_> {
         GyroscopeFit { preintegrated, triad, used, gain, report: FitReport::of(&solution) }
     }
 
-    /// Returns an error if the moves do not determine all nine entries.
+    /// Returns an error if the moves do not determine all nine entries of the sensitivity.
     fn check(&self, triad: &Triad<f64>, solution: &Solution) -> Result<(), Error> {
         if solution.termination == Termination::NotFinite {
             return Err(Error::Fit(

@@ -16,7 +16,8 @@ use crate::rests::rest::{Rest, RestMean, rounding_covariance};
 use crate::two_stage::accelerometer::AccelerometerFit;
 use crate::two_stage::gyroscope::{GyroscopeBias, GyroscopeFit, residual_gradient};
 
-/// Covariance of all parameters in the symmetric frame, 21 x 21, raw units. The order is: accelerometer bias, the six
+/// Covariance of all parameters, 21 x 21, raw units. The parameters refer to the symmetric frame, which is the body
+/// frame in which the accelerometer sensitivity is a symmetric matrix. The order is: accelerometer bias, the six
 /// entries of its sensitivity, gyroscope bias, the nine entries of its sensitivity.
 ///
 /// `random_walk_rad` contains, for each move, the standard deviation of the direction residual without the noise of the

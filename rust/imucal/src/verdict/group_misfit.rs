@@ -92,8 +92,8 @@ pub struct GroupMisfit {
     pub rms: f64,
     /// Sum of the squared residuals. Each residual is divided by the standard deviation of its noise.
     pub chi2: f64,
-    /// Number of residuals minus the number of parameters that they determine. It is not an integer, because several
-    /// kinds of residuals together determine each parameter.
+    /// Number of residuals minus the number of parameters that they determine. It is not an integer: a parameter that
+    /// several kinds of residuals determine together counts as a fraction in each of these kinds.
     pub degrees_of_freedom: f64,
 }
 

@@ -127,7 +127,7 @@ pub enum Reason {
     ParametersHeld {
         /// Names of the parameters that the recordings do not determine, or names of groups of such parameters.
         parameters: String,
-        /// Errors of the gravity direction and of a rotation due to the uncertainty of the priors.
+        /// Errors, due to the uncertainty of the priors, of the gravity direction and of a measured rotation by 90 deg.
         cost: PriorCost,
     },
     /// The residuals are far larger than sensor noise explains, but the uncertainty of the calibration explains them.

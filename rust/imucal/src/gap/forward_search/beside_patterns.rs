@@ -247,8 +247,9 @@ impl ForwardSearch<'_> {
     }
 
     /// Replaces an effect by one of its aliases (effects that cause nearly the same residuals) if the alias has a
-    /// larger evidence in the model with the hypotheses. The effect was selected without the hypotheses. The unknown
-    /// variation was then part of the residuals and may have favoured the wrong effect.
+    /// larger evidence in the model with the hypotheses. Such a replacement may be needed, because the effect was
+    /// selected in a model without the hypotheses. The unknown variation was then part of the residuals and may have
+    /// favoured the wrong effect.
     fn swap_aliases(
         &self,
         (members, path): (&mut [Member], &mut [Score]),

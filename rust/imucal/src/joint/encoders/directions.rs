@@ -20,9 +20,9 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 use crate::cancellation::checkpoint;
 use crate::numerics::stats::{median, quantile, sample_interval_s};
 
-/// Order (0 to 1) of the quantile that gives the largest change of a reading at an undisturbed rest. For each rest, the
-/// largest change within `SPAN_S` is computed. The quantile of these values over the rests is used. With 0.9, up to a
-/// tenth of the rests may be disturbed.
+/// Order (0 to 1) of a quantile over the rests. For each rest, the largest change of a reading within `SPAN_S` is
+/// computed. The quantile of these changes counts as the largest change at an undisturbed rest. With 0.9, up to a tenth
+/// of the rests may be disturbed.
 const ORDINARY: f64 = 0.9;
 /// Motion is detected from the change of a reading over this time interval, s. A rotation of half a degree or more
 /// changes the reading within this interval by more than the largest change at rest.

@@ -25,7 +25,8 @@ use crate::rests::moves::Ends;
 /// Result of a joint fit, with its residuals and weights.
 pub(crate) struct JointFit {
     pub(crate) model: Model,
-    /// Covariance of all parameters in the symmetric frame. It includes `second_order`.
+    /// Covariance of all parameters in the symmetric frame (the body frame in which the accelerometer sensitivity is a
+    /// symmetric matrix). It includes `second_order`.
     pub(crate) covariance: Mat<f64>,
     /// Mean square of the second-order errors that are due to the uncertainty of the held parameters (parameters with a
     /// prior, `crate::held`); `None` without held parameters.
@@ -49,7 +50,7 @@ pub(crate) struct JointFit {
 }
 
 /// Ratio of scatter to noise for each kind of residuals. The fit multiplies the standard deviations of the residuals by
-/// this ratio. The ratio is 1 if noise explains the residuals of the kind, or if there are none.
+/// this ratio. The ratio is 1 if noise explains the residuals of the kind, or if the fit uses no residuals of the kind.
 #[derive(Clone, Copy, Debug)]
 pub struct ResidualScales {
     /// Ratio for the norms of the specific force at the rests.

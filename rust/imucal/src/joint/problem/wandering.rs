@@ -107,8 +107,8 @@ impl Wandering {
         }
     }
 
-    /// Whitens sparse vectors over the residuals, which must be in the order of their first nonzero entry. A vector is
-    /// stored as the index of its first nonzero entry and the entries from there on.
+    /// Whitens sparse vectors that have one entry per residual. The vectors must be in the order of their first nonzero
+    /// entry. A vector is stored as the index of its first nonzero entry and the entries from there on.
     pub(crate) fn apply_to_columns(&self, columns: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
         /// Number of vectors that are whitened together.
         const TOGETHER: usize = 256;

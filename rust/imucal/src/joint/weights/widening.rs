@@ -13,13 +13,14 @@ use crate::numerics::lsq::{self, Solution};
 use nalgebra::Matrix3;
 
 /// Number of quantities in a `Widening`. Six of them are factors on standard deviations. The other nine are three
-/// quantities with one value per gyroscope axis: variance between rests, bias instability, and variance between the
-/// epochs (parts) of long rests.
+/// quantities with one value per gyroscope axis: variance of the mean rates between rests, bias instability, and
+/// variance of the mean rates between the epochs (parts) of long rests.
 pub(in crate::joint) const WIDENINGS: usize = FACTORS + 9;
 /// Number of factors in `Scales`. They are the first quantities of a `Widening`.
 pub(in crate::joint) const FACTORS: usize = 6;
 
-/// Excess of the residuals over noise: factors on the standard deviations, and variances that are added.
+/// Excess of the residuals over noise: factors on the standard deviations, variances that are added, and a bias
+/// instability.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Widening {
     pub(crate) scales: Scales,
@@ -46,20 +47,24 @@ pub(crate) struct Scales {
     pub(crate) epochs: f64,
 }
 
-/// Kinds of residuals whose standard deviations are increased (widened), and whether the excess of the mean rates is
-/// modelled as bias instability.
+/// Kinds of residuals whose standard deviations are increased (widened), because the residuals scatter more than their
+/// noise explains.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::joint) struct Widened {
     /// One flag for each kind, in the order of `Scales`.
     kinds: [bool; FACTORS],
+    /// For each gyroscope axis: whether the variances of the mean rates of rests are increased.
     rates: [bool; 3],
+    /// For each gyroscope axis: whether the variances of the mean rates of later epochs of long rests are increased.
     epoch_rates: [bool; 3],
+    /// Whether the excess scatter of the mean rates is modelled as bias instability. If false, it is modelled as errors
+    /// that are independent from rest to rest.
     wanders: bool,
 }
 
 impl Widened {
-    /// Kinds of residuals whose standard deviations are increased in `self` or in `other`. Whether the excess of the
-    /// mean rates is modelled as bias instability is taken from `other`.
+    /// Kinds of residuals whose standard deviations are increased in `self` or in `other`. The flag `wanders`, which
+    /// selects the model of the excess scatter of the mean rates, is taken from `other`.
     pub(in crate::joint) fn union(self, other: Self) -> Self {
         let either = |(a, b): (bool, bool)| a || b;
         let mut all = other;
@@ -138,8 +143,9 @@ pub(super) fn rate_covariance(prepared: &Prepared<'_>, model: &Model, k: usize) 
     prepared.rests[k].rate_covariance + Matrix3::from_diagonal_element(finest * finest)
 }
 
-/// Excess scatter of the mean rates. It is modelled either as a variance that is independent from rest to rest or as
-/// bias instability of the gyroscope. The model with the larger likelihood is chosen.
+/// Excess scatter of the mean rates, for each axis: the variance between rests and the bias instability, of which one
+/// is zero. The scatter is modelled either as errors that are independent from rest to rest or as bias instability of
+/// the gyroscope. The model with the larger likelihood is chosen.
 fn excess_of_rates(
     prepared: &Prepared<'_>,
     linear: &Linear,
@@ -193,8 +199,8 @@ fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], ke
 fn rates_of(prepared: &Prepared<'_>, linear: &Linear, axis: usize, later: bool) -> (Vec<f64>, Vec<f64>) {
     let rounding = |k: usize| prepared.rests[k].rest.angular_rate.rounding[axis].error_variance;
     let of_rest = |(k, lines): &(usize, [Line; 3])| {
-        // Rests with equal readings have equal rounding errors, which do not scatter between the rests. The rounding
-        // errors thus scatter by at most their variance, which is added here.
+        // The variance of the rounding errors is added, although it is only an upper limit of their scatter between
+        // rests: rests with equal readings have equal rounding errors.
         let covariance = rate_covariance(prepared, &linear.model, *k);
         (lines[axis].residual, covariance[(axis, axis)] + rounding(*k))
     };

@@ -14,8 +14,8 @@ use crate::numerics::stats::sample_interval_s;
 /// Number of boxes (averaging intervals) of a stencil. The means over five boxes determine a polynomial of fourth
 /// degree.
 pub(super) const BOXES: usize = 5;
-/// Two derivatives agree if the mean square of their difference is at most this multiple of the mean square expected
-/// from noise.
+/// Two derivatives that are computed with different box widths agree if the mean square of their difference is at most
+/// this multiple of the mean square expected from noise.
 const AGREE: f64 = 2.0;
 /// Length of the segments in which two derivatives are compared, s. The derivatives must agree in every segment.
 const STRETCH_S: f64 = 1.0;
@@ -23,12 +23,13 @@ const STRETCH_S: f64 = 1.0;
 const STRETCH_BOXES: usize = 20;
 /// Maximum number of samples at which two derivatives are compared in a segment.
 const MOST_LOOKS: usize = 100;
-/// Maximum relative deviation of time steps that count as equal. It permits rounding errors.
+/// Time steps count as equal if each deviates from their mean by at most this share of the mean. The limit permits
+/// rounding errors.
 const EVEN: f64 = 1e-9;
 
-/// Cumulative sums of the values. The first value is subtracted from all values, which avoids rounding errors with a
-/// large bias. The fourth component is the number of missing values so far. With four components, the vector also has a
-/// length that is suitable for SIMD addition.
+/// Cumulative sums of the values. The first value is subtracted from all values, because a large bias would cause
+/// rounding errors. The fourth component is the number of missing values so far. With four components, the vector also
+/// has a length that is suitable for SIMD addition.
 pub(super) struct Sums(Vec<Vector4<f64>>);
 
 impl Sums {
@@ -108,7 +109,7 @@ impl Stencil {
         Self { steps: Steps::of(time_s), stride: 1, boxes: 0, even: None }.with(time_s, 1)
     }
 
-    /// A stencil with `stride` samples in each box, for the same times.
+    /// A stencil for the same data as this stencil, but with `stride` samples in each box.
     pub(super) fn with(&self, time_s: &[f64], stride: usize) -> Self {
         let boxes = (time_s.len() / stride).min(BOXES);
         let mut stencil = Self { steps: self.steps, stride, boxes, even: None };

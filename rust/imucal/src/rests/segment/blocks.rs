@@ -22,8 +22,8 @@ const PART: usize = 256;
 /// Number of samples that a thread processes as one job.
 const JOB: usize = 1 << 16;
 
-/// Number of consecutive blocks (0.25 s) in each mean from which the Allan variance is computed. Means over this
-/// duration contain only the noise at low frequencies.
+/// Number of consecutive blocks (together 0.25 s) that form one mean. The Allan variance in [`Colour`] is computed from
+/// such means, because they contain only the noise at low frequencies.
 const GROUP_BLOCKS: usize = 5;
 
 /// The blocks of a recording, and further statistics that are computed in the same pass over the samples.
@@ -250,8 +250,8 @@ impl Colour {
     /// Factor c by which the correlation of the noise increases the variance of a mean over a long time. `factor` is
     /// the estimate of c from means over 0.25 s.
     ///
-    /// Low-pass filtered noise is correlated across the boundary of consecutive means, so short means differ too
-    /// little. Therefore `factor = c (1 - 1.5 / (pi^2 tau B))` with `1 / B = 2 c dt`. tau is the averaging time of 0.25
+    /// Low-pass filtered noise is correlated across the boundary of two consecutive means, so their difference is too
+    /// small. Therefore `factor = c (1 - 1.5 / (pi^2 tau B))` with `1 / B = 2 c dt`. tau is the averaging time of 0.25
     /// s, dt is the sampling interval, and B is the noise bandwidth. The equation is solved for c (model.md (10)).
     /// Factors of nearly white noise are not changed.
     fn without_edges(&self, factor: f64) -> f64 {

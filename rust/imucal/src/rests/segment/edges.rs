@@ -109,13 +109,13 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
     range
 }
 
-/// Removes the end of the previous move and the start of the next move from the ends of a rest, if the noise of the
-/// rest hides them. Blocks outside `within` are not used.
+/// Removes the end of the previous move and the start of the next move from the ends of a rest. They are so slow that
+/// the noise of the rest masks them in the window statistic. Blocks outside `within` are not used.
 ///
-/// The rotation angle is summed outwards over the blocks, starting 0.2 s inside the rest. A slow move may have begun
-/// farther inside. The sum is then started again from twice as far inside, up to a third of the rest and at most
-/// [`FARTHEST`] blocks. Nothing is removed if the angle does not increase, as after a jolt, or if the move began before
-/// the farthest start.
+/// The rotation angle is summed outwards over the blocks, starting 0.2 s inside the rest. If a slow move began even
+/// farther inside, the sum is started again from twice as far inside, up to a third of the rest and at most
+/// [`FARTHEST`] blocks. Nothing is removed if the angle does not increase, as after a jolt, or if the move began
+/// farther inside than the last start of the sum.
 pub(super) fn onset(
     range: Range<usize>,
     within: &Range<usize>,
@@ -137,7 +137,8 @@ pub(super) fn onset(
                 return inside.saturating_sub((seen.at - assigned * seen.angle_over_rate) as usize);
             }
             inside *= 2;
-            // A rest of the usual minimum length of 1 s remains.
+            // At least 20 blocks must remain between the starts of the sums at both ends: 1 s, the usual minimum
+            // duration of a rest.
             if inside > FARTHEST || range.len() < (3 * inside).max(2 * inside + 2 * WINDOW_BLOCKS) {
                 return 0;
             }
@@ -152,11 +153,11 @@ pub(super) fn onset(
     range.start + at_start..range.end - at_end
 }
 
-/// Number of blocks inside the rest from which the angle is first accumulated (0.2 s).
+/// Distance from an end of the rest to the block at which the sum of the angle is first started, in blocks (0.2 s).
 const FIRST: usize = 4;
-/// Largest number of blocks inside the rest from which the angle is accumulated (1.6 s). A gyroscope bias that settles
-/// for a minute after power-on looks like a rotation that ends smoothly. With this limit, the rest becomes at most 1.6
-/// s shorter.
+/// Largest distance from an end of the rest at which the sum of the angle is started, in blocks (1.6 s). A gyroscope
+/// bias that settles for a minute after power-on looks like a rotation that ends smoothly. With this limit, the rest
+/// becomes at most 1.6 s shorter.
 const FARTHEST: usize = 32;
 /// Part of the time before the detection of a move ([`SeenMove`]) that is assigned to the move, in units of angle /
 /// rate at the detection.
@@ -173,7 +174,7 @@ const QUARTIC: f64 = 4.0;
 struct SeenMove {
     /// Number of blocks up to this instant.
     at: f64,
-    /// Angle / rate at this instant, blocks.
+    /// Rotation angle divided by the rate at this instant. It is a time, in blocks.
     angle_over_rate: f64,
 }
 

@@ -21,8 +21,8 @@ const CLEAR: f64 = 2.0;
 /// The statistic and the threshold of the first level refer to the noise of the sensors, which is estimated from the
 /// quietest windows. The variance of hand-held rests may be a thousand times larger and is then nearer to that of
 /// motion. Therefore, the noise variance and the threshold are estimated again from the windows outside the rests that
-/// were already found. If a hand-held run follows a rest on a table, the second level is that of the hand-held run
-/// alone.
+/// were already found. If a hand-held run follows a rest on a table, the estimates of the second level describe only
+/// the hand-held run.
 pub(super) fn rests_of_all_levels(
     variances: &[Vec<f64>; 6],
     steps: &Vector6<f64>,

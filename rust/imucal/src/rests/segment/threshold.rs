@@ -12,12 +12,14 @@ use crate::numerics::instructions::Instructions;
 use crate::numerics::stats::quantile_of;
 use crate::rounding::LEAST_SCATTER;
 
-/// Returns the statistic of each window, the noise variance of each channel (squared raw units), and the
-/// quantisation step of each channel. The step is zero if the noise of the channel is not below its step.
+/// Returns the statistic of each window (variance / noise variance, averaged over the six channels), the noise variance
+/// of each channel (squared raw units), and the quantisation step of each channel. The step is zero if the noise of the
+/// channel is not below its step.
 ///
-/// `variances` contains the variance of each channel in each window. It is the variance of means over several samples.
-/// `steps` contains the smallest step between two samples of each channel, divided by the square root of the number of
-/// samples in a mean. The function `step_of` returns the quantisation step of a channel.
+/// `variances` contains, for each channel, the variance in each window. At high sampling rates, consecutive samples are
+/// first averaged in groups of equal size, and the variance is that of the averages. `steps` contains the smallest
+/// difference between consecutive samples of each channel, divided by the square root of the group size. The function
+/// `step_of` returns the quantisation step of a channel.
 pub(super) fn window_statistic(
     variances: &[Vec<f64>; 6],
     steps: &Vector6<f64>,
@@ -198,8 +200,9 @@ pub(super) fn still(statistic: &[f64], threshold: f64) -> impl Iterator<Item = R
 /// The intervals at rest that [`still`] returns, in a form that can be updated. When the threshold increases, the
 /// windows whose statistic is now below it are added.
 struct Stretches {
-    /// For the first window of an interval, the index of its last window, and for the last window, the index of its
-    /// first. For windows between them, the value is not used. A window outside all intervals has [`Self::OUTSIDE`].
+    /// For the first window of an interval: the index of the last window of the interval. For the last window: the
+    /// index of the first window. For windows between them, the value is not used. A window outside all intervals has
+    /// [`Self::OUTSIDE`].
     other_end: Vec<usize>,
 }
 

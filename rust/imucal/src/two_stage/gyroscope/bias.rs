@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use crate::numerics::stats::{MEDIAN_SIZE, median, random_effects_mean};
 use crate::rests::rest::Rest;
 
-/// Maximum deviation of the mean rate of a rest from the median of all rests, in standard deviations. With a larger
-/// deviation, the interval contains a slow rotation and is not a rest.
+/// Maximum deviation of the mean rate of a rest from the median of all rests, in standard deviations. An interval with
+/// a larger deviation is assumed to contain a slow rotation, so it is not used as a rest.
 const LIMIT: f64 = 6.0;
 
 /// The gyroscope bias and the weights of the rests, for each axis separately.
@@ -108,7 +108,8 @@ mod tests {
             let rests: Vec<_> = [(-427.4, std)].into_iter().chain(HELD[1..].iter().copied()).collect();
             assert_eq!(kept_of(&rests), Vec::from_iter(0..10), "{std}");
         }
-        // The noise of the hand-held rests explains their scatter. Their median is less accurate than the precise rest.
+        // The noise of the hand-held rests explains their scatter. The median of all rests is less accurate than the
+        // mean rate of the last rest, which has little noise.
         let noisy: Vec<_> = (0..12).map(|k| (f64::from(k) - 2.5, 5.0)).chain([(0.0, 0.01)]).collect();
         assert_eq!(kept_of(&noisy), Vec::from_iter(0..13));
     }
