@@ -95,7 +95,7 @@ GAP_FOLDS: int
 
 _Array = NDArray[np.float64]
 _Samples = NDArray[np.float64] | NDArray[np.float32] | NDArray[np.int16]
-# Fields of a document, which are written to JSON unchanged.
+# A result as named fields, which become the fields of a JSON document unchanged.
 _Fields = dict[str, Any]
 _Step = tuple[Sequence[float], float, float]
 
@@ -903,8 +903,8 @@ class Noise:
 # Change of the mean of one axis: index of the axis, size of the change, standard deviation of this size, and
 # twice the increase of the log-likelihood when the change is added to the noise model.
 _Departure: TypeAlias = tuple[int, float, float, float]
-# Step in the means of a unit at rest: time of the step, s, index of the first sample after the step, and the
-# change of each axis that shows the step.
+# Step (abrupt change) of the mean readings of a unit at rest: time of the step, s; index of the first sample after
+# the step; change of each axis that shows the step.
 _NoiseStep: TypeAlias = tuple[float, int, list[_Departure]]
 
 def check_temperature(recording: _Recording) -> Finding | None: ...

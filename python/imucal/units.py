@@ -37,7 +37,8 @@ DEGREE_RAD: Final = math.pi / 180.0
 _G: Final = STANDARD_GRAVITY_MPS2
 _DEG: Final = DEGREE_RAD
 
-# For each SI unit, the units that files and options may use instead of it, each with its size in the SI unit.
+# For each SI unit, the units that files and options may use instead of it. Each number is the value of one
+# such unit in the SI unit.
 UNITS: Final[dict[str, dict[str, float]]] = {
     "1": {"1": 1.0, "%": 1e-2, "ppm": 1e-6, "rad": 1.0, "deg": _DEG},
     "bit": {"bit": 1.0},
@@ -162,12 +163,12 @@ def significant(value: float, digits: int) -> str:
 
 
 def si(name: str, unit: str) -> Scale:
-    """The scale of a table in SI units."""
+    """The scale of a parameter in a table in SI units, where the value is shown unchanged."""
     return Scale(1.0, unit)
 
 
 def datasheet(name: str, unit: str) -> Scale:
-    """The scale of a table in the units of datasheets.
+    """The scale of a parameter in a table in the units of datasheets.
 
     name   the parameter; the diagonal of a sensitivity in SI units is shown as its difference from 1
     unit   unit of the parameter: an SI unit, or a unit with counts (lsb)
@@ -181,11 +182,14 @@ def datasheet(name: str, unit: str) -> Scale:
 
 
 def units_of(si_unit: str) -> dict[str, float]:
-    """The units in which a value of this SI unit may be given, each with its size in the SI unit."""
+    """The units in which a value of this SI unit may be given, each with its value in the SI unit."""
     return UNITS.get(si_unit, {si_unit: 1.0})
 
 
 def to_degc(values: NDArray[Any], scale: tuple[float, float]) -> NDArray[Any]:
-    """Temperatures in degC from values with this slope and offset. Values in degC are returned unchanged."""
+    """Temperatures in degC: slope * values + offset, with scale = (slope, offset).
+
+    Values that are already in degC have the slope 1 and the offset 0. They are returned unchanged.
+    """
     slope, offset = scale
     return values if scale == (1.0, 0.0) else slope * values + offset

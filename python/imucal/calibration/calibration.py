@@ -41,15 +41,17 @@ __all__ = ["Calibration", "require_calibration"]
 class Calibration(SensorModel):
     """The sensor model of one unit, its uncertainty and its origin.
 
-    accelerometer, gyroscope  the two triads, raw unit -> SI; gyroscope is None for an accelerometer alone
-    frame                     the body frame: "symmetric", "triangular", or "given" by another program
+    accelerometer, gyroscope  sensitivity and bias of the three axes of each sensor; gyroscope is None for an
+                              accelerometer alone
+    frame                     the body frame, see `imucal.calibration.triad`: "symmetric", "triangular", or
+                              "given" by another program or by the composition of two calibrations
     accel_unit, gyro_unit     raw units of the recordings: SI units or "lsb"
     gravity_mps2              local gravity that the calibration assumed, m/s^2
     effects                   effects from the catalogue and user-defined effects, with their values
     user_effects              definitions of the user-defined effects
     axes                      axis remapping of the recordings, the argument `axes` of `imucal.read`
     references                sources and standard deviations of local gravity and of the clock
-    covariance                (P, P) of the parameters in `covariance_names`, or None
+    covariance                (P, P) covariance of the P parameters in `covariance_names`, or None
     noise                     noise figures by name, such as noise densities; each name ends with the unit
     temperature_range_degc    lowest and highest temperature of the recordings, or None
     fit                       report on the estimation: rest detection, convergence, tests of the residuals
@@ -112,10 +114,8 @@ class Calibration(SensorModel):
     def left_in_data(self) -> tuple[str, ...]:
         """Names of the effects that no correction removes.
 
-        They are errors of the stand, and effects that depend on the attitude of the unit.
-
-        The Earth's rate is one of these effects, because it is a true angular rate and not an error of the
-        gyroscope.
+        They are errors of the stand, and effects that depend on the attitude of the unit. For example, the
+        Earth's rate stays in the data, because it is a true angular rate and not an error of the gyroscope.
         """
         return left_in_data(self)
 
@@ -151,7 +151,7 @@ class Calibration(SensorModel):
     def apply(
         self, angular_rate: ArrayLike | None, specific_force: ArrayLike | None
     ) -> tuple[FloatArray | None, FloatArray | None]:
-        """Correct raw samples of both sensors, or of one with None for the other.
+        """Correct raw samples of both sensors, or of one sensor if None is given for the other.
 
         angular_rate    (N, 3) in `gyro_unit`
         specific_force  (N, 3) in `accel_unit`
@@ -211,7 +211,10 @@ class Calibration(SensorModel):
     def from_dict(
         document: Mapping[str, Any], name: str = "calibration", *, user_effects: Sequence[UserEffect] = ()
     ) -> Calibration:
-        """The calibration in a document from `to_dict`. Raises FormatError that names an invalid field."""
+        """The calibration that a document from `to_dict` describes.
+
+        Raises FormatError, whose message names the invalid field, for an invalid document.
+        """
         from imucal.document.json_document import Node
 
         return _calibration_of(Node(plain(document), "$", name), user_effects)
@@ -240,8 +243,8 @@ class Calibration(SensorModel):
         user_effects  definitions of the user-defined effects in the file; without these definitions the
                       calibration can be inspected but not applied
 
-        Raises InputError if the file cannot be read, and FormatError that names a wrong field if it is not a
-        calibration.
+        Raises InputError if the file cannot be read. Raises FormatError, whose message names the wrong field,
+        if the file is not a calibration.
         """
         from imucal.document.json_document import read_json
 

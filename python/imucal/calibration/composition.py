@@ -64,9 +64,9 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
     second   estimated on recordings that `first` has corrected (`imucal apply`)
     files    the files of the two calibrations, which are recorded in the provenance of the result
 
-    The body frame is that of `second`, and the raw units and axes are those of `first`. If only one of the
-    two has a gyroscope, the result has that gyroscope. The result has no covariance if `second` has no
-    covariance.
+    The result has the body frame of `second`, and the raw units and axes of `first`. If only one of the two
+    calibrations has a gyroscope, the result has this gyroscope. The result has no covariance if `second` has
+    no covariance.
 
     Raises InputError if `second` expects raw counts, if both were estimated on the same recordings or belong
     to different units, and if an effect of `first` cannot be expressed as a function of the true values.
@@ -107,7 +107,8 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
 
 
 def _require_composable(first: Calibration, second: Calibration) -> None:
-    # The raw unit of the gyroscope matters only if both calibrations have a gyroscope.
+    # Raw counts of the gyroscope in the second calibration are an error only if both calibrations have a
+    # gyroscope.
     gyro_is_raw = second.gyro_unit == "lsb" and None not in (first.gyroscope, second.gyroscope)
     if second.accel_unit == "lsb" or gyro_is_raw:
         both = "lsb" in (first.accel_unit, first.gyro_unit)
@@ -192,7 +193,7 @@ def _definitions(first: SensorModel, second: SensorModel) -> tuple[UserEffect, .
 def _moved(
     first: SensorModel, values: EffectValues, accel2: Triad, gyro2: Triad, second: SensorModel
 ) -> EffectValues:
-    """An effect of the first calibration as an effect on the true values, T2^-1 e1(x(true)).
+    """An effect of the first calibration as a function of the true values, T2^-1 e1(x(true)).
 
     Raises InputError if the effect cannot be written in this form.
     """

@@ -134,7 +134,7 @@ def _places(written: Mapping[str, Any], frame: Frame) -> dict[str, tuple[str, st
 def require_covariance(node: Node, parameters: Sequence[str]) -> None:
     """Raise FormatError unless this is a covariance matrix whose rows have the order of the parameters.
 
-    node         the field `covariance`, not null
+    node         the field `covariance` of the file, which is not null
     parameters   names of all parameters in their order
     """
     names, following = [item.text() for item in node.get("names").items()], iter(parameters)

@@ -251,7 +251,7 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
 
 
 def _added(own: list[tuple[UserEffect, EffectValues]], state: State) -> tuple[FloatArray, FloatArray]:
-    """Contributions of the user-defined effects to the true rate and force."""
+    """Sum of the user-defined effects on the rate, rad/s, and on the force, m/s^2, (N, 3) each."""
     on_rate, on_force = np.zeros_like(state.angular_rate), np.zeros_like(state.specific_force)
     for effect, values in own:
         target = on_rate if effect.sensor == "gyroscope" else on_force

@@ -1,4 +1,4 @@
-"""Figures of merit of a calibration on a set of recordings, and the figures that give the verdict `poor`."""
+"""Figures of merit of a calibration on a set of recordings, and their criterion for the verdict `poor`."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ FIGURE_TEXT: Final = {
 class Figures:
     """Figures of merit of a calibration on a set of recordings.
 
-    chi2_per_dof               chi2 per degree of freedom of the residuals at the rests and after the moves,
-                               relative to their noise; None if samples could not be corrected
+    chi2_per_dof               chi2 per degree of freedom of the residuals at the rests and after the moves;
+                               1 is expected from noise alone. None if samples could not be corrected
     gravity_norm_rms_mps2      rms of the norm of gravity at a rest minus local gravity, m/s^2
     gravity_direction_rms_deg  rms angle between the gravity direction that the gyroscope propagates over a
                                move and the direction measured after it, deg
@@ -91,7 +91,7 @@ def saved_reasons(
 
 
 def _complete(fields: Mapping[str, Any]) -> Figures | None:
-    """The figures of merit in a file; None if a figure is missing or not a number."""
+    """The figures of merit in a file; None if a needed figure is missing or not a number."""
     needed = ("rests", "moves", "chi2_per_dof")
     if not all(name in fields and isinstance(fields[name], (int, float, type(None))) for name in needed):
         return None

@@ -1,8 +1,9 @@
 """The file of a calibration, schema imucal.calibration/1.
 
-Every number is written with full precision, so reading returns the same bits. A user-defined effect is stored
-with names, units and values. If a formula defines the effect, the file contains the formula. If a Python
-function defines the effect, the user passes the definition again when reading the file.
+Every number is written with full precision, so reading returns the same bits. For a user-defined effect, the
+file contains the names, units and values of its parameters. If a formula defines the effect, the file also
+contains the formula. If a Python function defines the effect, the user passes the definition again when
+reading the file.
 """
 
 from __future__ import annotations
@@ -147,7 +148,7 @@ def _effects_table(model: SensorModel, parameters: Sequence[Parameter]) -> list[
 
 
 def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, Any]:
-    """The fields of the Calibration in a document, by name.
+    """The fields of a Calibration, by name, from its document.
 
     Raises FormatError that names an invalid field, and InputError for values that Triad or UserEffect
     refuses.
@@ -225,7 +226,7 @@ def require_consistent(node: Node, model: SensorModel, written: Mapping[str, Any
     """Raise FormatError if the document contradicts itself.
 
     model     the calibration that was read
-    written   the document that this calibration gives
+    written   the document that `to_dict` of this calibration returns
     """
     require_written_again(node, written, model.parameters, model.frame)
     effects = {
@@ -254,7 +255,7 @@ def _verdict(node: Node) -> dict[str, Any]:
 
 
 def _require_reference_temperature(node: Node) -> None:
-    """Raise FormatError if the file has another reference temperature than this library.
+    """Raise FormatError if the reference temperature in the file differs from that of this library.
 
     A file without a reference temperature is accepted.
     """

@@ -33,8 +33,10 @@ Model = TypeVar("Model", bound="SensorModel")
 class SensorModel:
     """The parameters of the sensor model, without their uncertainty.
 
-    accelerometer, gyroscope  the two triads, raw unit -> SI; gyroscope is None for an accelerometer alone
-    frame                     the body frame: "symmetric", "triangular", or "given" by another program
+    accelerometer, gyroscope  sensitivity and bias of the three axes of each sensor; gyroscope is None for an
+                              accelerometer alone
+    frame                     the body frame, see `imucal.calibration.triad`: "symmetric", "triangular", or
+                              "given" by another program or by the composition of two calibrations
     accel_unit, gyro_unit     raw units of the recordings: SI units or "lsb"
     gravity_mps2              local gravity that the calibration assumed, m/s^2
     effects                   effects from the catalogue and user-defined effects, with their values
@@ -99,7 +101,7 @@ class SensorModel:
         return ("accelerometer",) if self.gyroscope is None else ("accelerometer", "gyroscope")
 
     def both(self) -> tuple[Triad, Triad]:
-        """The triads (accelerometer, gyroscope). Raises InputError `sensor_missing` without a gyroscope."""
+        """The triads (accelerometer, gyroscope). InputError `sensor_missing` if there is no gyroscope."""
         if self.gyroscope is None:
             raise InputError(
                 "this operation needs a gyroscope, and the calibration has none [sensor_missing]: calibrate "

@@ -27,7 +27,7 @@ PLAIN: Final = (1e-6, 1e6)
 class ParameterRow(NamedTuple):
     """A parameter as text.
 
-    The name of a diagonal entry that is shown as its difference from 1 ends in " - 1".
+    A diagonal entry of a sensitivity may be shown as its difference from 1. Its name then ends in " - 1".
     """
 
     name: str

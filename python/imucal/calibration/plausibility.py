@@ -56,7 +56,7 @@ TEMPERATURE_DEGC: Final = (-60.0, 150.0)
 
 
 def require_accelerometer(node: Node, triad: Triad, frame: Frame, unit: str) -> None:
-    """Raise FormatError unless the triad is a possible accelerometer in this body frame."""
+    """Raise FormatError unless an accelerometer can have this sensitivity and bias in this body frame."""
     matrix, T = triad.sensitivity, node.get("T")
     rounding = ENTRY_ROUNDING * float(np.abs(matrix).max())
     for row, column in ((1, 0), (2, 0), (2, 1)):
@@ -86,9 +86,10 @@ def require_accelerometer(node: Node, triad: Triad, frame: Frame, unit: str) -> 
 
 
 def require_gyroscope(node: Node, triad: Triad, frame: Frame, unit: str) -> None:
-    """Raise FormatError unless the triad is a possible gyroscope in a right-handed body frame.
+    """Raise FormatError unless a gyroscope can have this sensitivity and bias.
 
-    In the frame "given" the matrices may also change the handedness of the sensor axes.
+    The determinant of the sensitivity must be positive, because the body frame is right-handed. In the frame
+    "given" a negative determinant is accepted.
     """
     determinant = float(np.linalg.det(triad.sensitivity / np.abs(triad.sensitivity).max()))
     if determinant <= 0.0 and frame != "given":

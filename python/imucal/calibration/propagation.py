@@ -80,8 +80,8 @@ def jacobian(function: Callable[[SensorModel], SensorModel], model: SensorModel)
     for k, parameter in enumerate(model.parameters):
         sensor, _, rest = parameter.name.partition("_")
         in_sensitivity = rest.startswith("sensitivity_")
-        # The step of other parameters is half of the value, because the shape (time constant) of an effect
-        # must stay positive.
+        # The step of all other parameters is half of their value. A larger step could make the shape (time
+        # constant) of an effect negative.
         step = STEP * sizes[sensor] if in_sensitivity else abs(parameter.value) / 2 or 1e-3
         up, down = values.copy(), values.copy()
         up[k] += step
@@ -94,7 +94,8 @@ def jacobian(function: Callable[[SensorModel], SensorModel], model: SensorModel)
 def known_covariance(calibration: Calibration) -> FloatArray | None:
     """The covariance of all parameters; None if it is incomplete.
 
-    Time constants of effects that the covariance does not contain have rows and columns of zeros.
+    Time constants of effects may be missing in the covariance of the file. The result then has zeros in their
+    rows and columns.
     """
     if calibration.covariance is None:
         return None

@@ -62,7 +62,7 @@ class References:
         return [*self._of_gravity(gravity_mps2), *(self._of_clock() if has_gyroscope else [])]
 
     def covariance_of_base(self, gravity_mps2: float, values: FloatArray) -> FloatArray:
-        """The part of the covariance of the 21 base parameters that is due to the references (model.md (38)).
+        """Covariance of the 21 biases and sensitivities due to the references (docs/model.md (38)).
 
         values   (21,) the parameters: accelerometer bias and sensitivity, gyroscope bias and sensitivity; or
                  the first nine for an accelerometer alone

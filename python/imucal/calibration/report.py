@@ -56,7 +56,7 @@ STATISTIC_ROUNDING: Final = 1e-4
 
 
 def require_figures(node: Node) -> dict[str, Any] | None:
-    """The figures of a set of recordings. Raises FormatError for a missing, unknown or impossible figure."""
+    """The figures of merit on a set of recordings. FormatError if one is missing, unknown or impossible."""
     if node.value is None:
         return None
     known = [field.name for field in fields(Figures)]
@@ -224,7 +224,7 @@ def _require_statistic(
 
 
 def _require_threshold(node: Node) -> None:
-    """Raise FormatError for a threshold of rest detection outside the stable range that the file reports."""
+    """Raise FormatError if a threshold of rest detection is outside the range that gives the same rests."""
     numbers = {}
     for name in ("factor", "stable_from", "stable_to", "window_s"):
         item = node.get(name)

@@ -79,7 +79,7 @@ def saved_verdict(
     *,
     has_gyroscope: bool = True,
 ) -> tuple[Verdict, tuple[str, ...]]:
-    """The verdict in a calibration file, or `poor` if its figures of merit require it, with the reasons."""
+    """The verdict and reasons in a calibration file; `poor` if its figures of merit require this."""
     poor = tuple(saved_reasons(calibration_set, control_set, has_gyroscope=has_gyroscope))
     if not poor:
         return verdict or "good", tuple(reasons)

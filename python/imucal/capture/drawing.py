@@ -17,7 +17,7 @@ COLOURS: Final = ("bright_red", "bright_green", "dodger_blue1")
 # Bits of the eight dots of a Braille character, by column and row of the dot.
 DOTS: Final = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 BRAILLE: Final = 0x2800
-# Half width of the drawn area, as a multiple of the longest half edge of the box.
+# Half width of the drawn area. The unit of length is the longest half edge of the drawn box.
 REACH: Final = 2.0
 # A hidden axis is drawn with every third dot left blank.
 HIDDEN_STEP: Final = 3

@@ -15,7 +15,7 @@ Kind: TypeAlias = Literal["next", "hold", "taken", "refused", "warning", "info",
 
 @dataclass(frozen=True)
 class Event:
-    """A message to the person.
+    """A message to the person who holds the unit.
 
     time_s  time since the first sample, s, by the time stamps of the samples
     kind    next (pose to rotate to), hold (the unit is still, and its hold time is counted), taken (the pose
@@ -41,7 +41,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Row:
-    """For a group of parameters: its largest predicted standard deviation before and after a pose (text)."""
+    """A group of parameters, with its largest predicted standard deviation before and after a pose (text)."""
 
     group: str
     before: str

@@ -34,7 +34,8 @@ def marker_of(path: str | os.PathLike[str]) -> Path:
 class CaptureFile:
     """A recording to which rows are appended; for use in a `with` block. The file is locked while it is open.
 
-    about     further fields of the marker file, which must be equal when a recording is continued
+    about     further fields of the marker file. To continue a recording, they must have the values that the
+              marker file contains
     existing  existing rows of a file that is continued, (N, columns)
     age_s     time since the last existing row was written, s
 

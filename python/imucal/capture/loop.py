@@ -48,10 +48,10 @@ DAMAGED: Final = {
 
 @dataclass
 class Capture:
-    """One capture.
+    """A guided recording in progress (a capture).
 
-    say       callback for each event
-    commands  commands of the person, which the view puts into this queue
+    say       function that is called with each event
+    commands  queue into which the view puts the commands of the person who holds the unit
     """
 
     source: StreamSource

@@ -62,7 +62,7 @@ class Outlook:
         }
 
     def change(self, before: Outlook) -> str:
-        """A text on the change of the predicted standard deviations by a pose."""
+        """A text on how the last pose has changed the predicted standard deviations since `before`."""
         parts = []
         for group, size in self.worst.items():
             old = before.worst.get(group)

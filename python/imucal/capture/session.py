@@ -50,8 +50,8 @@ EVERY_S: Final = 0.25
 # A recording of up to this number of samples is evaluated every `EVERY_S`, which takes a small share of the
 # time of a processor. For longer recordings, the interval grows in proportion to the number of samples.
 SAMPLES_OF_EVERY: Final = 200_000
-# Default number of poses without targets, and minimum number of poses with targets. Nine is the number of
-# parameters of an accelerometer.
+# POSES is the default number of poses if no accuracy targets are given. POSES_WITH_TARGETS is the minimum
+# number of poses if targets are given. It is nine, the number of parameters of an accelerometer.
 POSES: Final = 18
 POSES_WITH_TARGETS: Final = 9
 # Minimum duration of a rest that counts as an attempt at a pose, s. Shorter rests are pauses in a rotation.
@@ -76,7 +76,7 @@ class Order:
     hold_s        time for which a pose is held, s
     poses         number of poses; None for one pose per direction in `directions`, or without directions for
                   18 poses, or 9 poses if there are targets
-    targets       largest permitted standard deviation by group, in the form of `imucal.plan`
+    targets       largest permitted standard deviation of each group of parameters, as in `imucal.plan`
     directions    up directions in the body frame, in order; None: the faces, edges and corners of a box
     gravity_mps2  local gravity, m/s^2
     """
@@ -135,7 +135,10 @@ class Session:
     # Methods that receive samples.
 
     def feed(self, rows: FloatArray) -> list[Event]:
-        """Add samples, (N, columns), and return the new messages. Nothing is added after `done`."""
+        """Add samples, (N, columns), and return the new messages.
+
+        When the recording is complete (`done`), further samples are ignored.
+        """
         events: list[Event] = []
         while len(rows) and not self.done:
             # Samples are split at the times of the evaluations, so that the result does not depend on the
@@ -307,7 +310,7 @@ class Session:
         return next((p for p in self.poses if p.start_s < rest.end_s and rest.start_s < p.end_s), None)
 
     def _same(self, up: FloatArray) -> Pose | None:
-        """A recorded pose of the current round, or the last pose, with this up direction; otherwise None."""
+        """A pose of the current round, or the last pose, with an up direction close to `up`; else None."""
         known = [*self._round, *self.poses[-1:]]
         return next((pose for pose in known if angle_deg(pose.up, up) < SAME_DEG), None)
 

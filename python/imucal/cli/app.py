@@ -1,7 +1,7 @@
 """The command line application: its commands, error messages and exit codes.
 
     0  good, incomplete   1  bad input, or no result          2  finished, but the verdict is poor
-    130  interrupted, 143 and 129 ended by SIGTERM and SIGHUP: no file is incomplete
+    130  interrupted, 143 and 129 ended by SIGTERM and SIGHUP; no output file is left incomplete
 
 If a program that reads standard output closes it early, the written files and the exit code are not affected.
 
@@ -85,7 +85,7 @@ TASKS: Final[dict[str, dict[str, str]]] = {
 # Commands whose module and function have another name, because the name of the command is a keyword or a
 # function of Python.
 OTHER_NAMES = {"import": "import_calibration", "help": "help_command"}
-# Commands whose module contains a group, `app`, instead of a function.
+# Commands with subcommands. Their module defines a group of commands, `app`, instead of one function.
 GROUPS = ("demo", "fleet", "limits", "stand")
 # Words that are not commands but that users may type, each with the command that is probably meant.
 OTHER_WORDS: Final = {

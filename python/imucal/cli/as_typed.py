@@ -3,8 +3,9 @@
 The library writes an option as the argument of a Python function, `min_rest_s=0.45` or `axes='frd'`. A
 command prints the same text with `--min-rest-s 0.45` and `--axes frd`.
 
-The library recommends an axis remapping relative to the axes of the recording. If the recording was read with
-`--axes`, a command prints the value with which the user must replace the given value of this option.
+The library recommends an axis remapping relative to the axes that the recording has after reading. If the
+recording was read with `--axes`, this option already changes the axes. A command then prints the combined
+remapping, with which the user must replace the given value of `--axes`.
 """
 
 from __future__ import annotations

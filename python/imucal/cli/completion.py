@@ -71,29 +71,29 @@ def calibration_formats(incomplete: str) -> list[str]:
 
 
 def line_programs(incomplete: str) -> list[str]:
-    """Named programs that determine all parameters. The shell completes the names of program files."""
+    """Names of motion programs that determine all parameters. The shell completes names of program files."""
     return _starting(["optimal", "random"], incomplete)
 
 
 def plans(incomplete: str) -> list[str]:
-    """Named programs that `imucal plan` accepts. The shell completes the names of program files."""
+    """Names of motion programs that `imucal plan` accepts. The shell completes names of program files."""
     return _starting(["faces", "grid", "optimal", "random"], incomplete)
 
 
 def programs(incomplete: str) -> list[str]:
-    """Built-in motions of `imucal simulate`. The shell completes the names of program files."""
+    """Names of built-in motions of `imucal simulate`. The shell completes names of program files."""
     return _starting(["faces", "grid", "random", "static", "tumble"], incomplete)
 
 
 def stand_limits(incomplete: str) -> list[str]:
-    """Built-in stand limits."""
+    """Names of built-in sets of stand limits."""
     from imucal.rig.stand_limits import NAMED
 
     return _starting(list(NAMED), incomplete)
 
 
 def units(incomplete: str) -> list[str]:
-    """Built-in units."""
+    """Names of built-in unit profiles."""
     from imucal.rig.unit import unit_names
 
     return _starting(list(unit_names()), incomplete)

@@ -177,7 +177,7 @@ class Equipment:
     ) -> tuple[Driver, Source]:
         """The driver and the source for a run; `seed` is the seed of simulated noise.
 
-        resume  where an interrupted run continues
+        resume  the progress of an interrupted run that is to be continued; None for a new run
         clock   clock of the run; default: the clock of the computer
         """
         self._require_own_options()

@@ -11,7 +11,7 @@ from typing import Final
 __all__ = ["pasteable"]
 
 EXAMPLE: Final = "Example: "
-# Mark of click for a paragraph of the help that must not be re-wrapped.
+# The library click does not re-wrap a paragraph of the help that starts with this mark.
 KEPT_AS_IT_IS: Final = "\b\n"
 # Maximum line length of an example, characters. The help has 80 columns, and its text is indented by two.
 WIDTH: Final = 76

@@ -1,4 +1,4 @@
-"""The section of docs/formats.md on files that vendors' programs export: settings, command, remarks."""
+"""The section of docs/formats.md on files that makers' programs and apps export."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ OTHERS: Final = "other columns are not read"
 
 @dataclass(frozen=True)
 class Export:
-    """An export of a maker's program or an app.
+    """A kind of file that a maker's program or an app exports.
 
     name     maker, program and kind of file
     choose   the kind of export that the user must select in the program

@@ -1,4 +1,4 @@
-"""Arguments and options that all commands on a store share: selection of units, and output as CSV."""
+"""Arguments and options of all commands that read a store of calibrations (`imucal fleet`)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Selection:
 
     @property
     def given(self) -> dict[str, str | None]:
-        """The arguments of `Fleet.measurements`."""
+        """The options that the user has given, as arguments of `Fleet.measurements`."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
@@ -53,7 +53,7 @@ def selection_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def store_of(path: Path, **outputs: str | Path | None) -> Fleet:
-    """The store of a command. Raises InputError if an output would overwrite the store.
+    """The store at `path`. Raises InputError if an output would overwrite it.
 
     outputs   output files by the name of their command line option without dashes
     """

@@ -32,7 +32,7 @@ class Lazy(NamedTuple):
     """A command whose module is loaded when it is used.
 
     module     module of the command
-    attribute  the function of a command, or a group
+    attribute  name of the function or group in this module
     summary    first sentence of its help, for the list of commands
     task       heading under which the command is listed
     """

@@ -207,7 +207,7 @@ def options_of(parameter: str, group: Any) -> Callable[[Callable[..., None]], Ca
 
     group   the dataclass
 
-    The fields have the annotations of options. The command receives an instance of the dataclass.
+    Each field is annotated with its option. The command receives an instance of the dataclass.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:

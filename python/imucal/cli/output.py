@@ -111,10 +111,10 @@ def prepare_report(path: Path | None) -> None:
 class Output:
     """The output of a command.
 
-    With `json_path` "-", only the document goes to standard output, and the summary to standard error.
+    If `json_path` is "-", only the JSON document goes to standard output, and all text to standard error.
 
     json_path   value of --json, or None
-    units       units of parameters and figures
+    units       units in which parameters and figures of merit are printed
     """
 
     # Number of JSON documents written by this process. If it is 0, an existing file of --json may be from an
@@ -155,7 +155,7 @@ class Output:
             write_json(document, path)
 
     def line(self, text: str, highlighted: str | None = None) -> None:
-        """Print a line of text without wrapping it, with options as they are typed.
+        """Print a line of text without wrapping it. Names of options are printed as the user types them.
 
         highlighted   a verdict or a severity, of which the first occurrence is coloured in a terminal
         """

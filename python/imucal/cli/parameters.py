@@ -82,7 +82,7 @@ def option(
 ) -> Any:
     """An option `--name`, or a flag `--name/--no-name`.
 
-    panel       group of options to which it belongs
+    panel       heading under which the help lists the option
     completion  function that returns the values that start with the typed text, for shell completion
     callback    function that is called with the value before the command runs
     is_eager    whether the callback is called before other options are checked
@@ -106,7 +106,7 @@ class Argument(click.Argument):
 
 
 class Option(click.Option):
-    """An option that belongs to a group of the help."""
+    """An option that the help lists under the heading `panel`."""
 
     def __init__(self, *declarations: Any, panel: str | None, **settings: Any) -> None:
         super().__init__(*declarations, **settings)

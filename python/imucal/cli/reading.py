@@ -114,7 +114,7 @@ class Reading:
         return [self.one(paths[start : start + size]) for start in range(0, len(paths), size)]
 
     def means(self, paths: Sequence[Path]) -> Means:
-        """The table of means in one file."""
+        """The table of mean readings in one file."""
         from imucal.io.means import read_means
 
         if len(paths) != 1:

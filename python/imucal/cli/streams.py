@@ -1,4 +1,4 @@
-"""Standard streams of a command whose reader may close them, and text for a terminal.
+"""Standard streams that stay usable after their reader has closed them, and text for a terminal.
 
 A closed standard output only affects the printed text. All files are written, and the exit code is that of
 the verdict.

@@ -24,11 +24,11 @@ ROUNDING: Final = 1e-6
 
 @dataclass(frozen=True)
 class Origin:
-    """Origin of a value that a document repeats, and the difference between both that counts as rounding.
+    """Origin of a value that a document repeats, and the largest difference that counts as rounding.
 
     place      the field or fields of the document that the value repeats, for messages
-    absolute   absolute difference of two numbers that counts as rounding
-    relative   relative difference of two numbers that counts as rounding, relative to the larger one
+    absolute   largest absolute difference of the two numbers that counts as rounding
+    relative   largest difference, relative to the larger of the two numbers, that counts as rounding
     """
 
     place: str

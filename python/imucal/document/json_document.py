@@ -50,8 +50,7 @@ def write_json(document: Any, path: str | os.PathLike[str]) -> None:
 
 def read_json(path: str | os.PathLike[str]) -> Node:
     """Read a JSON document. Raises FormatError if the file is not JSON."""
-    # The import is in this function, because it loads the readers of all formats, which a program that passes
-    # arrays does not need.
+    # The module is imported only when a document is read from a file.
     from imucal.document.source import open_file
 
     file = open_file(path)

@@ -25,8 +25,8 @@ __all__ = ["TemporaryFile"]
 # already have the maximum length of 255 bytes.
 PREFIX: Final = ".imucal-"
 SUFFIX: Final = ".tmp"
-# A temporary file without a lock counts as left by a killed process if it is older than this time, s. The
-# process that has just created a younger file may not have locked it yet.
+# A temporary file without a lock counts as left by a killed process if it is older than this time, s. A
+# younger file may have been created by a running process that has not locked it yet.
 LEFT_BEHIND_S: Final = 60.0
 # Maximum number of attempts to link a complete file to its name while other processes write the same target.
 ATTEMPTS: Final = 20

@@ -132,7 +132,7 @@ class UserEffect:
         return columns
 
     def at(self, state: State, values: EffectValues) -> FloatArray:
-        """The contribution of the effect to the true rate or force at each sample, (N, 3)."""
+        """The error that the effect adds to the true rate, rad/s, or force, m/s^2, at each sample, (N, 3)."""
         check_values(self, values)
         added: FloatArray = self.columns(state) @ values.values
         return added

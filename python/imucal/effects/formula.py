@@ -88,7 +88,7 @@ class Formula:
     name     of the effect; None if the text contains no name
     sensor   "gyroscope" or "accelerometer"
     axes     the axes on which the effect acts: "xyz", or one of them
-    factors  the expression that multiplies each parameter
+    factors  for each parameter, the expression that multiplies it
     """
 
     text: str
@@ -208,7 +208,7 @@ class _Reader:
             self.require_allowed(part, depth + 1)
 
     def terms(self, node: ast.expr) -> dict[str | None, ast.expr]:
-        """The factor of each parameter in a linear expression.
+        """The factor of each parameter in an expression that is linear in the parameters.
 
         The key None stands for terms without a parameter.
         """

@@ -223,7 +223,7 @@ def _value(node: ast.expr, inputs: Mapping[str, FloatArray]) -> Any:
 
 
 def _typical_sizes(effect: FormulaEffect, states: Sequence[State]) -> list[float]:
-    """The size of each parameter that gives its term the standard deviation `TYPICAL` over the states."""
+    """The typical size of each parameter (see `sizes_of`) for the motion in these states."""
     return sizes_of(effect, [effect.columns(state) for state in states])
 
 

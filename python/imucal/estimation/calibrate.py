@@ -75,9 +75,10 @@ def calibrate(
 ) -> CalibrationResult:
     """Calibrate one unit from one or more of its recordings.
 
-    Recordings of an accelerometer alone determine its nine parameters. So does a table of mean readings
-    (`Means`), which also gives the bias of the gyroscope. In both cases, effects and `folds` are errors. Rows
-    of the table that are exact copies of earlier rows are left out with a warning.
+    Recordings of an accelerometer alone determine its nine parameters. A table of mean readings (`Means`)
+    also determines these nine parameters, and the bias of the gyroscope. In both cases, the arguments
+    `effects` and `folds` are refused. Rows of the table that are exact copies of earlier rows are left out
+    with a warning.
 
     control            recordings that are not fitted and only used to evaluate the result
     gravity_mps2       local gravity, m/s^2. The estimated accelerometer sensitivities are inversely
@@ -89,12 +90,12 @@ def calibrate(
     latitude_deg, height_m   geodetic latitude, deg, and height, m, of the place
     clock_ppm          standard deviation of the rate error, ppm, of the clock that gives the time stamps, to
                        include in the standard deviations of the gyroscope scales
-    frame              body frame of the result: "symmetric" or "triangular"
+    frame              body frame of the result: "symmetric" or "triangular", see `imucal.calibration.triad`
     min_rest_s         minimum duration of a rest, s
     exclude_saturated  exclude rests and moves with saturated samples instead of refusing the recording
     accel_nominal, gyro_nominal   nominal sensitivity in lsb per m/s^2 and lsb per rad/s for recordings in
-                                  counts; without it, start values are estimated from the data. An error for
-                                  a sensor in SI units
+                                  counts; None: start values are estimated from the data. A value for a
+                                  sensor in SI units is refused
     effects            effects to estimate together with the 21 parameters: user-defined effects, formulas
                        such as "gyro: k * (supply_v - 3.3)", and names of the catalogue. NAME:full selects the
                        form with all parameters of an effect, and NAME:6 a form with six. NAME:seen gives each

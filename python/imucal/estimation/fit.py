@@ -124,7 +124,7 @@ class RestThreshold:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """The course of an estimation.
+    """Report on an estimation: how rests were detected, how each fit ended, and tests of the residuals.
 
     accelerometer, gyroscope  the fit of the accelerometer, and the following fit of the gyroscope. Their
                               results are the start values of the joint fit; gyroscope is None for an
@@ -153,7 +153,7 @@ class Fit:
 
     @staticmethod
     def of_outcome(outcome: _core.Outcome, priors: Priors | None = None) -> Fit:
-        """The fits of an outcome of the compiled library."""
+        """The report on the estimation whose outcome the compiled library has returned."""
         joint = noise_alone = instability = None
         if outcome.joint_fit is not None and outcome.joint_scales is not None:
             scales = of_library(ResidualScales, outcome.joint_scales)
@@ -245,5 +245,5 @@ class Diagnosis:
 
     @staticmethod
     def of_library(fields: Mapping[str, Any]) -> Diagnosis:
-        """A diagnosis of the compiled library."""
+        """The diagnosis in the fields that the compiled library returns."""
         return of_library(Diagnosis, fields)

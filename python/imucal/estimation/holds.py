@@ -59,12 +59,12 @@ def _of_mapping(name: str, given: Any) -> HoldTuple:
 
 
 def profile_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[tuple[str, list[float]], ...]:
-    """Spread between units, from the profile of `unit`, in the symmetric frame, by group of parameters.
+    """Standard deviation of the parameters over units, by group of parameters, from the profile of `unit`.
 
-    The spread in a profile describes the off-diagonal entries of the sensitivity in the frame of the sensor's
-    package, its housing. In the symmetric frame, an off-diagonal entry of the accelerometer is the mean of
-    the entries (i, j) and (j, i) in the frame of the package. Half of the difference of these two entries is
-    added to the entry of the gyroscope.
+    The result is for the symmetric frame. The profile states the standard deviation of the off-diagonal
+    entries of the sensitivity in the frame of the sensor's package (its housing). In the symmetric frame, an
+    off-diagonal entry of the accelerometer is the mean of the entries (i, j) and (j, i) in the frame of the
+    package. Half of the difference of these two entries is added to the entry of the gyroscope.
     """
     if unit is None:
         return ()

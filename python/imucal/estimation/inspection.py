@@ -161,7 +161,7 @@ def only_moves_determine(names: Sequence[str]) -> str:
 
 
 def _found(rest: FoundRest, of_calibration: Sequence[FittedRest]) -> FoundRest:
-    """The rest, with the reason why the calibration excludes it; without a reason if it does not."""
+    """The rest with the reason why the calibration excludes it; unchanged if the calibration uses it."""
     middle = 0.5 * (rest.start_s + rest.end_s)
     for own in of_calibration:
         if own.start_s is not None and own.end_s is not None and own.start_s <= middle <= own.end_s:

@@ -21,7 +21,10 @@ __all__ = ["Options", "UserField", "Wander", "asked_for", "wander_of"]
 
 
 class UserField(NamedTuple):
-    """A user-defined effect for the library: its field, (N, 3, p), at each sample of each recording."""
+    """A user-defined effect for the compiled library.
+
+    columns   for each recording, the error per unit of each parameter at each sample, (N, 3, p)
+    """
 
     name: str
     sensor: str
@@ -39,8 +42,9 @@ class Options:
     partly       names of the effects that were requested as NAME:seen, so that their parameters have a prior
     accelerometer   nine parameters of a calibrated accelerometer in the symmetric frame, and their
                     covariance, as a prior
-    hold         names, means and standard deviations of the held parameters or groups
-    profile      spread between units that the profile of the unit states, by group of parameters
+    hold         for each held parameter or group: its name, and mean and standard deviation of its prior
+    profile      standard deviation of the parameters over units, by group of parameters, from the profile of
+                 the unit
     The other fields are the arguments of `calibrate`.
     """
 

@@ -51,7 +51,7 @@ class HeldParameter:
 
     @property
     def group(self) -> str:
-        """The name without the axes."""
+        """The name of the parameter without its axes, such as accel_misalignment."""
         return self.name.rpartition("_")[0]
 
 

@@ -85,8 +85,8 @@ class Move:
 class FittedRest(Rest):
     """One rest of a calibration recording.
 
-    chi2, degrees_of_freedom   of the residuals of this rest in a fit without this rest; None if no joint fit
-                               used the rest
+    chi2, degrees_of_freedom   chi2 and degrees of freedom of the residuals of this rest in a fit without it;
+                               None if the rest is excluded or there is no joint fit
     p_value                    probability of a larger chi2 under the null hypothesis of noise only
     """
 
@@ -99,8 +99,8 @@ class FittedRest(Rest):
 class FittedMove(Move):
     """One move of a calibration recording.
 
-    chi2, degrees_of_freedom   of the residuals of this move in a fit without this move; None if no joint fit
-                               used the move
+    chi2, degrees_of_freedom   chi2 and degrees of freedom of the residuals of this move in a fit without it;
+                               None if the move is excluded or there is no joint fit
     p_value                    probability of a larger chi2 under the null hypothesis of noise only
     """
 

@@ -1,4 +1,4 @@
-"""The result of a calibration: the sensor model, the course of the estimation, and the verdict."""
+"""The result of a calibration: the sensor model, the report on the estimation, and the verdict."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class CalibrationResult:
 
     @property
     def control_before(self) -> Figures | None:
-        """Figures of the uncalibrated unit on the control recordings; None without control recordings."""
+        """Figures of merit of the uncalibrated unit on the control recordings; None if there are none."""
         return None if self.control is None else self.control.before
 
     @property
@@ -162,7 +162,7 @@ class CalibrationResult:
         return f"chi2{rates} is {test.chi2:.4g} for {test.degrees_of_freedom} degrees of freedom"
 
     def _widened(self) -> list[tuple[str, float | None]]:
-        """For each kind of residual, its name and the factor by which its standard deviations are widened."""
+        """Factors that widen the uncertainties: by kind of residual, or by sensor without a joint fit."""
         if self.fit.joint is not None:
             scales = self.fit.joint.scales
             return [

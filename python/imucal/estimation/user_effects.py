@@ -54,7 +54,7 @@ class UserEffectSource:
         return self._fields(own, self._calibration(estimate), self.recordings) if own else []
 
     def corrected(self, estimate: _core.Estimate, of_control: bool) -> list[RateAndForce]:
-        """Angular rate and specific force of each recording of a set after correction, (N, 3) each."""
+        """Corrected rate and force, (N, 3) each, of each control recording or calibration recording."""
         recordings = self.control if of_control else self.recordings
         return _corrected(self._calibration(estimate), recordings)
 

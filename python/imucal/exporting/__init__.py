@@ -104,8 +104,8 @@ class Residual:
     def summary(self) -> str:
         """The contents of `to_dict` as text: a line for each evaluation and finding, and the verdict.
 
-        The verdict is that on the whole calibration. The parts that the format omits increase the residuals
-        of the exported part.
+        The verdict is that on the whole calibration. The parts that the format omits increase only the
+        residuals in the evaluation of the exported part.
         """
         figures = [
             f"control set, {name}: "

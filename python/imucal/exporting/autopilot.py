@@ -65,7 +65,7 @@ class PerAxis:
 
     @property
     def thermal_notes(self) -> tuple[str, ...]:
-        """A note for the user of the thermal terms; empty if there are none."""
+        """A note about the thermal terms for the user of the file; empty if there are no thermal terms."""
         if not self.thermal:
             return ()
         source = (

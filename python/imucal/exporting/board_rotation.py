@@ -46,7 +46,7 @@ ORIENTATIONS: Final = (
 
 
 def board_rotation(orientation: int | str) -> FloatArray:
-    """The rotation (3, 3) of a number of AHRS_ORIENTATION, or of the angles "ROLL,PITCH,YAW" in deg.
+    """The rotation matrix (3, 3) for a value of AHRS_ORIENTATION, or for angles "ROLL,PITCH,YAW" in deg.
 
     Raises InputError for anything else.
     """

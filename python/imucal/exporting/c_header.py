@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 __all__ = ["C_HEADER"]
 
-# The delay of the gyroscope. Its error is -tau times the mean angular acceleration over the delay tau.
+# Effect of a delay tau of the gyroscope: an error of -tau times the mean angular acceleration over the delay.
 DELAY: Final = "gyro_time_offset"
 # Function argument for each quantity that an effect may need, in the order of the arguments.
 ARGUMENTS: Final = {

@@ -38,9 +38,9 @@ OPERATORS: Final[Mapping[type[ast.AST], str]] = {
     ast.Gt: ">",
     ast.GtE: ">=",
 }
-# Functions of formulas whose name in the trait RealField of nalgebra differs, each with that name.
+# Functions of formulas that have another name in the trait RealField of nalgebra, each with that other name.
 RUST_METHODS: Final = {"log": "ln"}
-# Functions of formulas whose name in the C library libm differs, each with that name.
+# Functions of formulas that have another name in the C library libm, each with that other name.
 LIBM: Final = {"abs": "fabs", "min": "fmin", "max": "fmax"}
 
 
@@ -61,13 +61,13 @@ def argument_of(column: str) -> str:
 
 
 def argument_note(column: str) -> str:
-    """The sentence that describes the argument in a comment."""
+    """The sentence that describes the argument for a column in a comment of the generated code."""
     meaning = INPUTS[column] if column in ARGUMENTS else f"the column {column} of the recordings"
     return f"{argument_of(column)} is {meaning}."
 
 
 def c_field(effect: FormulaEffect, literal: Callable[[float], str], sign: str, *, single: bool) -> Field:
-    """The field as C expressions, in the form of `imucal.exporting.c_fields.FIELDS`.
+    """The error per unit of each parameter as C expressions, in the form of `c_fields.FIELDS`.
 
     literal   function that writes a number
     sign      name of the generated C function for `sign`, see `has_sign`
@@ -98,7 +98,7 @@ def _nodes(effect: FormulaEffect) -> Iterator[ast.AST]:
 
 @dataclass(frozen=True)
 class _Writer:
-    """Writes an expression for one axis.
+    """Writes an expression of a formula as C code for one axis.
 
     suffix   suffix of the libm functions for the real type ("f" for float)
     sign     name of the generated C function for `sign`

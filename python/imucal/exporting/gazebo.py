@@ -3,6 +3,9 @@
     output = true + N(mean, stddev) + bias
     bias  <- exp(-dt / tau) bias + N(0, s),  s^2 = dynamic_bias_stddev^2 (tau / 2) (1 - exp(-2 dt / tau))
 
+N(m, d) is a normal random number with mean m and standard deviation d, dt is the sampling interval, and tau
+is `dynamic_bias_correlation_time`.
+
 Source: GaussianNoiseModel::ApplyImpl in GaussianNoiseModel.cc of gz-sensors. `stddev` is the standard
 deviation of one sample, so it is valid for one sampling rate only. The constant bias is written as `mean`,
 because gz-sensors gives `bias_mean` a random sign.

@@ -152,7 +152,7 @@ def turned_axes(calibration: Calibration, rotation: FloatArray) -> Calibration:
 
 
 def turned(rotation: FloatArray) -> str:
-    """Header text for the rotation from the calibration's body frame; empty for the identity."""
+    """Header text on the rotation from the calibration's body frame to that of the file; empty if equal."""
     if np.array_equal(rotation, np.eye(3)):
         return ""
     return f"; v = R v_body of the calibration, R = {rotation.tolist()}"

@@ -2,13 +2,15 @@
 
     corrected = S raw - bias
 
-Source: correct_motion_helper in motion-transform.cpp of librealsense. Both files hold S (librealsense's
-`sensitivity`, the inverse of T) column by column (float3x3 in float3.h). In calibration.json the bias of the
-gyroscope is in rad/s, as rs-imu-calibration writes it. In the table it is in deg/s, because librealsense
-multiplies the value in the table by pi / 180 (dm_v2_imu_calib_parser::get_intrinsic in ds-calib-parsers.cpp).
+Source: correct_motion_helper in motion-transform.cpp of librealsense. S is the inverse of the sensitivity T
+of imucal; librealsense calls S `sensitivity`. Both files contain S column by column (float3x3 in float3.h).
+In calibration.json the bias of the gyroscope is in rad/s, as rs-imu-calibration writes it. In the table it is
+in deg/s, because librealsense multiplies the value in the table by pi / 180
+(dm_v2_imu_calib_parser::get_intrinsic in ds-calib-parsers.cpp).
 
-The table is the EEPROM image of 520 bytes that rs-imu-calibration.py writes to the camera: dm_v2_eeprom in
-ds-private.h, three nested tables, each with a header of 16 bytes that has its CRC-32.
+The table is the EEPROM image of 520 bytes that rs-imu-calibration.py writes to the camera (dm_v2_eeprom in
+ds-private.h). It consists of three nested tables. Each table starts with a header of 16 bytes, which contains
+the CRC-32 of the content.
 """
 
 from __future__ import annotations
@@ -48,7 +50,7 @@ NOT_VALID, VALID = 0, 1
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """T^-1 and T^-1 b of both sensors, as JSON."""
+    """S = T^-1 and T^-1 b of both sensors, as JSON; T is the sensitivity and b the bias of a sensor."""
     imu = {}
     for sensor in ("accelerometer", "gyroscope"):
         triad = getattr(calibration, sensor)

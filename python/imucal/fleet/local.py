@@ -28,7 +28,7 @@ class Ended:
     how: str = ""
 
 
-# A submitted work, and its answer; `Ended` takes the place of the answer if the process ended without one.
+# A submitted `Work` object, and its answer, or `Ended` if the process ended without an answer.
 Done = tuple[Any, Any]
 # Number of tasks in the pool per process. While one task runs, the other waits, so that the process can start
 # it without waiting for the parent process.

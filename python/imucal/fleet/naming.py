@@ -98,7 +98,7 @@ def naming_of(pattern: str | None) -> Naming:
 
 
 def files_of(patterns: Sequence[str], *, or_none: bool = False) -> list[str]:
-    """The files of paths, folders and glob patterns, sorted.
+    """The files that paths, folders and glob patterns name, sorted.
 
     Raises InputError for a pattern without any file.
     """
@@ -128,7 +128,7 @@ def _by_words(file: str) -> dict[str, str | None]:
     rest = [word for word in words if word.lower() not in (*CONTROL_WORDS, *RUN_WORDS, *SENSOR_WORDS)]
     if not rest:
         return {"serial": path.absolute().parent.name, "role": roles[0] if roles else None}
-    # A serial number may consist of several words, as A-17. The separators between its words are kept.
+    # A serial number may consist of several words, such as A-17. The separators between its words are kept.
     start, end = stem.index(rest[0]), stem.rindex(rest[-1]) + len(rest[-1])
     return {"serial": stem[start:end], "role": roles[0] if roles else None}
 

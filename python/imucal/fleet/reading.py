@@ -151,7 +151,8 @@ def _measurements(
         for column, part in zip(packed, zip(*block, strict=True), strict=True):
             column.extend(part)
     by_id = numbers[:, np.argsort(numbers[0])]
-    # The blobs are in the order of the identifiers. `place` is the index of the blobs of each result row.
+    # The blobs are in the order of the identifiers. For each row of the result, `place` is the index of its
+    # blobs.
     place = np.searchsorted(by_id[0], ids)
     names_of_figures = _names(connection, figure_kinds)
     figure_names = tuple(dict.fromkeys(name for each in names_of_figures.values() for name in each))
@@ -205,7 +206,10 @@ def _common(sets: Sequence[Sequence[tuple[str, ...]]]) -> tuple[tuple[str, ...],
 
 
 def _names(connection: sqlite3.Connection, kinds: np.ndarray[Any, Any]) -> dict[int, Any]:
-    """Lists of names of parameters or figures of merit: those with the identifiers `kinds`, by identifier."""
+    """The stored lists of names (of parameters or figures of merit) with the identifiers `kinds`.
+
+    The keys of the result are the identifiers.
+    """
     rows = connection.execute(
         "SELECT id, names FROM names WHERE id IN (SELECT value FROM json_each(?))",
         [json.dumps(np.unique(kinds).tolist())],
@@ -256,8 +260,9 @@ def _filled(
     """The numbers in the blobs as a table, (n, c), with one row per blob and one column per name in `names`.
 
     kinds   for each blob, the identifier of the list that names its numbers
-    own     for each identifier, the names of the numbers in the order in which a blob has them. The table has
-            NaN if a blob has no number with a name
+    own     for each identifier, the list of names in the order of the numbers in a blob
+
+    An entry of the table is NaN if the blob has no number with this name.
     """
     place = {name: index for index, name in enumerate(names)}
     found = np.full((len(blobs), len(names)), np.nan)

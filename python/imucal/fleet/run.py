@@ -79,7 +79,7 @@ class Tally:
         return next((each for each in ("poor", "incomplete") if self.verdicts[each]), "good")
 
     def to_dict(self) -> dict[str, Any]:
-        """The counts of `imucal fleet run --json`."""
+        """The JSON document of `imucal fleet run --json`."""
         return {
             "verdict": self.verdict,
             "units": self.units,

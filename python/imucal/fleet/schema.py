@@ -133,8 +133,8 @@ def packed_figures(figures: Mapping[str, float | None]) -> tuple[str, bytes]:
     return json.dumps(list(figures)), values.tobytes()
 
 
-# Function k of this list, from 1, converts the tables of version k - 1 to version k. The number of functions
-# is the current version of the tables.
+# The first function creates the tables of version 1. Each further function converts the tables of a version
+# to the next version. The number of functions is the current version of the tables.
 MIGRATIONS: Final[tuple[Callable[[sqlite3.Connection], None], ...]] = (_first, _second)
 
 

@@ -237,7 +237,7 @@ class Store:
         return cursor.lastrowid
 
     def _forget_failures_of(self, keyed: KeyedJob) -> None:
-        """Remove the stored failures of the files of this job that a later run may not have (`TRANSIENT`)."""
+        """Remove stored failures of the files of this job if their cause may be gone (`TRANSIENT`)."""
         self._connection.execute(
             f"DELETE FROM jobs WHERE unit = ? AND files = ? AND (code IN ({', '.join('?' * len(TRANSIENT))}) "
             "OR substr(key, 1, ?) = ?)",

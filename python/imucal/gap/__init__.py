@@ -5,7 +5,7 @@ question         input of a search, and the call of the compiled library
 translation      conversion of the compiled library's result to a `Gap`
 result           the `Gap`
 remainder        class for the residuals that the accepted effects do not explain
-remaining        conversion of these residuals from the result of the compiled library
+remaining        description of these residuals, from the result of the compiled library
 own_motion       residuals at the rests and moves of the recordings, for pages and notebooks
 sizes            sizes in the units of datasheets
 notes, text      sentences about a result

@@ -131,7 +131,8 @@ def find_gap(
             f"{error}; a temperature sweep in one pose determines only how the biases depend on the "
             "temperature: use imucal soak"
         ) from error
-    # Laws are searched only if no candidates are given.
+    # Laws (formulas for residuals that no effect of the catalogue describes) are searched only if no
+    # candidates are given.
     return with_laws(question, found) if candidates is None else found
 
 

@@ -287,7 +287,7 @@ def scatter_of(found: tuple[str, float, float] | None) -> dict[str, Any] | None:
 
 
 def not_confirmed_of(analysis: _core.GapAnalysis) -> dict[str, Any] | None:
-    """Description of significant but rejected effects, with the reason of the rejection; None without any."""
+    """Description of significant but rejected effects, with the reason; None if there are none."""
     scores = analysis.not_confirmed
     if not scores:
         return None
@@ -302,10 +302,10 @@ def not_confirmed_of(analysis: _core.GapAnalysis) -> dict[str, Any] | None:
 
 
 def _filtered(found: Sequence[float]) -> str:
-    """A text for a gyroscope that is not only delayed but also filtered.
+    """A text for a gyroscope whose readings are not only delayed but also filtered.
 
-    The filter shows as a dependence of the readings on the second derivative of the rate; the text states its
-    coefficient.
+    Because of the filter, the readings depend on the second derivative of the rate. The text states the
+    coefficient of this dependence.
     """
     tau_s, k_s2, sigma_s2 = found
     words = (

@@ -128,9 +128,11 @@ class MoveResiduals:
 
 @dataclass(frozen=True, eq=False)
 class OwnMotion:
-    """Signals of the move with the largest residual, and residuals at all rests and of moves about one axis.
+    """Signals of one move, and residuals at rests and of moves.
 
-    signals  signals of this move; None if there is no move
+    signals  signals of the move with the largest residual; None if there is no move
+    rests    residuals at all rests
+    moves    residuals of the moves about one body axis
     """
 
     signals: MoveSignals | None
@@ -246,8 +248,8 @@ def _rest_at(of: _Corrected, sample: int) -> int:
 def _propagated(time_s: FloatArray, rate: FloatArray, origin: FloatArray, at: int) -> FloatArray:
     """A vector that is constant in the world frame, expressed in the body frame at each sample, (N, 3).
 
-    The vector is `origin` until sample `at`. From there dv/dt = v x w is integrated, with the mean rate of
-    adjacent samples.
+    The vector is `origin` until sample `at`. After this sample, dv/dt = v x w is integrated, where w is the
+    mean rate of adjacent samples.
     """
     out = np.empty_like(rate)
     out[: at + 1] = origin

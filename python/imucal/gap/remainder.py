@@ -48,7 +48,8 @@ class Remainder:
     p_value        p-value of the pattern under the hypothesis that noise is the only error. Without a
                    pattern: p-value of the residuals on control or held-out data, given noise and the
                    uncertainty of the calibration
-    matters        whether these residuals limit the use of the calibration; `imucal gap` then exits with 2
+    matters        whether these residuals limit the use of the calibration. `imucal gap` then exits with
+                   code 2
     session        change of the biases between sessions; None if it is not significant
     """
 

@@ -267,8 +267,8 @@ class _Search:
         basis, sizes, _ = np.linalg.svd(_scaled(self._columns(form))[0], False)
         basis = basis[:, sizes > 1e-10 * sizes[0]]
         # The columns of `basis` are orthonormal, so the normal matrix of a fit to the other folds is the unit
-        # matrix minus the normal matrix of the held-out fold. The term 1e-10 keeps the difference invertible
-        # if a direction is determined by one fold only.
+        # matrix minus the normal matrix of the held-out fold. If only the held-out fold determines a linear
+        # combination of the parameters, the difference is singular. Adding 1e-10 keeps it invertible.
         parts = [(basis[own], self.mean[own]) for own in self.of_fold]
         normals = np.stack([basis_of.T @ basis_of for basis_of, _ in parts])
         sums = basis.T @ self.mean - np.stack([basis_of.T @ mean for basis_of, mean in parts])

@@ -53,8 +53,8 @@ class SoakedSensor:
     constant       (3,), the reading at the reference temperature
     mean           (N, 3), the mean reading in each of N epochs (consecutive parts of the recording)
     fitted         (N, 3), the reading that the model gives for each epoch
-    cubic          (N, 3), the reading that a cubic polynomial in the temperature, fitted for comparison,
-                   gives
+    cubic          (N, 3), the reading in each epoch according to a cubic polynomial in the temperature, which
+                   is fitted for comparison
     held_out       (3,), rms residual of held-out epochs
     held_out_cubic (3,), rms residual of held-out epochs for the cubic polynomial
     """

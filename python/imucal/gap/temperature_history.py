@@ -9,7 +9,7 @@ __all__ = ["TemperatureHistory"]
 
 
 class TemperatureHistory:
-    """The rate, the direction and the lag of the temperatures `degc` (N,) at `time_s` (N,)."""
+    """The rate of the temperatures `degc` (N,) at `time_s` (N,), their direction, and their lag."""
 
     def __init__(self, time_s: FloatArray, degc: FloatArray) -> None:
         self.time_s, self.degc = time_s, degc
@@ -17,5 +17,5 @@ class TemperatureHistory:
         self.rate_kps, self.direction, _ = _core.temperature_history(time_s, degc, 1.0)
 
     def lag_k(self, tau_s: float) -> FloatArray:
-        """T_tau - T at each sample, K."""
+        """T_tau - T at each sample, K; T_tau is T after a first-order lag, tau dT_tau/dt = T - T_tau."""
         return _core.temperature_history(self.time_s, self.degc, tau_s)[2]

@@ -46,7 +46,7 @@ class TemperatureLoop:
 
 
 def temperature_loops(gap: Gap, recordings: Recording | Sequence[Recording]) -> tuple[TemperatureLoop, ...]:
-    """The residuals of each sensor that has a temperature effect; empty without such an effect.
+    """The residuals of each sensor that has a temperature effect; empty if no sensor has one.
 
     Residuals of the accelerometer are relative to the mean over their rest, because the true force is not
     known. For the accelerometer, only rests with at least `LEAST_EPOCHS` means are therefore used.

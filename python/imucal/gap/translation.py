@@ -28,7 +28,7 @@ __all__ = ["gap_of"]
 # a power of 90 %. The probability of the right name is lower, because the effect must also have more evidence
 # than its rivals.
 NAMED_AT_LIMIT: Final = 0.7
-# Kinds of residuals on control or held-out data, in the order of the compiled library.
+# Kinds of residuals on control or held-out data, in the order in which the compiled library returns them.
 UNSEEN_KINDS: Final = ("rest_norm", "move_direction", "rest_rate")
 FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
 

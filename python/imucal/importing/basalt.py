@@ -30,7 +30,10 @@ NOISE: Final = {
 
 
 def recognises(content: Content) -> bool:
-    """Whether the file has one of Basalt's arrays, also inside the object value0 of the library cereal."""
+    """Whether the file has one of Basalt's arrays.
+
+    The arrays may be inside an object value0, which the serialisation library cereal writes.
+    """
     return bool(_fields(content.fields).keys() & ENTRIES.keys())
 
 

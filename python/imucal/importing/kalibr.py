@@ -33,7 +33,7 @@ MODELS: Final = ("calibrated", "scale-misalignment", "scale-misalignment-size-ef
 def recognises(content: Content) -> bool:
     """Whether a file is a result of Kalibr with blocks imu0, imu1, ..., or an imu.yaml.
 
-    Files of OpenVINS have such blocks, too.
+    Files of OpenVINS also have such blocks, but they are not recognised as files of Kalibr.
     """
     if OPENVINS.recognises(content):
         return False

@@ -24,8 +24,8 @@ from imucal.importing.source_format import Content, Found, Reader, Wanted, corre
 __all__ = ["OPENVINS"]
 
 MATRICES: Final = ("Tw", "R_IMUtoGYRO", "Ta", "R_IMUtoACC", "Tg")
-# For each value of the field `model`: the function that keeps the triangular part, lower or upper, of an
-# inverse matrix that OpenVINS uses with this model.
+# For each value of the field `model`: the function that keeps the triangular part of Ta^-1 and Tw^-1 that
+# OpenVINS uses with this model.
 TRIANGLES: Final = {"kalibr": np.tril, "calibrated": np.tril, "rpng": np.triu}
 
 

@@ -22,8 +22,8 @@ __all__ = ["AXES", "Cubic", "Parameters", "Thermal", "has_parameters"]
 AXES: Final = "XYZ"
 # Prefixes of the names of calibration parameters in PX4 and ArduPilot.
 PREFIXES: Final = ("CAL_ACC", "CAL_GYRO", "INS_ACC", "INS_GYR", "INS_TCAL")
-# Matches one parameter: NAME,VALUE or NAME=VALUE or NAME VALUE, after Vehicle-Id and Component-Id, after
-# `param set`, or as in the output of `param show`: x + NAME [12,34] : VALUE.
+# Matches one parameter: NAME,VALUE or NAME=VALUE or NAME VALUE. The numbers of vehicle and component, or
+# `param set`, may precede the name. A line of `param show` also matches: x + NAME [12,34] : VALUE.
 LINE: Final = re.compile(
     r"^\s*(?:(?:\d+\s+\d+|param\s+set|x?\s*[+*]?)\s+)?([A-Z][A-Z0-9_]{2,16})"
     r"(?:\s*\[[\d,]+\]\s*:\s*|\s*[,=\t]\s*|\s+)([-+]?[\w.+-]+)"

@@ -11,9 +11,9 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["UNITS", "in_si", "per_si_unit"]
 
-# For each sensor and each unit of raw samples: the size of one SI unit in this unit, such as 0.102 for g,
-# because 1 m/s^2 = 0.102 g. The SI unit is first. Samples in a unit divided by this number are samples in the
-# SI unit. Recordings are read in SI units.
+# For each sensor, the units of raw samples, with the SI unit first. The number is one SI unit expressed in
+# the unit, such as 0.102 for g, because 1 m/s^2 = 0.102 g. A sample in the unit, divided by this number, is
+# in the SI unit. Calibrations are converted to SI units, because recordings are read in SI units.
 UNITS: Final[dict[str, dict[str, float]]] = {
     "accelerometer": {"m/s^2": 1.0, "g": 1 / STANDARD_GRAVITY_MPS2, "mg": 1e3 / STANDARD_GRAVITY_MPS2},
     "gyroscope": {"rad/s": 1.0, "deg/s": math.degrees(1.0), "mdeg/s": 1e3 * math.degrees(1.0)},
@@ -28,5 +28,8 @@ def per_si_unit(sensor: str, unit: str) -> float:
 
 
 def in_si(triad: Triad, per_si: float) -> Triad:
-    """The triad converted from a raw unit to raw samples in SI units; one SI unit is `per_si` raw units."""
+    """The triad for samples in SI units, from the triad for samples in a raw unit.
+
+    per_si   one SI unit expressed in the raw unit
+    """
     return Triad(triad.sensitivity / per_si, triad.bias / per_si)

@@ -43,7 +43,11 @@ def recording_of_any_text(
 
 
 def _only_sensor(text: Text, *, needs_time: bool) -> Sensor | None:
-    """The sensor of a file; None if it has no sensor, both sensors, or columns that may be another sensor."""
+    """The only sensor of a file.
+
+    None if the file has no sensor, both sensors, or columns that may belong to another sensor. Also None if
+    it has a time column although `needs_time` is false, or no time column although `needs_time` is true.
+    """
     header = layout_header(text.layout)
     try:
         sensor = sensor_of(text)

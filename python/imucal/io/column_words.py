@@ -57,8 +57,8 @@ TIME: Final = (
 )
 # Words in names of secondary time columns, which are used only if there is no other time column.
 NOT_TIME: Final = {"zone", "step", "delta", "dt", "diff", "ntp", "gps"}
-# Last words in names of time columns whose values count ticks, frames or samples, or have a unit that is not
-# read.
+# If the name of a time column ends with one of these words, its values are counts of ticks, frames or
+# samples, or times in a unit that is not supported, such as hours.
 COUNTED: Final = {
     *("tick", "ticks", "jiffies", "cycle", "cycles", "frame", "frames", "sample", "samples", "clk"),
     *("min", "mins", "minute", "minutes", "h", "hr", "hrs", "hour", "hours", "d", "day", "days"),
@@ -90,7 +90,11 @@ def words_of(name: str) -> list[str]:
 def role_of(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[str, str, str] | None:
     """Quantity and axis of a column, and the part of its name that is common to all three axes.
 
-    None if the words of the name do not state quantity and axis.
+    The result is None if the words of the name do not state quantity and axis.
+
+    words   words of the name without the unit
+    bare    the name without the unit
+    unit    quantity and unit in the name, as from `unit_words.split_unit`
     """
     of = unit[0] if unit else ""
     if of in ("time", "temp", "angle", "other"):
@@ -136,7 +140,7 @@ def is_of_other(words: list[str]) -> bool:
 
 
 def is_remark(text: str) -> bool:
-    """Whether a text in brackets is a remark on the column, such as (z-axis), [0] or [x8004], and no unit."""
+    """Whether a text in brackets is a remark on the column, such as (z-axis), [0] or [x8004], not a unit."""
     if re.fullmatch(r"\d|x[0-9A-Fa-f]{4}", text):
         return True
     sensors = {word for word in ACCEL | GYRO if len(word) > 3}
@@ -147,7 +151,10 @@ def is_remark(text: str) -> bool:
 
 
 def is_counted(words: list[str]) -> bool:
-    """Whether the last word of a name of a time column states counts, or a unit of time that is not read."""
+    """Whether a time column contains counts, or times in a unit that is not supported.
+
+    words   words of the column's name; the last word decides (`COUNTED`)
+    """
     return bool(words) and words[-1] in COUNTED
 
 

@@ -60,7 +60,7 @@ class Format:
 
 
 def _function(name: str) -> Any:
-    """A function of this folder by the names of its module and of the function, `canonical.read_csv`."""
+    """A function of this folder; `name` is its module and its name, such as `canonical.read_csv`."""
     module, _, function = name.partition(".")
     return getattr(importlib.import_module(f"imucal.io.{module}"), function)
 

@@ -60,7 +60,7 @@ def read_frame(
 
 
 def to_table(recording: Recording) -> Any:
-    """The columns of a recording with canonical names. Every number is preserved bit for bit."""
+    """A recording as an Arrow table with canonical column names. Every number is preserved bit for bit."""
     import pyarrow as pa
 
     columns = column_names(recording)

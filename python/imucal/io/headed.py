@@ -185,7 +185,7 @@ def _require_agreement(
 
 
 def _stated(unit: tuple[str, str]) -> str:
-    """A unit of `split_unit` in words of a message."""
+    """A unit that `split_unit` has found, in the words of a message."""
     if unit[0] == "other":
         return "a unit of another quantity"
     return f"the unit {UNIT_TEXT.get(unit[1], unit[1])}"
@@ -229,7 +229,7 @@ def certain_time(
 ) -> tuple[tuple[str, str] | None, float | None] | None:
     """(name, canonical name) of the time column and its ticks per second, as from `time_of`.
 
-    The result is None if the header is ambiguous.
+    The result is None if the header is ambiguous or contradicts the data.
     """
     if len(header.accel) != 1 or len(header.gyro) != 1:
         return None

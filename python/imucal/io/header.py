@@ -25,7 +25,7 @@ from imucal.io.unit_words import split_unit, split_unread
 
 __all__ = ["Header", "Triad", "header_of", "names_sensor"]
 
-# Descriptor of a quantity in the names of MicroStrain, such as `X Accel [x8004]`.
+# Descriptor of a quantity in column names of MicroStrain, such as `X Accel [x8004]`.
 DESCRIPTOR: Final = r"\s*\[x[0-9A-Fa-f]{4}\]"
 # Matches a multiple of a unit of time, as in `Time [10ms]`, `Timestamp (100 ns)` or `t (ms x10)`. No
 # canonical name states such a unit.
@@ -55,12 +55,13 @@ class Header:
 
     accel, gyro  the triads, the more likely one first
     linear       triads of acceleration without gravity
-    plain        triads whose column names are only x, y, z. Each has the sensor that its unit implies, or ""
+    plain        triads whose column names are only x, y, z, each with the sensor that its unit implies, or
+                 "" if the unit implies no sensor
     times        name and unit, or None, of the time columns
     stamp        names of two columns with the seconds and the nanoseconds of a time stamp of ROS, or None
     temperature  name of a column of temperature and its canonical name, or None
     program      the program or app that writes such files, with the units of its manual, or None
-    unread       for each column whose name states a unit that is not read: the text of this unit
+    unread       for each column whose name states a unit that is not supported: the text of this unit
     mixed        the triads whose columns state different units
     """
 
@@ -76,11 +77,11 @@ class Header:
     mixed: list[tuple[str, str, str]] = field(default_factory=list)
 
     def unread_in(self, columns: Iterable[str]) -> list[str]:
-        """The units of these columns that are stated but not read."""
+        """The units that the names of these columns state and that are not supported."""
         return list(dict.fromkeys(self.unread[name] for name in columns if name in self.unread))
 
     def unusable_units(self) -> str:
-        """A sentence on units of the sensors that are stated but cannot be used; empty without such units."""
+        """A sentence on units of the sensors that are stated but cannot be used; empty if there are none."""
         used = [triad.columns for triad in (*self.accel[:1], *self.gyro[:1])]
         unread = self.unread_in(name for columns in used for name in columns)
         if unread:
@@ -208,8 +209,9 @@ def names_sensor(names: Sequence[str], what: str) -> bool:
 
 
 def _is_quaternion(x: str, names: Sequence[str]) -> bool:
-    """Whether the column `x` is a component of a quaternion, so that there is also a column w of this name.
+    """Whether the column `x` is a component of a quaternion.
 
+    In this case there is also a column with the same name except for the letter w in the place of x.
     False if several columns have the name `x`.
     """
     w = re.sub(r"x(?=[^x]*$)", "w", x.lower())

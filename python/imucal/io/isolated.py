@@ -28,9 +28,9 @@ from imucal.recording.recording import Recording
 __all__ = ["Limits", "limits_for", "read_in_child", "size_of"]
 
 # A child process may allocate MEMORY_BYTES after its start, for libraries and small files, plus
-# MEMORY_PER_BYTE times the size of the files in bytes. In memory, a ROS message is about as large as in the
-# file. An array of a compressed file is several times as large as in the file, and its conversion needs twice
-# this memory.
+# MEMORY_PER_BYTE times the size of the files in bytes. A ROS message has about the same size in memory as in
+# the file. An array of a compressed file is several times larger in memory than in the file, and its
+# conversion needs twice this memory.
 MEMORY_BYTES: Final = 100_000_000
 MEMORY_PER_BYTE: Final = 10
 # A child process may use PROCESSOR_S of processor time, s, for libraries and small files, plus

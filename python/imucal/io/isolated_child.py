@@ -17,7 +17,7 @@ __all__ = ["limit_process", "serve"]
 
 
 def serve(request: dict[str, Any]) -> None:
-    """Read the requested files and write them to standard output; see `imucal.io.passing`."""
+    """Read the requested files and write the recordings to standard output; see `imucal.io.passing`."""
     # Interrupts are ignored, because the parent handles Ctrl-C and ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with os.fdopen(os.dup(1), "wb") as stream:

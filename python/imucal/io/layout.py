@@ -47,7 +47,7 @@ BOMS: Final = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 class Layout(NamedTuple):
     """The positions of the parts of a text table, and its column names.
 
-    names      column names, or None without a header
+    names      column names; None if there is no header
     units      text of a line with the unit of each column, or None
     preamble   lines before the header
     separator  text between two fields; " " stands for any number of spaces
@@ -55,7 +55,7 @@ class Layout(NamedTuple):
     start      offset of the first row, bytes
     line       number of the line at `start`, from 1
     width      number of fields of a row
-    first      fields of the first row; empty without rows
+    first      fields of the first row; empty if there are no rows
     """
 
     names: list[str] | None

@@ -15,8 +15,9 @@ from typing import Any, BinaryIO, Final, NamedTuple
 
 __all__ = ["Chunk", "column_chunks", "require_plausible_pages", "require_plausible_rows"]
 
-# The values of a file may have at most MEMORY_BYTES plus MEMORY_PER_BYTE times the size of the file, bytes.
-# Constant columns can be compressed by any factor. MEMORY_BYTES is enough for hours of such columns.
+# In memory, the values of a file may take at most MEMORY_BYTES plus MEMORY_PER_BYTE times the size of the
+# file, bytes. Constant columns can be compressed by any factor. MEMORY_BYTES is enough for hours of such
+# columns.
 MEMORY_BYTES: Final = 100_000_000
 MEMORY_PER_BYTE: Final = 1000
 # Largest accepted page, bytes. Programs write pages of about 1 MB.

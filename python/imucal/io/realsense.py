@@ -36,7 +36,7 @@ MOST_GARBLED: Final = 0.01
 
 
 def read_realsense(path: str | os.PathLike[str]) -> Recording:
-    """Read the streams Accel (m/s^2) and Gyro (rad/s), by the clock of the camera.
+    """Read the streams Accel (m/s^2) and Gyro (rad/s), with time stamps from the clock of the camera.
 
     The hardware clock is in ms or us, depending on the model and the version of the library. The unit is
     chosen so that the hardware clock agrees with the clock of the host. Raises FormatError if it agrees in

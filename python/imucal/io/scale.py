@@ -169,9 +169,9 @@ def gyro_reading(values: FloatArray, *, is_moving: bool = False) -> Reading:
             "dps" if largest < 6000 else "mdps", f"{text}; rates up to {largest:.4g} exclude rad/s"
         )
     likely = _unit_of_noise(noise)
-    # If the sensor moves most of the time, `noise` is the variation by the motion, and at most a few blocks
-    # contain only noise. No unit of measurement is therefore returned if the quietest block indicates another
-    # unit of measurement than `noise` does.
+    # If the sensor moves most of the time, `noise` is the variation due to the motion, and at most a few
+    # blocks contain only noise. No unit of measurement is therefore returned if the quietest block indicates
+    # another unit of measurement than `noise` does.
     if likely is None or _unit_of_noise(least) not in (None, likely) or (is_moving and likely == "dps"):
         return Reading(None, f"{text}: the data do not tell which")
     return Reading(likely, text)

@@ -48,7 +48,7 @@ class Sensor:
 
     @property
     def unread(self) -> list[str]:
-        """The units of its columns that the header states and that are not read."""
+        """The units that the header states for the columns of this sensor and that are not supported."""
         return self.header.unread_in(self.triad.columns)
 
     @property
@@ -259,7 +259,7 @@ def time_of_sensor(sensor: Sensor, given: str | None) -> tuple[tuple[str, str], 
 def _plain_stamps(sensor: Sensor) -> list[str]:
     """Time columns of numbers without a unit.
 
-    The time of the sensor node takes precedence over that of the host.
+    The time of the sensor node takes precedence over the time of the host.
     """
     head = sensor.head
     plain = [name for name, unit in sensor.header.times if unit is None and not head.is_date(name)]

@@ -32,7 +32,7 @@ def read_pair(
 ) -> Recording:
     """Read two text files, one per sensor.
 
-    If they do not identify the sensors, the first file is the accelerometer.
+    If the files do not identify the sensors, the first file is the accelerometer.
 
     time_unit   s, ms, us or ns
     accel_unit  m/s^2, g, mg or lsb
@@ -144,7 +144,8 @@ def _sensor_name(what: str) -> str:
 def _chosen(name: str, sensors: list[Sensor], what: str, texts: Sequence[Text]) -> Sensor:
     """The file of a sensor.
 
-    Accelerometers with gravity and files that are not "uncalibrated" take precedence.
+    Of several files, those take precedence whose acceleration includes gravity, whose name does not contain
+    "uncal", and whose name contains "total".
     """
     if what == "accelerometer" and len(sensors) > 1:
         with_gravity = [sensor for sensor in sensors if has_gravity(sensor)]

@@ -54,7 +54,7 @@ class Stream(NamedTuple):
 
 
 def median_rate_hz(time_ns: NDArray[np.int64]) -> float:
-    """The rate that corresponds to the median step of the time stamps, Hz; NaN without a positive step."""
+    """The rate that corresponds to the median step of the time stamps, Hz; NaN if it is not positive."""
     step_ns = float(np.median(np.diff(time_ns))) if len(time_ns) > 1 else 0.0
     return 1e9 / step_ns if step_ns > 0 else float("nan")
 

@@ -49,7 +49,7 @@ def suggestion(
 
     cells     the first cells of each column
     works     function that tests whether the file can be read with a value of --columns
-    numbers   the first numbers of a column
+    numbers   function that returns the first numbers of a column
     preamble  lines before the header
     """
     header = _likely_first(_with_rates(_with_gravity(header, numbers), list(cells)), numbers)
@@ -117,7 +117,10 @@ def _with_gravity(header: Header, numbers: Callable[[str], Any]) -> Header:
 
 
 def _likely_first(header: Header, numbers: Callable[[str], Any]) -> Header:
-    """The header with accelerometers whose samples include gravity first, and those that are zero last."""
+    """The header with its accelerometers in another order.
+
+    Accelerometers whose samples include gravity come first, and those whose samples are all zero come last.
+    """
     if len(header.accel) < 2:
         return header
     samples = [_values(triad, numbers) for triad in header.accel]
@@ -154,7 +157,7 @@ def columns_suggested(
     """A sentence that proposes a value of --columns for these columns; empty if the columns are unknown.
 
     cells    the first cells of each column
-    numbers  the first numbers of a column
+    numbers  function that returns the first numbers of a column
     """
     return suggestion(header_of(names), cells, lambda _: True, numbers)
 
@@ -174,7 +177,10 @@ def time_suggested(
 
 
 def rows_of_several_sensors(cells: Mapping[str, Sequence[str]]) -> str:
-    """A sentence on a column whose cells name both sensors; empty without such a column."""
+    """A sentence for a table with one sensor per row; empty for any other table.
+
+    Such a table has a column with the name of a sensor in each row, such as `acc` or `gyro`.
+    """
     for name, column in cells.items():
         values = list(dict.fromkeys(column))[:10]
         if names_sensor([f"{value} x" for value in values], "gyro") and names_sensor(

@@ -33,8 +33,8 @@ def time_column(
     """The column that contains the time, if its unit is known; None otherwise.
 
     times    name of each column that may contain the time, and its unit, or None if the name gives no unit
-    numbers  the first numbers of a column
-    is_date  whether a column contains dates or times of day
+    numbers  function that returns the first numbers of a column
+    is_date  function that tests whether a column contains dates or times of day
 
     Time stamps since 1970 take precedence over a time since the start, because only they are comparable
     between two files. A column whose first time stamps are all equal, such as zeros, is not used.

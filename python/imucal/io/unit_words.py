@@ -1,8 +1,8 @@
 """Spellings of units in headers of text files, and the corresponding suffixes of canonical names.
 
-The sizes of the units are in `imucal.units.COLUMN_UNITS`. If a name has, in the place of a unit, a text that
-is not a unit of this module, the unit does not count as missing. `split_unread` returns this text, and the
-file is read only if the user states the units of its columns.
+The sizes of the units are in `imucal.units.COLUMN_UNITS`. A name may state a unit that is not supported, such
+as inch/s². This unit then does not count as missing. `split_unread` returns its text, and the file is read
+only if the user states the units of its columns.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def split_unit(name: str) -> tuple[str, tuple[str, str] | None]:
 
 
 def split_unread(name: str) -> tuple[str, str]:
-    """A column name without a unit that is not read, and this unit, as in ("Acc x", "inch/s²").
+    """A column name without its unit, and the unit, if it is not supported: ("Acc x", "inch/s²").
 
     The unit is "" if the name has no text in the place of a unit. Remarks such as (with gravity), [x8004] and
     (z-axis) are no units. The function is only for names in which `split_unit` finds no unit.

@@ -129,7 +129,7 @@ class Check:
 
 @dataclass(frozen=True)
 class VerdictCheck(Check):
-    """The check of a verdict against the worst permitted verdict. The value is 0 for good to 2 for poor."""
+    """The check of a verdict against the worst permitted one. Values: 0 good, 1 incomplete, 2 poor."""
 
     @staticmethod
     def of(limit: Verdict, verdict: Verdict, reasons: Sequence[str]) -> VerdictCheck:

@@ -99,7 +99,7 @@ class ParameterLimit:
 
 @dataclass(frozen=True)
 class FigureLimit:
-    """A maximum of a figure of merit on a set of recordings, or a minimum number of its rests or moves.
+    """A maximum figure of merit on a set of recordings, or a minimum number of rests or moves in this set.
 
     of      "calibration_set", "control_set" or "held_out"
     figure  one of `FIGURES[of]`

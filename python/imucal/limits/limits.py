@@ -72,10 +72,11 @@ class Limits:
         control_set: Figures | None = None,
         verdict: tuple[Verdict, tuple[str, ...]] | None = None,
     ) -> Judgement:
-        """Check a calibration, or a result of `calibrate` (with held-out figures), against the limits.
+        """Check a calibration, or a result of `calibrate`, which may have held-out figures, against limits.
 
-        control_set  figures on recordings to use instead of the control set of the calibration
-        verdict      the verdict with its reasons on these recordings; default: the verdict of the calibration
+        control_set  figures of merit on other recordings, which replace those of the control set; None: the
+                     figures in the calibration
+        verdict      verdict and reasons on these other recordings; None: the verdict of the calibration
         """
         calibration = unit if isinstance(unit, Calibration) else unit.calibration
         sets = {

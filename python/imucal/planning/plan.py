@@ -3,8 +3,8 @@
     planned = imucal.plan("optimal", targets={"accel_sensitivity": "50 ppm", "gyro_bias": 5e-5})
     planned.program.write("program.json"); print(planned.summary())
 
-Standard deviations are predicted for the joint fit, from the model and the white noise of the unit. Detection
-limits are the same as `imucal gap` reports for a simulated run.
+Standard deviations are predicted for a fit of all parameters together, from the sensor model and the white
+noise of the unit. Detection limits of effects are those that `imucal gap` reports for a simulated run.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def plan(
 
 
 def _within(planned: Plan, minutes: float | None, *, reached: bool) -> Plan:
-    """The plan with its allowed duration; the argument `reached` is whether the plan meets the targets."""
+    """The plan with its allowed duration; `reached` says whether the plan meets the targets."""
     planned = dataclasses.replace(planned, allowed_minutes=minutes)
     return dataclasses.replace(planned, reached=reached and is_within(planned))
 
@@ -295,7 +295,7 @@ class _Planner:
         return [*base, *_core.plan_effect_parameters(self._sensors(minutes))]
 
     def _run(self, motion: Motion) -> Recording:
-        """A simulated run."""
+        """A simulated recording of the motion."""
         if self.limits.in_hand and isinstance(motion, Program):
             motion = Program(motion.steps, Stand(tremor_deg=TREMOR_DEG, tremor_seed=self.seed))
         run = simulate(
@@ -328,7 +328,7 @@ class _Planner:
         return limits, tuple(NotObservable(name, needs) for name, needs in blind), []
 
     def _papers(self) -> tuple[ComparedProgram, ...]:
-        """The paper's programs on the paper's stand, with the noise of this unit."""
+        """The programs of the paper cited in docs/model.md on its stand, with the noise of this unit."""
         own = dataclasses.replace(self, limits=stand_limits_of("paper"), effects=())
         grid, random = Program.grid(), Program.random(seed=self.seed)
         rows = []

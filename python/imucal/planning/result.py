@@ -16,8 +16,8 @@ from imucal.units import units_of
 
 __all__ = ["ROUNDING", "Plan", "headline", "is_within", "not_reached", "worst_rows"]
 
-# A target, or the allowed duration, counts as met if the value is at most the target times this factor. The
-# factor allows for rounding errors.
+# A target counts as met if the standard deviation is at most the target times this factor. The same holds for
+# the allowed duration. The factor allows for rounding errors.
 ROUNDING: Final = 1.001
 # Units in which a plan shows standard deviations instead of SI units, by SI unit.
 SHOWN_IN: Final = {"1": "ppm", "m/s^2": "ug"}
@@ -106,7 +106,7 @@ class Plan:
 
 
 def headline(plan: Plan) -> str:
-    """Duration, moves and rests."""
+    """One line: duration of the motion, numbers of moves and rests, and the unit whose noise is assumed."""
     return (
         f"{plan.kind}: {plan.minutes:.2f} min, {plan.moves} moves, {plan.rests} rests, "
         f"for the noise of the unit {plan.unit}"
@@ -146,7 +146,7 @@ def worst_rows(plan: Plan) -> list[list[str]]:
 
 
 def _summary(plan: Plan) -> str:
-    """The plan in a few lines."""
+    """The plan as text: duration, largest standard deviation of each group, and what is missing."""
     lines = [headline(plan)]
     for group, size in plan.worst.items():
         wish = plan.targets.get(group)

@@ -36,14 +36,15 @@ ROW_PX: Final = 24
 CHECK_PX: Final = 29
 PANEL_PX: Final = 62
 MARGIN_PX: Final = 40
-# If the value of a check exceeds this multiple of its limit, it is drawn at this multiple.
+# A check compares a value with its limit. A value beyond this multiple of its limit is drawn at this
+# multiple.
 EDGE: Final = 1.5
 
 
 def parameters(result: CalibrationResult | Calibration) -> Figure:
     """Every parameter with an error bar of +-1 sigma; parameters with different units are in separate panels.
 
-    Raises ImucalError without plotly.
+    Raises ImucalError if plotly is not installed.
     """
 
     def trace(go: Any, panel: list[Parameter]) -> Any:
@@ -68,7 +69,7 @@ def parameters(result: CalibrationResult | Calibration) -> Figure:
 def sigmas(result: CalibrationResult | Calibration) -> Figure:
     """The standard deviation of every parameter; parameters with different units are in separate panels.
 
-    Raises ImucalError without plotly.
+    Raises ImucalError if plotly is not installed.
     """
 
     def trace(go: Any, panel: list[Parameter]) -> Any:
@@ -90,7 +91,7 @@ def limits(judgement: Judgement) -> Figure:
     """Every check relative to its limits, with error bars of +-1 sigma; the allowed range is -1 to 1.
 
     A one-sided maximum is at 1, and a value that satisfies a one-sided minimum is drawn at 0. Values beyond
-    1.5 and missing values are drawn at the edge. Raises ImucalError without plotly.
+    1.5 and missing values are drawn at the edge. Raises ImucalError if plotly is not installed.
     """
     go, _ = plotly()
     checks = judgement.checks

@@ -60,7 +60,7 @@ def disagreement(gap: Gap) -> Figure:
 
     Residuals from noise alone have the value 1.
 
-    Raises InputError if there are no residuals, ImucalError without plotly.
+    Raises InputError if there are no residuals, ImucalError if plotly is not installed.
     """
     where = getattr(gap, "where", None)
     if not where or not where["channels"]:
@@ -98,7 +98,7 @@ def ranking(gap: Gap) -> Figure:
 
     Filled bars are effects added to the model, striped bars their rivals.
 
-    Raises InputError if there is no ranking, ImucalError without plotly.
+    Raises InputError if there is no ranking, ImucalError if plotly is not installed.
     """
     if not gap.ranking:
         raise InputError(
@@ -136,13 +136,15 @@ def ranking(gap: Gap) -> Figure:
 
 
 def law(found: Law, points: Mapping[str, tuple[FloatArray, FloatArray]] | None = None) -> Figure:
-    """The curve of a law over its variable by axis, with the 95 % band that follows from its parameters.
+    """The curve of a law over its variable by axis, with its 95 % band.
+
+    The band is computed from the standard deviations of the law's parameters.
 
     A law is a formula for residuals that no effect of the catalogue describes.
 
     points  values of the variable and errors of the sensor by axis, such as those of `law_points`
 
-    Raises InputError for a law of several variables, ImucalError without plotly.
+    Raises InputError for a law of several variables, ImucalError if plotly is not installed.
     """
     curve = found.curve
     if curve is None:
@@ -214,7 +216,7 @@ def before_and_after(gap: Gap) -> Figure:
 
     The plot shows the values before and after the effects were added.
 
-    Raises InputError if there are no figures of merit, ImucalError without plotly.
+    Raises InputError if there are no figures of merit, ImucalError if plotly is not installed.
     """
     sets = figure_sets(gap)
     if not sets:

@@ -27,8 +27,8 @@ __all__ = [
     "sphere_before_and_after",
 ]
 
-# All errors are drawn magnified by a common factor. With this factor, the largest distance of a point from
-# the sphere is this fraction of the radius.
+# The errors of all points are magnified by a common factor before they are drawn. The factor is chosen so
+# that the largest drawn distance of a point from the sphere is this fraction of the radius of the sphere.
 DRAWN_ERROR: Final = 0.4
 # Edges of the bins of a histogram of a normal variable, in standard deviations. The outermost bins also
 # contain all values beyond them.
@@ -40,8 +40,8 @@ LENGTH_EDGES: Final = np.arange(0.0, 5.01, 0.5)
 def norms_before_and_after(result: CalibrationResult) -> tuple[FloatArray, FloatArray]:
     """Norm of the force at each used rest, divided by gravity, before and after calibration, (K,) each.
 
-    Before calibration, raw counts are converted to forces with one scale and one zero for all axes, which are
-    means of the calibration over the axes.
+    For the norm before calibration, raw counts are converted to forces with a common scale and a common bias
+    for all axes. These are the means over the axes of the calibrated scales and biases.
     """
     used = [rest for rest in result.rests if rest.excluded is None]
     raw = np.array([rest.mean_specific_force for rest in used], dtype=float).reshape(-1, 3)
@@ -60,7 +60,7 @@ def sphere_before_and_after(result: CalibrationResult) -> tuple[Figure, float]:
     The distance of a point from the sphere is the error |f| - g, magnified by a factor. Returns the plot and
     this factor.
 
-    Raises ImucalError without plotly.
+    Raises ImucalError if plotly is not installed.
     """
     go, _ = plotly()
     used = np.array([rest.excluded is None for rest in result.rests], dtype=bool)
@@ -100,7 +100,7 @@ def histogram(result: CalibrationResult) -> Figure:
     |f| - g, which is normally distributed. The residual of a move is the direction error, which is
     distributed like the length of a vector of two normal components.
 
-    Raises InputError without residuals, ImucalError without plotly.
+    Raises InputError without residuals, ImucalError if plotly is not installed.
     """
     panels = []
     for title, items, error, sigma, edges, density in (
@@ -150,7 +150,7 @@ def histogram(result: CalibrationResult) -> Figure:
 def correlations(calibration: Calibration) -> Figure:
     """Correlation coefficients of the estimated parameters.
 
-    Raises InputError for a calibration without covariance, ImucalError without plotly.
+    Raises InputError for a calibration without covariance, ImucalError if plotly is not installed.
     """
     names, matrix = _correlation(calibration)
     # Labels are short, for the screen of a phone; T stands for the sensitivity.

@@ -48,7 +48,7 @@ def over_time(
     """Median of a parameter for each station, with the range of the middle 90 % of its units.
 
     times       middle of each bin
-    quantiles   5 %, 50 % and 95 % quantiles by station, (bins, 3); NaN in bins without a unit
+    quantiles   5 %, 50 % and 95 % quantiles by station, (bins, 3); NaN if a bin has no unit
     centre      mean over all units
     limits      minimum and maximum; None for a side without a limit
     """

@@ -64,7 +64,7 @@ def move_signals(signals: MoveSignals, *, has_effects: bool = True, is_hand_move
     With `is_hand_moved`, the range of the lower panel is set by the residuals at the rests, because during
     the move the accelerometer also measures the acceleration of the hand.
 
-    Raises ImucalError without plotly.
+    Raises ImucalError if plotly is not installed.
     """
     _, make_subplots = plotly()
     figure = make_subplots(rows=2, shared_xaxes=True, row_heights=[0.6, 0.4], vertical_spacing=0.06)
@@ -138,7 +138,7 @@ def residual_against(shown: Sequence[Dependence], *, has_effects: bool = True) -
 
     Filled markers are recordings of the fit, open ones control recordings.
 
-    Raises InputError without any residual to show, ImucalError without plotly.
+    Raises InputError without any residual to show, ImucalError if plotly is not installed.
     """
     if not shown:
         raise InputError("no residual depends on a variable")

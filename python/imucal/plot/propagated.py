@@ -29,7 +29,7 @@ def propagated_gravity(judged: Evaluation, axis: Literal["x", "y", "z"], recordi
     axis       body axis
     recording  index of the recording
 
-    Raises InputError if there is no such recording or axis, ImucalError without plotly.
+    Raises InputError if there is no such recording or axis, ImucalError if plotly is not installed.
     """
     if not 0 <= recording < len(judged.carried):
         raise InputError(f"there is no recording {recording}: {len(judged.carried)} were evaluated")

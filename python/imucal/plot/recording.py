@@ -35,7 +35,7 @@ def recording_signals(recording: Recording, inspection: Inspection) -> Figure:
     A signal is drawn by its smallest and largest sample in each of 700 intervals of time. Crosses mark
     samples at the end of a sensor's range.
 
-    Raises ImucalError without plotly.
+    Raises ImucalError if plotly is not installed.
     """
     _, make_subplots = plotly()
     triads = [

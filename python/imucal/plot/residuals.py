@@ -31,9 +31,9 @@ LENGTH_95: Final = math.sqrt(-2.0 * math.log(0.05))
 
 
 def rest_residuals(result: CalibrationResult | Evaluation) -> Figure:
-    """Norm of the force minus gravity at each rest, mg; 95 % of residuals of noise alone are in the band.
+    """Norm of the force minus gravity at each rest, mg.
 
-    Raises ImucalError without plotly.
+    The band contains 95 % of the residuals that noise alone causes. Raises ImucalError without plotly.
     """
     rests = result.rests
     words = [f"rest {number} of {rest.recording}<br>{rest.place}" for number, rest in enumerate(rests)]

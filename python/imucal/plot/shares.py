@@ -64,7 +64,7 @@ def waterfall_steps(gap: Gap) -> dict[str, list[tuple[str, float]]]:
 def waterfall(gap: Gap) -> Figure:
     """Waterfall chart of the gap of each kind of residual: the share that each effect closes.
 
-    Raises InputError if no effect closes a gap, ImucalError without plotly.
+    Raises InputError if no effect closes a gap, ImucalError if plotly is not installed.
     """
     steps = waterfall_steps(gap)
     if not steps:
@@ -106,7 +106,7 @@ def effect_sizes(gap: Gap) -> Figure:
     """Every parameter of the found effects with its 68 % and 95 % interval. Zero means no effect.
 
     The intervals are computed from the covariance of the fit, for a quadratic log-likelihood. Raises
-    InputError without effects, ImucalError without plotly.
+    InputError without effects, ImucalError if plotly is not installed.
     """
     groups: dict[str, list[tuple[str, float, float]]] = {}
     for effect in gap.effects:
@@ -156,7 +156,7 @@ def candidate_probabilities(gap: Gap) -> dict[str, float]:
 def probabilities(gap: Gap) -> Figure:
     """Probabilities of the candidates under equal prior probabilities. Candidates below 0.1 % are omitted.
 
-    Raises InputError without a ranking, ImucalError without plotly.
+    Raises InputError without a ranking, ImucalError if plotly is not installed.
     """
     if not gap.ranking:
         raise InputError("there is no ranking: the search ended before candidates were scored")

@@ -21,7 +21,7 @@ def soak(found: Soak, sensor: SoakedSensor, over: Literal["temperature", "time"]
     A loop over temperature indicates a lag or hysteresis. Over time, the residuals of a cubic in the
     temperature are drawn for comparison.
 
-    Raises ImucalError without plotly.
+    Raises ImucalError if plotly is not installed.
     """
     _, make_subplots = plotly()
     if over == "temperature":

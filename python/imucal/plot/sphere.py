@@ -25,7 +25,7 @@ def coverage(result: CalibrationResult | Evaluation) -> Figure:
     Poses far from all points are not covered. Effects that are observable only in such poses are not
     estimated.
 
-    Raises ImucalError without plotly.
+    Raises ImucalError if plotly is not installed.
     """
     go, _ = plotly()
     figure = go.Figure([_ball(go), circles(go), *body_axes(go)])

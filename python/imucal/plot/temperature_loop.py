@@ -18,9 +18,11 @@ __all__ = ["temperature_loop"]
 
 
 def temperature_loop(loop: TemperatureLoop) -> Figure:
-    """Residuals of each axis over temperature, separately for heating and cooling, and with the effects.
+    """Residuals of each axis over temperature, without and with the effects.
 
-    Raises ImucalError without plotly.
+    Residuals without the effects have different colours for heating and cooling.
+
+    Raises ImucalError if plotly is not installed.
     """
     _, make_subplots = plotly()
     scale = datasheet("", "rad/s" if loop.sensor == "gyroscope" else "m/s^2")

@@ -52,9 +52,9 @@ class Recording:
     angular_rate      (N, 3)  in `gyro_unit`, along the gyroscope's axes; None without a gyroscope
     temperature_degc  (N,)    degC, or None
     stand_rad         (N, 3)  angles of the stand's motors from their encoders, rad, or None
-    auxiliary         name -> (N,)  other columns of the file; characters of a name that cannot be printed
-                      become escapes
-    findings          repairs and remarks of the reader of the file
+    auxiliary         name -> (N,)  other columns of the file. Characters of a name that cannot be printed are
+                      replaced by escape sequences
+    findings          repairs to the data and remarks that were reported when the file was read
     axes              axis remapping from the columns of the source, in the form of `with_axes`
     column_units      units of the accelerometer and gyroscope columns in the source, such as "g" and "dps",
                       for messages; None if unknown
@@ -223,7 +223,7 @@ class Recording:
         return float(self.time_s[-1] - self.time_s[0]) if len(self) > 1 else 0.0
 
     def between(self, start_s: float | None = None, end_s: float | None = None) -> Recording:
-        """The samples with start_s <= time_s < end_s; None means no limit."""
+        """The recording with only the samples at start_s <= time_s < end_s; None means no limit."""
         keep = np.ones(len(self), dtype=bool)
         if start_s is not None:
             keep &= self.time_s >= start_s
@@ -232,7 +232,7 @@ class Recording:
         return self.rows(keep)
 
     def rows(self, keep: NDArray[np.bool_]) -> Recording:
-        """The samples that the mask `keep`, (N,), selects."""
+        """The recording with only the samples for which the mask `keep`, (N,), is true."""
         return replace(
             self,
             time_s=self.time_s[keep],
@@ -307,11 +307,11 @@ class Recording:
         )
 
     def to_arrow(self) -> Any:
-        """The columns as a table of pyarrow, with the names of a written file (accel_x_mps2, ...)."""
+        """The columns as a pyarrow table, with the column names of recording files (accel_x_mps2, ...)."""
         return table_of(self)
 
     def to_pandas(self) -> Any:
-        """The columns as a data frame of pandas, with the names of a written file (accel_x_mps2, ...).
+        """The columns as a pandas data frame, with the column names of recording files (accel_x_mps2, ...).
 
         Raises ImucalError if pandas is not installed.
         """
@@ -409,7 +409,7 @@ def as_recording(given: Any) -> Recording:
 
 
 def as_recordings(given: Recording | Iterable[Recording] | None) -> list[Recording]:
-    """One or several recordings without exact copies of rows, as a list; empty for None.
+    """One or several recordings as a list, without the samples that `without_copies` removes; empty for None.
 
     Raises InputError for any other type.
     """

@@ -92,7 +92,7 @@ def coverage_tab(result: CalibrationResult | Evaluation) -> Tab:
 
 
 def limits_tabs(judgement: Judgement | None) -> tuple[Tab, ...]:
-    """Tab with the checks against limits as a plot and a table; empty without limits."""
+    """Tab with the checks against limits as a plot and a table; empty if there are no limits."""
     if judgement is None:
         return ()
     content = (

@@ -38,7 +38,7 @@ def write_calibration_page(
     title   heading of the page; by default the serial number, or the name of the first recording
     truth   true parameter values by name, which are known for simulated recordings
 
-    Raises ImucalError without plotly, and InputError if the file cannot be written.
+    Raises ImucalError if plotly is not installed, and InputError if the file cannot be written.
     """
     calibration = result.calibration
     tabs = [
@@ -67,7 +67,7 @@ def write_evaluation_page(
 ) -> None:
     """Write the report of an evaluation on recordings that were not used for the calibration.
 
-    Raises ImucalError without plotly, and InputError if the file cannot be written.
+    Raises ImucalError if plotly is not installed, and InputError if the file cannot be written.
     """
     tabs = [
         Tab(
@@ -134,7 +134,7 @@ def _histogram(result: CalibrationResult) -> list[Shown]:
     try:
         figure = plot.histogram(result)
     except InputError:
-        # If the noise of the means is not known, a calibration from a table of means has no histogram.
+        # A calibration from a table of mean readings has no histogram if the noise of the means is not known.
         return []
     caption = (
         "Residuals in standard deviations of their noise. If noise alone explains the residuals, the bars "

@@ -50,7 +50,7 @@ def write_fleet_page(
     reload_s   time, s, after which the browser loads the page again, or None
     selection  selection of units, as in `Fleet.measurements`
 
-    Raises ImucalError without plotly, and InputError for a store without a calibration.
+    Raises ImucalError if plotly is not installed, and InputError for a store without a calibration.
     """
     measured = fleet.measurements(covariances=False, **selection)
     if not len(measured):

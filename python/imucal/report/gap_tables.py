@@ -36,7 +36,7 @@ def effects_table(gap: Gap) -> str:
 def gap_figures_table(gap: Gap) -> str:
     """HTML table with the figures of merit of all sets of recordings, without and with the effects.
 
-    Empty without sets.
+    Empty if there are no sets.
     """
     known = figure_sets(gap)
     header = ["", *(f"{name}, {when}" for name in known for when in ("before", "after"))]

@@ -32,7 +32,7 @@ def write_inspection_page(
 ) -> None:
     """Write the report of the inspections of recordings, given in the same order.
 
-    Raises ImucalError without plotly, and InputError if the file cannot be written.
+    Raises ImucalError if plotly is not installed, and InputError if the file cannot be written.
     """
     seen = [inspections] if not isinstance(inspections, Sequence) else list(inspections)
     inspected = [recordings] if not isinstance(recordings, Sequence) else list(recordings)

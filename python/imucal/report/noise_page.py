@@ -21,7 +21,7 @@ __all__ = ["noise_table", "write_noise_page"]
 def write_noise_page(path: str | Path, noise: NoiseResult) -> None:
     """Write the report of the noise in one recording.
 
-    Raises ImucalError without plotly, and InputError if the file cannot be written.
+    Raises ImucalError if plotly is not installed, and InputError if the file cannot be written.
     """
     remarks = finding_texts(noise.findings)
     figures = Tab(

@@ -74,7 +74,7 @@ def of_noise(noise: NoiseResult) -> str:
 
 @html_of.register
 def of_inspection(seen: Inspection) -> str:
-    """Whether the recording determines all parameters, findings, rests, and predicted accuracy."""
+    """Verdict (whether the recording determines all parameters), findings, rests, and predicted accuracy."""
     return (
         _lead(sentences.of_inspection(seen))
         + item_list(finding_texts(seen.findings))

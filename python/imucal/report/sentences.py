@@ -135,7 +135,10 @@ def _judged(result: CalibrationResult | Evaluation | NoiseResult, good: str, bes
 
 
 def _better(judged: Evaluation) -> str:
-    """A sentence on the most informative figure of merit before and after calibration; empty without any."""
+    """A sentence on one figure of merit before and after calibration; empty if none is known.
+
+    The figure of merit is the direction error after moves, or without moves the error of the norm at rests.
+    """
     uncalibrated = judged.before.gravity_direction_rms_deg
     calibrated = judged.figures.gravity_direction_rms_deg
     if uncalibrated is None or calibrated is None:
@@ -147,7 +150,7 @@ def _better(judged: Evaluation) -> str:
 
 
 def _better_norm(judged: Evaluation) -> str:
-    """The sentence of `_better` for an accelerometer alone; empty if the norms at rest are not known."""
+    """The sentence of `_better` for recordings without moves; empty if the norms at rest are not known."""
     before, after = judged.before.gravity_norm_rms_mps2, judged.figures.gravity_norm_rms_mps2
     if before is None or after is None or judged.moves:
         return ""

@@ -19,7 +19,7 @@ __all__ = ["write_soak_page"]
 def write_soak_page(path: str | Path, found: Soak) -> None:
     """Write the report of a soak.
 
-    Raises ImucalError without plotly, and InputError if the file cannot be written.
+    Raises ImucalError if plotly is not installed, and InputError if the file cannot be written.
     """
     tabs = [_tab(found, sensor) for sensor in found.sensors]
     names = [sensor.described for sensor in found.sensors if sensor.terms]

@@ -40,7 +40,7 @@ def heading(text: str) -> str:
 
 
 def item_list(items: Sequence[str]) -> str:
-    """A list of plain texts with at most `MOST_ITEMS` items; an empty string without items."""
+    """A list of plain texts with at most `MOST_ITEMS` items; empty if there are no items."""
     if not items:
         return ""
     shown = [f"<li>{escape(item)}</li>" for item in items[:MOST_ITEMS]]

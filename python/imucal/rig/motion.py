@@ -165,7 +165,7 @@ class Tumble:
 
 @dataclass(frozen=True)
 class Static:
-    """A unit at rest; `rotation_wxyz` maps a vector from body to world (x north, z up)."""
+    """A unit at rest; the quaternion `rotation_wxyz` maps a vector from body to world (x north, z up)."""
 
     duration_s: float = 60.0
     rotation_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
@@ -176,7 +176,7 @@ class Static:
             raise InputError(f"rotation_wxyz is {self.rotation_wxyz}: four numbers, not all zero, are needed")
 
     def in_si(self) -> Static:
-        """The motion as the compiled library reads it, without angles."""
+        """This object, because it contains no angle that has to be converted to rad."""
         return self
 
 
@@ -196,7 +196,7 @@ Motion: TypeAlias = Program | Tumble | Static
 
 @dataclass(frozen=True)
 class StandMotion:
-    """A program on a stand, rad and m."""
+    """A program on a stand, as the compiled library reads it: angles in rad, lengths in m."""
 
     steps: tuple[tuple[tuple[float, float, float], float, float], ...]
     stand: Any
@@ -204,7 +204,7 @@ class StandMotion:
 
 @dataclass(frozen=True)
 class TumbleMotion:
-    """A run by hand, rad and m."""
+    """A run by hand, as the compiled library reads it: angles in rad, lengths in m."""
 
     poses: int
     hold_s: float

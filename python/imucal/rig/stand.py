@@ -156,7 +156,7 @@ class Stand:
 
 @dataclass(frozen=True)
 class StandErrors:
-    """The errors of a stand, rad and m."""
+    """The errors of a stand, as the compiled library reads them: angles in rad, lengths in m."""
 
     mount_rotation_rad: tuple[float, ...]
     base_tilt_rad: tuple[float, ...]

@@ -180,6 +180,7 @@ class CoreLimits:
     in_hand: bool
 
 
+# Values for programs on a stand: step of the pose angles, deg, and maximum number of moves.
 STEP_DEG: Final = 0.1
 MOST_MOVES: Final = 400
 # Values for hand-held programs: step of the pose angles, deg, minimum duration of a move, s, and maximum

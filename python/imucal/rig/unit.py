@@ -164,9 +164,9 @@ class Unit:
         Every bias, scale, misalignment and effect with a tolerance is drawn from a normal distribution. The
         mean is the value of a perfect sensor. The standard deviation is the tolerance if the datasheet states
         it as typical, or a third of the tolerance if it is a maximum. Off-diagonal entries of both
-        sensitivities are
-        drawn in the frame of the package and rotated to the body frame, in which the accelerometer's
-        sensitivity is symmetric. Noise, quantisation and filters are taken from the profile.
+        sensitivities are drawn in the frame of the sensor's package and rotated to the body frame, in which
+        the accelerometer's sensitivity is symmetric. Noise, quantisation and filters are taken from the
+        profile.
 
         profile  a name of `unit_names()`, or the path of a unit file
         """
@@ -386,7 +386,7 @@ def _draw(node: Node, seed: int) -> Unit:
 
 
 def _deviation(spread: Node, name: str, unit: str, count: int) -> FloatArray:
-    """Standard deviation of a randomly drawn parameter with `count` numbers; 0 without a tolerance.
+    """Standard deviation of a randomly drawn parameter with `count` numbers; 0 if it has no tolerance.
 
     All numbers have the same standard deviation, but a parameter of three numbers may have one per axis.
     """

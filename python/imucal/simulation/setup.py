@@ -49,7 +49,7 @@ SETUP_FIELDS: Final = (
 class Setup:
     """Inputs of a simulated run: motion, unit and its errors, gravity, temperature, faults, and seed.
 
-    effects             effects of the catalogue, in addition to those of the unit and of the encoders
+    effects             effects of the catalogue, in addition to those of `unit` and of the stand's encoders
     user_effects        definitions of user-defined effects, and their values
     missing_share       share of lost samples
     duplicated_share    share of samples that repeat the previous sample
@@ -81,7 +81,7 @@ class Setup:
 
     @property
     def all_effects(self) -> tuple[EffectValues, ...]:
-        """The effects of unit, stand and setup. An effect of the setup replaces one with the same name."""
+        """The effects of unit, stand and setup; one of the setup replaces those with the same name."""
         given = {effect.name for effect in self.effects}
         own = [effect for effect in self.unit.effects if effect.name not in given]
         stand = self.motion.stand if isinstance(self.motion, Program) else None

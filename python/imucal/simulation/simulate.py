@@ -163,7 +163,7 @@ def repeat(
 def _without_formulas(
     effects: Mapping[str, EffectInput] | Iterable[EffectValues], auxiliary: Auxiliary
 ) -> tuple[Mapping[str, EffectInput] | Iterable[EffectValues], tuple[FormulaEffect, ...]]:
-    """The mapping with the name of the effect in place of each formula, and the effects of the formulas."""
+    """`effects` with each formula replaced by the name of its effect, and the definitions of the formulas."""
     if not isinstance(effects, Mapping):
         return effects, ()
     formulas = {

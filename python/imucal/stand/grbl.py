@@ -6,9 +6,10 @@ move to 0, 0, 0 (grbl_motors.py). If a byte is lost on the serial line, the move
 the motors cannot move past the target. The confirmed offset also proves that the controller has not
 restarted, because a restart clears the offset.
 
-A step is complete when its pose has been reported at rest for the hold time of the step. After a fault of the
-line (a refused line, a lost cable, a silent controller) the step is repeated from the reported position. An
-alarm, a locked controller or a lost position ends the run: the stand is not moved again without the user.
+A step is complete when its pose has been reported at rest for the hold time of the step. After a
+communication fault (a refused command, a lost cable, a silent controller) the step is repeated from the
+reported position. An alarm, a locked controller or a lost position ends the run: the stand is not moved again
+without the user.
 """
 
 from __future__ import annotations
@@ -242,7 +243,7 @@ class GrblDriver:
                 self._motors.take(report)
 
     def _program_steps(self, motors: Motors) -> Waiting:
-        """Run all remaining steps. A step is repeated after a fault of the line."""
+        """Run all remaining steps. A step is repeated after a communication fault."""
 
         def reach(angles_deg: Sequence[float], feed_dpm: float | None = None) -> Waiting:
             yield from motors.reach(angles_deg, feed_dpm, self._done + 1)
@@ -296,7 +297,7 @@ class GrblDriver:
         self._events.append(Event("resumed", f"with step {self._done + 1} of {len(self._blocks)}"))
 
     def _lost(self, motors: Motors, reason: str) -> None:
-        """Close a lost or silent port and reconnect until `reconnect_s` has passed."""
+        """Close a lost or silent port, and try to reconnect until `reconnect_s` has passed."""
         self._session.port.close()
         now_s = self._clock.now_s()
         if self._reconnect_until_s is None:

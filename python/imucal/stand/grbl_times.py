@@ -31,8 +31,9 @@ LARGEST_S: Final = 0.05
 def one_way_s(shortest_s: float, length: int, baud: int) -> tuple[float, float]:
     """Shortest times, s, from the query to the position, and from the position to the arrival of the report.
 
-    The transmission of the report takes the time given by the baud rate, unless the line is faster, as with
-    USB. Half of the remaining part of `shortest_s` is before the position is taken, and half after it.
+    `shortest_s` is the shortest time from a query to the arrival of its report. It includes the transmission
+    of the report, which takes the time given by the baud rate, unless the line is faster, as with USB. Of the
+    remaining time, one half is assumed to pass before the position is taken, and the other half after it.
     """
     sent_s = length * BITS / baud
     if sent_s > shortest_s:

@@ -30,10 +30,10 @@ GROUPS: Final = {
 
 @contextmanager
 def live_view(name: str, *, prints_steps: bool = False) -> Iterator[Callable[[Moment], None] | None]:
-    """A context with a function that shows the state of a run; None without a terminal.
+    """A context that gives a function, which shows the state of a run.
 
     prints_steps  whether to print a line for each step if there is no terminal, for persons who need the
-                  instructions
+                  instructions; otherwise the context gives None without a terminal
     """
     if not sys.stderr.isatty():
         yield _Steps().say if prints_steps else None

@@ -138,7 +138,8 @@ class ManualDriver:
     def _is_moving(self) -> bool:
         """Whether the unit rotates.
 
-        The up direction must change, or the range of the rates must exceed half of the range during moves.
+        The up direction must change, or the range of the averaged rates must exceed half of the largest range
+        during a move.
         """
         bins = self._bins()
         span = float(np.ptp(bins[:, 3:], axis=0).max())

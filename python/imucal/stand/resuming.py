@@ -79,9 +79,10 @@ def program_from(steps: Any) -> Program:
 
 
 def _clock_after(logged: Logged) -> Clock:
-    """The clock of the computer.
+    """The clock for the continuation of a run.
 
-    If the computer has restarted, the clock of the run is continued by the time of day.
+    It is the clock of the computer. If the computer has restarted since the interruption, this clock is
+    shifted so that it continues the clock of the run. The time of day gives the duration of the interruption.
     """
     last_s = max([*logged.host_s[-1:].tolist(), *logged.positions[-1:, 0].tolist()], default=0.0)
     now_s = last_s + max(time.time() - Path(logged.path).stat().st_mtime, 0.0)

@@ -228,7 +228,7 @@ class StreamSource:
         return False
 
     def _take(self, timed: Sequence[Timed], rows: list[list[float]]) -> None:
-        """Add the samples of rows, and their arrivals."""
+        """Convert rows to samples, and add the samples and their times of arrival."""
         for raw, arrived_s in timed:
             if not self._are_finite(raw):
                 self._count["counters_not_finite"] += 1
@@ -313,7 +313,7 @@ class StreamSource:
             self._add(raw, arrived_s, rows)
 
     def _continued(self, i: int, raw: float, now_s: float) -> float:
-        """The value of a counter without jumps, although it wraps to zero and the unit may restart."""
+        """The value of a counter, corrected for the jumps of wraps to zero and of restarts of the unit."""
         value = raw + self._shift[i]
         if self._before is None or value >= self._before[i]:
             return value

@@ -55,8 +55,9 @@ class TimeCheck:
         self.damaged = 0
         self.is_void = False
         self._waiting: list[_Waiting] = []
-        # Time and arrival of the last intact row, s, and the smallest value so far of arrival minus time, s.
+        # Time of the last intact row, and host time of its arrival, s.
         self._last: tuple[float, float] | None = None
+        # Smallest difference so far between host time of arrival and time of a row, s.
         self._least_s = math.inf
 
     def passed(self, row: tuple[float, ...], arrived_s: float) -> list[Timed]:

@@ -92,7 +92,10 @@ class _Empty:
         self.first = 0
 
     def add(self, empty: npt.NDArray[np.bool_], before: int) -> None:
-        """Count the samples of a piece in the mask `empty`; `before` is the index of its first sample."""
+        """Count the samples of a piece that the mask `empty` marks.
+
+        before   number of samples of the recording before this piece
+        """
         if not self.count and empty.any():
             self.first = before + int(empty.argmax())
         self.count += int(empty.sum())

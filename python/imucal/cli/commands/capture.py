@@ -252,7 +252,7 @@ def _is_terminal() -> bool:
 
 
 def _shown(taken: Capture, out: Output, *, is_plain: bool) -> Ending:
-    """Run a capture with its view."""
+    """Run a capture, and show it on the full screen or as lines of text."""
     if not is_plain and not all(map(importlib.util.find_spec, ("textual", "pyfiglet"))):
         out.line("for the full screen: pip install 'imucal-rs[capture]'")
         is_plain = True

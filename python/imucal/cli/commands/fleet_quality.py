@@ -32,7 +32,7 @@ LEAST_CATEGORIES = 5
 
 
 class By(str, Enum):
-    """The factor of a gauge study whose differences are the reproducibility: the operator or the station."""
+    """Factor of a gauge study: the reproducibility is the spread between operators or between stations."""
 
     operator = "operator"
     station = "station"

@@ -76,7 +76,7 @@ class Calibrating:
 
     @property
     def given(self) -> dict[str, Any]:
-        """The arguments of `imucal.calibrate`."""
+        """The options that the user has given, as arguments of `imucal.calibrate`."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in values.items() if value is not None}
 
@@ -219,7 +219,10 @@ def _write_page(out: Output, page: Path, fleet: Fleet, limits: Limits | None) ->
 def _jobs(
     out: Output, recordings: list[str], names: str | None, part: tuple[int, int] | None
 ) -> tuple[Iterable[Job], int]:
-    """The jobs and their number. Also prints how serial numbers are derived from file names."""
+    """The jobs (one measurement of a unit each) and their number.
+
+    Also prints how serial numbers are derived from file names.
+    """
     from imucal.fleet.manifest import count_of_manifest, is_manifest, jobs_of_manifest, shard
     from imucal.fleet.naming import files_of, naming_of
 

@@ -142,7 +142,7 @@ def gap(
 
 
 def _write_next(found: Gap, path: Path) -> str:
-    """Write the program file of the next motion. Returns a message for the user."""
+    """Write the program of the motion that would resolve an ambiguous verdict. Returns a message."""
     from imucal.document.json_document import write_json
 
     if found.next_motion is None:

@@ -147,7 +147,7 @@ def check(
 
 
 def _row(path: Path, unit: Calibration | ImucalError, judgement: Judgement | None) -> dict[str, Any]:
-    """The row of one unit; `unit` is the error if its file could not be read."""
+    """The table row of one unit; `unit` is its calibration, or the error if the file could not be read."""
     row: dict[str, Any] = {
         "serial_number": None,
         "file": str(path),

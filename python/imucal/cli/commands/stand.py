@@ -177,7 +177,7 @@ def gcode(
 
 
 def _three(text: str) -> tuple[float, float, float]:
-    """One number for all motors, or three."""
+    """Three numbers, one per motor, from a text with three numbers or with one number for all motors."""
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:

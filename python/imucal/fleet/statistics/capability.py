@@ -22,7 +22,8 @@ __all__ = ["Capability", "CapabilityResult", "capability", "proposed_limits"]
 
 SCHEMA: Final = "imucal.fleet-capability/1"
 # Proposed limits are the mean plus and minus this number of standard deviations of a measured value, as in
-# `imucal limits template`. A good unit violates at least one of 21 such limits with a probability of 0.13 %.
+# `imucal limits template`. A good unit violates the limits of at least one of the 21 base parameters with a
+# probability of 0.13 %.
 DEVIATIONS: Final = 4.0
 # A proposed `max_std` is the quantile STD_QUANTILE of the standard deviations of a parameter over the units,
 # multiplied by STD_MARGIN.
@@ -39,7 +40,7 @@ class Capability:
     name, unit          name and unit of the parameter or figure of merit
     low, high           limits; None for a side without a limit
     units               number of units with a value
-    indices             Cp, Cpk, Pp and Ppk of the measured values; None without limits
+    indices             Cp, Cpk, Pp and Ppk of the measured values; None if there are no limits
     spread              spread of the true values; None for figures of merit, which have no standard deviation
     out_measured        share of the units whose measured value is outside the limits
     out_true            share of the units whose true value is outside the limits, computed from `spread`;
@@ -83,7 +84,9 @@ class CapabilityResult:
 
 
 def capability(measurements: Measurements, limits: Limits | None = None) -> CapabilityResult:
-    """Capability of the first calibration of each unit; without limits, spread and proposed limits only.
+    """Capability of the first calibration of each unit.
+
+    Without limits, the result contains only the spread and the proposed limits.
 
     Raises InputError for fewer than three units.
     """

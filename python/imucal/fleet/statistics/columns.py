@@ -14,8 +14,8 @@ from imucal.fleet.statistics.trends import months_of, without_trends
 
 __all__ = ["Columns", "columns_of", "repeatability", "unit_numbers"]
 
-# Figures of merit whose logarithms are used as columns. These figures are positive, and differences between
-# units are relative.
+# Figures of merit whose logarithms are used as columns. These figures are positive, and units differ in them
+# by factors. The logarithm converts factors to differences.
 LOG_FIGURES: Final = tuple(
     f"{of}{name}"
     for of in ("", "control_")
@@ -44,7 +44,10 @@ class Columns:
 
 
 def columns_of(measurements: Measurements, *, figures: bool = True) -> Columns:
-    """The columns of measurements in order of time, without columns with few values or with equal values."""
+    """The columns of measurements that are in order of time.
+
+    Columns with too few values and columns whose values are all equal are omitted.
+    """
     names, units = list(measurements.names), list(measurements.units)
     values, sigmas = [measurements.values_si], [measurements.sigmas_si]
     for name in LOG_FIGURES if figures else ():

@@ -38,8 +38,8 @@ MOST_ROUNDS: Final = 3
 # Minimum number of units that must determine an effect.
 FEWEST_UNITS: Final = 5
 # Type of a function that fits effects to all units and returns {serial: {effect: fit}}. The effects of the
-# first argument are fitted one at a time. The effects of the second argument are estimated in each of these
-# fits.
+# first argument are fitted one at a time. In each of these fits, the effects of the second argument are
+# estimated, too.
 FitAll = Callable[[Sequence[str], Sequence[str]], Mapping[str, Mapping[str, Fitted]]]
 
 
@@ -99,7 +99,7 @@ class FleetGap:
     inflation  factor by which the stated variances are multiplied, estimated from the chi2 of all effects; 1
                if the stated variances are right
     effects    significant effects, in the order in which they were accepted
-    ranking    all effects of the first round, the most significant first
+    ranking    all effects, the most significant first, as ranked before any effect was accepted
     clusters   groups of units with different coefficients, for each temperature effect with such groups
     """
 

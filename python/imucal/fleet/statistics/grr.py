@@ -83,7 +83,7 @@ class SigmaTest:
 
     @property
     def is_honest(self) -> bool:
-        """Whether the confidence interval contains 1."""
+        """Whether the 95 % interval of `factor` contains 1."""
         return self.low <= 1.0 <= self.high
 
 

@@ -23,9 +23,9 @@ __all__ = ["Index", "Indices", "capability_indices", "moving_range_std"]
 
 # Mean range of two standard normal values (d2 of control charts): 2 / sqrt(pi).
 MEAN_RANGE_OF_TWO: Final = 2.0 / math.sqrt(math.pi)
-# The standard deviation estimated from the mean moving range of n values has this number x (n - 1) effective
-# degrees of freedom, because the relative variance of this estimate is 0.826 / (n - 1) (Cryer and Ryan,
-# Journal of Quality Technology 22, 1990).
+# If a standard deviation is estimated from the mean moving range of n values, its effective degrees of
+# freedom are this number times n - 1, because the relative variance of the estimate is 0.826 / (n - 1) (Cryer
+# and Ryan, Journal of Quality Technology 22, 1990).
 MOVING_RANGE_DOF: Final = 1.0 / (2.0 * 0.826)
 # Minimum number of values for an index.
 FEWEST_VALUES: Final = 2
@@ -95,7 +95,7 @@ def cp(
     dof: float,
     confidence: float = 0.95,
 ) -> Index | None:
-    """Cp of `count` values whose standard deviation has `dof` degrees of freedom; None with one limit."""
+    """Cp of `count` values whose standard deviation has `dof` degrees of freedom; None for a single limit."""
     if low is None or high is None:
         return None
     chi2: Any = scipy_part("stats").chi2

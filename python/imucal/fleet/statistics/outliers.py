@@ -36,7 +36,7 @@ FALSE_DISCOVERIES: Final = 0.002
 MOST_DECIDING: Final = 3
 # Minimum number of units per column (parameter or figure of merit). A smaller fleet is refused.
 UNITS_PER_COLUMN: Final = 2
-# Number of units whose covariances are inverted at once, which limits the memory.
+# Number of units whose covariances are inverted at once. This number limits the memory.
 CHUNK: Final = 4000
 
 
@@ -82,7 +82,7 @@ class UnitDistance:
 
 @dataclass(frozen=True)
 class OutlierResult:
-    """Distances of all units.
+    """Distances of all units from the mean of the fleet.
 
     units     distances of the units, farthest first
     poor      number of calibrations omitted because they are poor
@@ -109,7 +109,7 @@ class OutlierResult:
 
 
 def outliers(measurements: Measurements) -> OutlierResult:
-    """Distances of the first calibration of each unit.
+    """Distance of the first calibration of each unit from the mean of the fleet.
 
     Raises InputError for fewer than ten units, or fewer than twice as many units as parameters and figures of
     merit.
@@ -190,7 +190,10 @@ def _first_rows(kept: Measurements) -> tuple[Measurements, np.ndarray]:
 def _noise(
     measurements: Measurements, names: Sequence[str], variances: FloatArray, picked: np.ndarray
 ) -> FloatArray:
-    """Covariance of the picked measurements, (n, c, c); diagonal without stated covariances."""
+    """Covariances of the noise of the picked measurements, (n, c, c).
+
+    The matrices are diagonal if the measurements have no covariances.
+    """
     size = len(names)
     noise = np.zeros((len(picked), size, size))
     if measurements.covariances is not None:
@@ -206,7 +209,10 @@ def _noise(
 def _distances(
     residuals: FloatArray, noise: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """For each unit: d^2, the decrease of d^2 if each column is omitted, and the standardised deviations."""
+    """For each unit: d^2. For each column of the unit: the decrease of d^2 without it, and the deviation.
+
+    The deviations are divided by their standard deviations.
+    """
     total = spread + noise
     inverse = np.linalg.inv(total)
     weighted = np.einsum("nij,nj->ni", inverse, residuals)
@@ -227,7 +233,8 @@ def _p_values(squared: FloatArray, removed: FloatArray, marginal: FloatArray) ->
     a normally distributed fleet, these degrees of freedom are infinite, and the distribution is chi-square.
 
     The second test detects a deviation in a single column, which is small compared with the sum over many
-    columns. It uses the largest deviation of a unit in any column, and a distribution with the same tail.
+    columns. It uses the largest squared deviation of a unit in any column, and an F distribution with the
+    same denominator degrees of freedom as in the first test.
 
     If more than 5 % of the units of a small fleet are outliers, the outliers themselves widen this tail. A
     third test therefore compares the marginal deviations of a unit with the marginal deviations of all units
@@ -268,7 +275,7 @@ def _scatter(squared: FloatArray) -> float:
 
 
 def _exceeded(squared: FloatArray, dof: int, tail: float, scale: float) -> FloatArray:
-    """Probability of a larger squared distance under the distribution of `_tail_of`."""
+    """For each squared distance, the probability of a larger one under the distribution of `_tail_of`."""
     stats: Any = scipy_part("stats")
     scaled = squared / scale
     found = stats.f.sf(scaled / dof, dof, tail) if np.isfinite(tail) else stats.chi2.sf(scaled, dof)

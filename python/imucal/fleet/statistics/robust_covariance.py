@@ -20,7 +20,7 @@ MOST_UNITS: Final = 4000
 # distribution of d^2.
 HALF: Final = 0.5
 KEPT: Final = 0.975
-# Number of iterations with the share HALF, and number of the iterations with the quantile KEPT that follow.
+# Number of iterations with the share HALF. The same number of iterations with the quantile KEPT follows.
 STEPS: Final = 8
 
 

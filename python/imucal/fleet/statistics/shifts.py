@@ -114,7 +114,7 @@ def days_of(measurements: Measurements) -> TextArray:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """The group of measurements, of one station or one station and day, with the most significant shift."""
+    """The group with the most significant shift: all measurements of a station, or those of one day."""
 
     name: tuple[str, str]
     rows: np.ndarray
@@ -134,7 +134,7 @@ class _Partition:
         self.names, self._labels = names, labels
 
     def largest(self, residual: FloatArray, std: FloatArray) -> _Group:
-        """The group with the largest |common shift / its standard deviation|."""
+        """The group whose common shift, divided by its standard deviation, has the largest magnitude."""
         labels, size = self._labels, len(self.names)
         known = np.isfinite(residual) & (labels >= 0)
         own, y, precision = labels[known], residual[known], 1.0 / std[known] ** 2

@@ -107,7 +107,9 @@ def _joint(
 ) -> FloatArray:
     """chi2 of the slopes of each unit by generalised least squares with the covariances of its calibrations.
 
-    information = sum t^2 W - (sum t W) (sum W)^-1 (sum t W)      W: inverse covariance of a calibration
+    information = sum t^2 W - (sum t W) (sum W)^-1 (sum t W)
+
+    t is the time of a calibration, and W the inverse of its covariance.
     """
     picked = np.array([dated.names.index(name) for name in columns.names], dtype=np.intp)
     chi2 = np.full(len(rows), np.nan)
@@ -149,7 +151,10 @@ def _joint(
 def _inverse(
     dated: Measurements, columns: Columns, values: FloatArray, rows: np.ndarray, picked: np.ndarray
 ) -> FloatArray:
-    """Inverse covariances of calibrations with excess variance; rows and columns of missing values are 0."""
+    """Inverse covariances of calibrations, whose variances include the excess variance.
+
+    Rows and columns of missing values are 0.
+    """
     assert dated.covariances is not None
     covariances = dated.covariances[rows[:, None, None], picked[:, None], picked[None, :]].copy()
     stated = np.einsum("nii->ni", covariances)

@@ -51,7 +51,7 @@ RULES: Final = {
 
 @dataclass(frozen=True)
 class Signal:
-    """A violated rule of a control chart; index, serial number and date of the value that violates it."""
+    """A violated rule of a control chart, with index, serial number and date of the violating value."""
 
     rule: str
     index: int

@@ -8,8 +8,9 @@ units, as does a standard deviation with the divisor n.
 
 A share of the units may be outliers, which belong to a second, ten times wider distribution with the same
 mean. The share is estimated together with mean and spread, so that a few outliers do not widen the spread.
-Its prior counts as NORMAL_UNITS further normal units. Without the prior, two nearly equal values among few
-units would be the normal units, with a spread near zero, and all other units would be outliers.
+The share has a prior with the weight of NORMAL_UNITS additional units that are no outliers. Without the
+prior, two nearly equal values among few units would be the normal units, with a spread near zero, and all
+other units would be outliers.
 """
 
 from __future__ import annotations
@@ -113,7 +114,7 @@ MEDIAN_DEVIATION: Final = 0.6744897501960817
 def _fit(y: FloatArray, noise: FloatArray) -> tuple[float, float, float, FloatArray]:
     """Mean, variance of the units, share of outliers, and probability that each unit is no outlier.
 
-    The iteration alternates between these probabilities and one step of Fisher scoring for mean and variance.
+    Each iteration computes these probabilities, and then one step of Fisher scoring for mean and variance.
     """
     mean, variance, share = 0.0, max(1.0 - float(np.median(noise)), 0.0), 0.01
     core = np.ones_like(y)

@@ -22,7 +22,7 @@ FEWEST_DATES: Final = 3
 
 
 def months_of(measurements: Measurements) -> FloatArray:
-    """Time of each measurement since the earliest measurement, months; NaN without a date."""
+    """Time of each measurement since the earliest measurement, months; NaN if it has no date."""
     dates = measurements.dates
     known = ~np.isnat(dates)
     if not known.any():

@@ -40,8 +40,8 @@ LEAST_CHANGE_K: Final = 2.0
 # Sine and cosine forms of an angle are tried if the range of the angle is at least this number, rad. Over a
 # smaller range, they cannot be distinguished from powers of the angle.
 LEAST_ANGLE_RAD: Final = np.pi
-# After a form is selected, its constant is refined: it is multiplied by each of these factors, which cover
-# the interval between adjacent trial values.
+# After a form is selected, its constant is refined: the constant is multiplied by each of these factors, and
+# the best product is used. The factors cover the interval between adjacent trial values.
 REFINEMENT: Final = (0.7, 0.76, 0.82, 0.88, 0.94, 1.0, 1.06, 1.13, 1.21, 1.3, 1.4)
 _Make = Callable[..., "Form"]
 # Number of samples from which quantiles are computed.

@@ -36,8 +36,8 @@ __all__ = ["columns_of", "with_laws"]
 # not explain these data.
 CONTRADICTED: Final = 1e-3
 # The excess of a model is its figure of merit on control or held-out data minus the value from noise alone. A
-# law replaces the named effects only if its excess is less than this share of the excess with the named
-# effects.
+# law replaces the named effects only if the excess with the law is less than this share of the excess with
+# the named effects.
 LEAST_BETTER: Final = 0.5
 # A law is kept if it removes more than this share of the excess chi2 (chi2 beyond noise) of one kind of
 # residual on control or held-out data.
@@ -199,7 +199,7 @@ def _of_effect(effect: UserEffect, states: Sequence[State]) -> UserField:
 def _fitted(
     question: Question, selected: Sequence[Selected], recordings: Sequence[Recording], names: Sequence[str]
 ) -> tuple[Gap, Mapping[str, Selected], dict[str, FormulaEffect]] | None:
-    """The result with the named effects and the laws that unseen data confirm; None without such a law."""
+    """The result with the named effects and the laws that unseen data confirm; None if none is confirmed."""
     by_name = {_name(own.form, place, selected): own for place, own in enumerate(selected)}
     while by_name:
         laws = formula_effects([own.form.text(name) for name, own in by_name.items()], recordings)
@@ -275,7 +275,7 @@ def _merged(
 def _curve(
     form: Form, law: FormulaEffect, parameters: Sequence[Mapping[str, float]], recordings: Sequence[Recording]
 ) -> Curve | None:
-    """The curve of a law over the range of its variable in the recordings; None for several variables."""
+    """The curve of a law over the range of its variable in the recordings; None for a law of several."""
     variable = form.driver
     if len(form.variables) > 1:
         return None
