@@ -903,8 +903,8 @@ class Noise:
 # Change of the mean of one axis: index of the axis, size of the change, standard deviation of this size, and
 # twice the increase of the log-likelihood when the change is added to the noise model.
 _Departure: TypeAlias = tuple[int, float, float, float]
-# Step (abrupt change) of the mean readings of a unit at rest: time of the step, s; index of the first sample after
-# the step; change of each axis that shows the step.
+# Step (abrupt change) of the mean readings of a unit at rest: time of the step, s; index of the first sample
+# after the step; change of each axis that shows the step.
 _NoiseStep: TypeAlias = tuple[float, int, list[_Departure]]
 
 def check_temperature(recording: _Recording) -> Finding | None: ...

@@ -176,7 +176,7 @@ class Static:
             raise InputError(f"rotation_wxyz is {self.rotation_wxyz}: four numbers, not all zero, are needed")
 
     def in_si(self) -> Static:
-        """This object, because it contains no angle that has to be converted to rad."""
+        """The same object, because it contains no angle that has to be converted to rad."""
         return self
 
 
