@@ -140,7 +140,11 @@ def empty_samples(
 
 
 def left_in_data(model: SensorModel) -> tuple[str, ...]:
-    """Names of effects that no correction removes: errors of the stand, and effects of the attitude."""
+    """Names of effects that remain in corrected samples.
+
+    They are errors of the stand's encoders, and effects that depend on a quantity that a recording does not
+    contain, such as the attitude.
+    """
     return tuple(
         effect.name
         for effect in model.catalogue_effects()

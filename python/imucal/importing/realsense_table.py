@@ -44,7 +44,11 @@ def recognises(content: Content) -> bool:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The calibration in the image. Raises FormatError for an image that librealsense does not use."""
+    """The calibration in the contents of the camera's EEPROM.
+
+    Raises FormatError if librealsense would reject these contents: wrong size, wrong CRC, or no valid
+    numbers.
+    """
     (content,) = contents
     data = content.data
     if len(data) != EEPROM_SIZE:

@@ -181,8 +181,8 @@ FORMATS: Final[dict[str, Format]] = {
         extra=None,
         known_by="a folder or zip archive with .csv or .txt files",
         reads=(
-            "either the only text file that contains both sensors, or one file per sensor as in the format "
-            "pair; other files are ignored"
+            "either one text file that contains both sensors (only one file may contain both), or one file "
+            "per sensor, as in the format `pair`; other files are ignored"
         ),
         units="as in the formats csv and pair",
         time=f"as in the formats csv and pair; {OWN_CLOCKS}",

@@ -87,7 +87,8 @@ def column_chunks(file: BinaryIO, size: int) -> list[list[Chunk]]:
     return [
         [
             _chunk(reader)
-            # The numbers are those of the fields row_groups, columns and meta_data in parquet.thrift.
+            # The arguments are field numbers of parquet.thrift: 4 is row_groups, 1 is columns, 3 is
+            # meta_data.
             for _ in reader.structures(1)
             for _ in reader.structures(3)
         ]

@@ -113,8 +113,9 @@ pub(crate) fn total_rotation_rad(
     (first..last).map(|k| step(k).abs()).sum()
 }
 
-/// Sums over a move from which the derivatives of the move's rotation are computed. R is the rotation from the frame at
-/// a sample to the frame at the first sample.
+/// Integrals over a move, computed as sums over its samples. The derivatives of the move's rotation with respect to the
+/// parameters of the gyroscope are computed from them. R is the rotation from the frame at a sample to the frame at the
+/// first sample.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sums {
     /// G_x, G_y, G_z: integrals of R times each component of the rate, rad.

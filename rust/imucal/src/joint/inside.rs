@@ -68,8 +68,9 @@ impl<'a> Rows<'a> {
     }
 
     /// Writes the whitened derivatives of a move's residuals with respect to the parameters of `planes`. For each
-    /// block and each parameter, `planes` contains a 3-vector. The derivative of the block's residual along the
-    /// direction d is the dot product of this 3-vector and `toward(block, d)`, plus the terms of `edges`.
+    /// block and each parameter, `planes` contains a 3-vector. The residual of a block has one component along each of
+    /// the three directions d of the move. The derivative of such a component with respect to the parameter is the dot
+    /// product of the 3-vector and `toward(block, d)`, plus the contributions of the ends of the move ([`Edges`]).
     pub(super) fn write_block(
         &mut self,
         inside: &Inside<'_>,

@@ -53,8 +53,8 @@ pub fn decade_factors(samples: usize) -> Vec<usize> {
 
 /// Overlapping Allan deviations of `values`, in the unit of the values. The averaging times are `factors`, in samples.
 ///
-/// The values are not copied. Their cumulative sums need one number per sample. The result does not depend on the
-/// number of `threads`.
+/// The values are not copied. Memory is only needed for their cumulative sums, one f64 per sample. The result does not
+/// depend on the number of `threads`.
 ///
 /// # Errors
 /// [`Error::Input`] for a value that is not finite, and for a factor that is zero or exceeds half of the samples.

@@ -38,8 +38,8 @@ const SQUARES: f64 = 70.0;
 /// Duration over which the samples at an end of a rest are averaged with exponential weights, in time constants of the
 /// weights. Samples farther from this end are omitted, because the sum of their weights is below 1 %.
 const REACH: f64 = 5.0;
-/// A recording counts as hand-held only if the estimated variance of the tremor is zero or negative at no more than
-/// this share of its rests (model.md (27)).
+/// A recording counts as hand-held only if the estimated variance of the tremor is positive in nearly all of its rests.
+/// This is the largest allowed share of rests in which the estimate is zero or negative (model.md (27)).
 const FEW: f64 = 0.1;
 /// The averaging time constant of the gravity direction is at most (duration of the rest) / ROOM (model.md (27)). Only
 /// short rests reach this limit.
