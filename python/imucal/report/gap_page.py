@@ -114,7 +114,7 @@ def _left(gap: Gap) -> Iterator[str]:
     if gap.remainder is None:
         return
     yield heading("Remaining residuals")
-    words = gap.remainder.description or "noise explains the residuals"
+    words = gap.remainder.description or "the residuals do not exceed their noise significantly"
     if gap.remainder.session is not None:
         # The verdict at the top of the page contains the whole description.
         words = "the biases changed between the sessions"
