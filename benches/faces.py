@@ -106,13 +106,12 @@ def random_unit(random: np.random.Generator) -> imucal.Unit:
 class Trial:
     """One run: the estimate, or None with the reason if it was refused, and the Cramér-Rao bound.
 
-    reason  what `imucal inspect` misses in the recording of a run that was refused
-    share   largest standard deviation that errors of a real unit would cause, over its limit
+    share  largest standard deviation that errors of a real unit would cause, over its limit
     """
 
     seed: int
     estimate: Estimate | None
-    reason: str | None
+    reason: str
     verdict: str
     bound: np.ndarray
     share: float
@@ -147,10 +146,9 @@ def trial(scene: Scene, seed: int) -> Trial:
     true = np.array([parameter.value for parameter in run.truth.calibration.parameters])
     try:
         result = imucal.calibrate(run.recording)
-    except imucal.ImucalError:
-        missing = imucal.inspect(run.recording).missing
-        return Trial(seed, None, missing, "refused", lowest, share_of_limit(run.truth))
-    return Trial(seed, estimate(result, true), None, result.verdict, lowest, share_of_limit(run.truth))
+    except imucal.ImucalError as error:
+        return Trial(seed, None, str(error), "refused", lowest, share_of_limit(run.truth))
+    return Trial(seed, estimate(result, true), "", result.verdict, lowest, share_of_limit(run.truth))
 
 
 @dataclass(frozen=True)
@@ -222,7 +220,8 @@ Written by `make faces`: seeds 1 to {runs} for each condition.
 
 
 def _refusal(scene: Scene, trial: Trial) -> str:
-    inspected = f"misses: {trial.reason}" if trial.reason else "**misses nothing**"
+    missing = imucal.inspect(scene.run(trial.seed).recording).missing
+    inspected = f"misses: {missing}" if missing else "**misses nothing**"
     return (
         f"* {scene.name}, seed {trial.seed}: by the truth, the least determined parameter reaches "
         f"{trial.share:.1%} of its limit; `imucal inspect` of the recording {inspected}\n"
