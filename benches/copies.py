@@ -159,7 +159,8 @@ def conditions() -> dict[str, Callable[[int], imucal.Recording]]:
         "coarser counts": lambda seed: rounded(on_stand(seed), 0.3, 0.05),
         "low-pass filter of 5 Hz": lambda seed: on_stand(seed, unit="mpu6050", filter_hz=5.0),
         "one knock": lambda seed: with_knock(on_stand(seed), seed),
-        "single wrong samples": lambda seed: with_wrong_samples(on_stand(seed), seed),
+        "single wrong samples": lambda seed: with_wrong_samples(on_stand(seed), seed, 3e-4),
+        "frequent wrong samples": lambda seed: with_wrong_samples(on_stand(seed), seed, 1e-3),
     }
 
 
@@ -188,12 +189,12 @@ def with_knock(recording: imucal.Recording, seed: int) -> imucal.Recording:
     return imucal.Recording(columns.time_s, force, rate, name=recording.name)
 
 
-def with_wrong_samples(recording: imucal.Recording, seed: int) -> imucal.Recording:
-    """Three samples of ten thousand differ by twenty times the noise, as after errors of transmission."""
+def with_wrong_samples(recording: imucal.Recording, seed: int, share: float) -> imucal.Recording:
+    """This share of the samples differs by twenty times the noise, as after errors of transmission."""
     columns = Columns.of(recording, seed)
 
     def wrong(rows: np.ndarray) -> np.ndarray:
-        is_wrong = columns.random.random((len(rows), 1)) < 3e-4
+        is_wrong = columns.random.random((len(rows), 1)) < share
         return rows + is_wrong * columns.random.normal(scale=20.0 * noise_of(rows), size=rows.shape)
 
     return imucal.Recording(*columns.map(wrong), name=recording.name)

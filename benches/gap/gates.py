@@ -38,7 +38,7 @@ def gates(marks: Sequence[Mark]) -> list[Gate]:
         _least("aliases: as the data allow", 0.95, verdicts(marks, "alias")),
         _least("solved by the advised motion", 0.95, [m.solved_by_advice for m in marks]),
     ]
-    return [*found, *_known(marks), *_closed(marks), _coverage(marks), *_worth(marks)]
+    return [*found, *_known(marks), *_closed(marks), _coverage(marks), _squares(marks), *_worth(marks)]
 
 
 def usual(marks: Sequence[Mark]) -> list[bool | None]:
@@ -143,6 +143,17 @@ def _coverage(marks: Sequence[Mark]) -> Gate:
     rate = Rate.count(bool(abs(score) <= INTERVAL_95) for score in scores(marks))
     met = bool(rate.of) and 0.92 <= rate.value <= 0.98
     return Gate("95 % intervals of named effects hold the truth", "92 to 98 %", str(rate), met, rate.of)
+
+
+def _squares(marks: Sequence[Mark]) -> Gate:
+    errors = scores(marks)
+    name, aim = "mean of (error / stated σ)² of named effects", "0.95 to 1.05"
+    if not len(errors):
+        return Gate(name, aim, "-", False)
+    square = float(np.mean(errors**2))
+    # The standard deviation of the mean square of so many normal errors.
+    chance = np.sqrt(2.0 / len(errors))
+    return Gate(name, aim, f"{square:.3f}", abs(square - 1.0) <= max(0.05, 3.0 * chance), len(errors))
 
 
 def _worth(marks: Sequence[Mark]) -> list[Gate]:

@@ -16,6 +16,7 @@ import numpy as np
 import imucal
 from gap.case import Answer, Case, Sealed
 from gap.said import Said
+from gap.scene import BY_HAND
 from gap.worth import Worth
 from imucal.effects.definition import named_numbers
 
@@ -82,7 +83,7 @@ def judge(
         false_alarm=_false_alarm(said, answer),
         verdict_ok=_verdict_ok(said, answer),
         block_ok=_block_ok(said, answer),
-        scores=_scores(said, answer) if hidden and names == truth else (),
+        scores=_scores(case, said, answer) if hidden and names == truth else (),
         closed=_closed(figures or {}),
         figures=figures or {},
         solved_by_advice=None if advised is None else bool(advised.names) and set(advised.names) == truth,
@@ -120,17 +121,33 @@ def _block_ok(said: Said, answer: Answer) -> bool | None:
     return all(word in words for word in answer.block.split())
 
 
-def _scores(said: Said, answer: Answer) -> tuple[float, ...]:
+def _scores(case: Case, said: Said, answer: Answer) -> tuple[float, ...]:
     """Errors of the estimates over their standard deviations."""
     scores = []
     for effect in answer.effects:
         if not any(row.name == effect.name for row in imucal.effects.catalogue()):
             continue
-        for parameter, value in named_numbers(imucal.effects.find(effect.name), effect):
-            estimate = said.estimates.get(f"{effect.name}_{parameter.name}")
-            if estimate is not None and np.isfinite(estimate[1]) and estimate[1] > 0:
-                scores.append((estimate[0] - value) / estimate[1])
+        known = [
+            (value, *said.estimates[f"{effect.name}_{parameter.name}"])
+            for parameter, value in named_numbers(imucal.effects.find(effect.name), effect)
+            if f"{effect.name}_{parameter.name}" in said.estimates
+        ]
+        if effect.name == "earth_rate" and case.kind in BY_HAND:
+            x, y, z = known
+            known = [_norm(x, y), z]
+        scores += [(value - truth) / std for truth, value, std in known if np.isfinite(std) and std > 0]
     return tuple(scores)
+
+
+def _norm(*horizontal: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Truth, estimate and standard deviation of the norm of the horizontal components.
+
+    A unit that is turned by hand starts with an unknown heading, so the world frame of the estimate is turned
+    about the vertical axis. The correlation of the components is ignored.
+    """
+    truth, values, stds = np.transpose(horizontal)
+    norm = max(float(np.linalg.norm(values)), 1e-300)
+    return float(np.linalg.norm(truth)), norm, float(np.linalg.norm(values * stds)) / norm
 
 
 def control_figures(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gap.gates import blocks, gates, scores, verdicts
+from gap.gates import blocks, gates, verdicts
 from gap.judge import Mark
 from gap.rates import Rate
 from gap.sizes import SIZES, typical
@@ -236,10 +236,7 @@ def _times(marks: Sequence[Mark]) -> str:
             ]
             if seconds:
                 rows.append((tool, kind, f"{np.median(seconds):.2f}", f"{np.max(seconds):.2f}"))
-    errors = scores([m for m in marks if m.tool == TOOL])
-    square = f"{np.mean(errors**2):.2f}" if len(errors) else "-"
-    words = f"\nMean of (error / stated σ)² of named effects: {square}, of {len(errors)} parameters.\n"
-    return "## Times\n\n" + table(("", "data", "median, s", "longest, s"), rows) + words
+    return "## Times\n\n" + table(("", "data", "median, s", "longest, s"), rows)
 
 
 def record(marks: Sequence[Mark]) -> dict[str, Any]:

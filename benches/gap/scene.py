@@ -13,6 +13,8 @@ import imucal
 from imucal.rig.unit import unit_of
 
 RATE_HZ: Final = 100.0
+# Kinds of data that are recorded by hand.
+BY_HAND: Final = ("A", "AT")
 
 
 def cycle(duration_s: float) -> imucal.Temperature:
@@ -99,7 +101,7 @@ def simulated(scene: Scene, seed: int, program: imucal.Program | None = None) ->
     motion = (
         program
         or scene.motion
-        or (by_hand(seed) if scene.kind in ("A", "AT") else imucal.Program.random(seed=seed))
+        or (by_hand(seed) if scene.kind in BY_HAND else imucal.Program.random(seed=seed))
     )
     temperature = scene.temperature or (CYCLE if scene.has_temperature else None)
     stand = scene.stand or (CROOKED if scene.has_encoders else None)

@@ -107,6 +107,22 @@ def test_a_calibration_does_not_load_what_it_does_not_need(tmp_path, files):
     assert 0 < patterns <= MOST_PATTERNS
 
 
+@pytest.mark.parametrize("given", [None, "3"])
+def test_a_command_has_one_thread_of_linear_algebra_unless_the_environment_says_otherwise(monkeypatch, given):
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    if given is not None:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", given)
+    script = (
+        "import os, sys; from imucal.cli import main; before = dict(os.environ)\n"
+        # Called as a function, it does not change the environment of its caller.
+        "main(['--version']); assert os.environ == before\n"
+        "assert 'numpy' not in sys.modules\n"
+        "sys.argv = ['imucal', '--version']; main(); print(os.environ['OPENBLAS_NUM_THREADS'])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == (given or "1")
+
+
 @pytest.mark.parametrize("option", ["--help", "--version"])
 def test_the_list_of_commands_loads_no_command(option):
     new = loaded(f"from imucal.cli import main\nmain([{option!r}])")

@@ -35,6 +35,11 @@ COMPLETE = "_IMUCAL_COMPLETE"
 # of 700 objects, these searches take 5 % of the processor time of a calibration, because loading the modules
 # creates many objects.
 OBJECTS_BETWEEN_SEARCHES = 10_000
+# Environment variable with the number of threads of OpenBLAS, the linear algebra of most builds of NumPy. By
+# default, `import numpy` starts one thread for each processor, which takes a fifth of the processor time of a
+# calibration on two processors. The matrices that commands give to NumPy are too small to gain from more than
+# one thread.
+THREADS = "OPENBLAS_NUM_THREADS"
 # Messages longer than this number of characters are split at each "; " into separate lines.
 MOST_ON_A_LINE = 300
 
@@ -167,6 +172,8 @@ app = Commands(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     gc.set_threshold(OBJECTS_BETWEEN_SEARCHES)
+    if arguments is None:
+        os.environ.setdefault(THREADS, "1")
     with standing_streams(), as_interrupts() as ended:
         try:
             # The command runs in a copy of the context, so that the context variables that it sets do not

@@ -23,10 +23,11 @@ const COPY_SIGMAS: f32 = 14.0;
 /// this value. Periodic vibration in two independent recordings gives large correlations at many lags, so it does not
 /// reach this limit.
 const UNIQUE: f32 = 2.0;
-/// Two recordings count as copies only if at least this share of their correlation does not come from short pulses
-/// ([`Transform::share_without_pulses`]). The share is below 0.1 for independent recordings with coinciding pulses, and
-/// above 0.3 for altered copies.
-const SPREAD: f32 = 0.2;
+/// Two recordings count as copies only if their correlation without the contributions of short pulses
+/// ([`Transform::sigmas_without_pulses`]) is at least this value. The correlation is below 2.5 for independent
+/// recordings with coinciding pulses. It is above 3.3 for altered copies, and above 6 if rounding has not removed most
+/// of their noise.
+const WITHOUT_PULSES_SIGMAS: f32 = 3.0;
 /// Number of templates of a recording, one in each third. A template is an excerpt that is searched for in the other
 /// recordings. If another recording contains at least half of this recording, it contains at least one of the
 /// templates.
@@ -140,7 +141,7 @@ fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool,
         let tape = &tapes[template.tape];
         for (kind, peak) in peaks.iter().enumerate() {
             let is_high = peak.sigmas >= copy_sigmas && peak.sigmas >= UNIQUE * peak.elsewhere;
-            if !is_high || transform.share_without_pulses(tape, template, kind, peak) < SPREAD {
+            if !is_high || transform.sigmas_without_pulses(tape, template, kind, peak) < WITHOUT_PULSES_SIGMAS {
                 continue;
             }
             let copy = copy_at(template, peak, tape);

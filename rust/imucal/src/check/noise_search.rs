@@ -34,10 +34,11 @@ const TAPER: f64 = 0.05;
 /// correlations at a greater distance indicate a periodic signal instead of a copy.
 const NEAR: usize = 64;
 
-/// Number of samples in each part into which [`Transform::share_without_pulses`] divides a block.
+/// Number of samples in each part into which [`Transform::sigmas_without_pulses`] divides a block.
 const PART: usize = 64;
-/// Maximum number of these parts that a short pulse (knock or wrong sample) covers.
-const PULSE_PARTS: usize = 2;
+/// Number of these parts that are left out. Two short pulses (knocks or wrong samples) cover at most this number of
+/// parts.
+const PULSE_PARTS: usize = 4;
 
 /// The two groups of signals, as ranges of their indices. Each group is correlated separately. The first group has the
 /// three signals that depend on the order of the axes, and the second has the signal that does not.
@@ -159,14 +160,15 @@ impl Transform {
         tops.iter().map(|kinds| kinds.each_ref().map(|tops| highest(tops))).collect()
     }
 
-    /// The share of the correlation `peak` that does not come from the [`PULSE_PARTS`] most correlated parts of the
-    /// block. `tape` is the tape in which the template is searched for, and `kind` the index of the group of signals in
-    /// [`KINDS`].
+    /// The correlation `peak` without the contributions of the [`PULSE_PARTS`] most correlated parts of the block,
+    /// divided by the same standard deviation as the peak. `tape` is the tape in which the template is searched for,
+    /// and `kind` the index of the group of signals in [`KINDS`].
     ///
-    /// Two independent recordings with one short pulse each (knock or wrong sample) are correlated at the lag at which
-    /// the pulses coincide. Only the parts with the pulses contribute to this correlation, so the share is nearly zero.
-    /// In a copy, the noise in all parts contributes.
-    pub(super) fn share_without_pulses(&mut self, tape: &Tape, template: &Template, kind: usize, peak: &Peak) -> f32 {
+    /// Two independent recordings with short pulses (knocks or wrong samples) are correlated at a lag at which pulses
+    /// coincide. Two pulses coincide at one lag if the time between them is the same in both recordings, which is
+    /// frequent if one sample in a thousand is wrong. Only the parts with the pulses contribute to this correlation, so
+    /// the result is nearly zero. In a copy, the noise in all parts contributes.
+    pub(super) fn sigmas_without_pulses(&mut self, tape: &Tape, template: &Template, kind: usize, peak: &Peak) -> f32 {
         let from_start = (peak.at + TEMPLATE as isize).max(0) as usize;
         let (first, shift) = (from_start / LAGS * LAGS, from_start % LAGS);
         let mut parts = [0.0_f32; BLOCK / PART];
@@ -181,7 +183,7 @@ impl Transform {
         let sum: f32 = parts.iter().sum();
         let mut shares = parts.map(|part| part / sum);
         shares.sort_unstable_by(f32::total_cmp);
-        shares[..shares.len() - PULSE_PARTS].iter().sum()
+        peak.sigmas * shares[..shares.len() - PULSE_PARTS].iter().sum::<f32>()
     }
 
     /// The signal whose whitened spectrum is `spectrum`, multiplied by a constant factor; empty if the signal is zero.

@@ -24,6 +24,10 @@ const HAND: f64 = 10.0;
 /// leave more than this share unexplained. Without hand motion, the unexplained share is smaller even with a long lever
 /// arm and a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
+/// If effects that depend on the angular acceleration leave more than this share of the variance unexplained, a delay
+/// of the gyroscope is not considered as the cause. The linearised delay of a third of the duration of a move, or less,
+/// leaves a smaller share.
+const BEYOND_A_DELAY: f64 = 0.5;
 /// Standard deviation of the prior of the gyroscope's delay in the test for hand motion, in multiples of the typical
 /// delay.
 const LONG_DELAY: f64 = 100.0;
@@ -109,8 +113,10 @@ impl ForwardSearch<'_> {
         let may_explain =
             |choice: &&EffectChoice| choice.effect.sensor != Sensor::Encoder && choice.effect.shape.is_none();
         let explaining: Vec<EffectChoice> = open.iter().filter(may_explain).copied().collect();
-        // `own` are the effects in the model, with the precisions of their priors.
-        let is_unexplained = |search: &Self, own: (&Terms<'_>, &[f64]), model: &Model| {
+        // The largest share of the variance of a recording that is attributed to a hand, or zero. Numerator and
+        // denominator of the share are noise scales or their lower bounds. `own` are the effects in the model, with the
+        // precisions of their priors.
+        let unexplained = |search: &Self, own: (&Terms<'_>, &[f64]), model: &Model| {
             search.with_candidates(coarse, own.0, model, &explaining, |all, linear| {
                 let seen = design(coarse, own, all, linear)?;
                 let with = |is_included: &dyn Fn(&str) -> bool| -> Vec<Column> {
@@ -119,18 +125,20 @@ impl ForwardSearch<'_> {
                 };
                 let (all_columns, of_rotation) = (with(&|_| true), with(&is_unobservable_hand_held));
                 let (gram, _) = seen.insides_apart(coarse);
-                let mut is_hand_moved = false;
+                let mut by_hand: f64 = 0.0;
                 for (group, plain) in &scattered {
                     // Effects that depend on the angular acceleration cannot describe accelerations by a hand. If these
                     // effects explain almost the whole scatter, the unit was not moved by hand.
-                    is_hand_moved |= inside(&gram, *group, &all_columns)? > HAND * HAND
-                        && inside(&gram, *group, &of_rotation)? > UNEXPLAINED * plain;
+                    if inside(&gram, *group, &all_columns)? > HAND * HAND {
+                        by_hand = by_hand.max(inside(&gram, *group, &of_rotation)? / plain);
+                    }
                 }
-                Ok(is_hand_moved)
+                Ok(by_hand)
             })
         };
-        if !is_unexplained(self, (&none, &[]), &model)? {
-            return Ok(false);
+        let share = unexplained(self, (&none, &[]), &model)?;
+        if share <= UNEXPLAINED || share > BEYOND_A_DELAY {
+            return Ok(share > UNEXPLAINED);
         }
         // The Jacobian columns describe the errors of effects to first order in the parameters. A long delay of the
         // gyroscope also causes errors of higher order. The delay is therefore fitted, and the test is repeated with
@@ -146,6 +154,6 @@ impl ForwardSearch<'_> {
         self.kinds = kinds;
         let Ok(delayed) = delayed else { return Ok(true) };
         let own = Terms::try_new(&[EffectChoice::plain(delay.effect)], &[], &self.samples, none.kinds)?;
-        is_unexplained(self, (&own, &[0.0]), &delayed.model)
+        Ok(unexplained(self, (&own, &[0.0]), &delayed.model)? > UNEXPLAINED)
     }
 }
