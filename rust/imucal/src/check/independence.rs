@@ -24,10 +24,9 @@ const COPY_SIGMAS: f32 = 14.0;
 /// reach this limit.
 const UNIQUE: f32 = 2.0;
 /// Two recordings count as copies only if their correlation without the contributions of short pulses
-/// ([`Transform::sigmas_without_pulses`]) is at least this value. The correlation is below 2.5 for independent
-/// recordings with coinciding pulses. It is above 3.3 for altered copies, and above 6 if rounding has not removed most
-/// of their noise.
-const WITHOUT_PULSES_SIGMAS: f32 = 3.0;
+/// ([`Transform::sigmas_without_pulses`]) is at least this value. The correlation was at most 4.4 for independent
+/// recordings with coinciding pulses, and at least 9 for altered copies.
+const WITHOUT_PULSES_SIGMAS: f32 = 5.0;
 /// Number of templates of a recording, one in each third. A template is an excerpt that is searched for in the other
 /// recordings. If another recording contains at least half of this recording, it contains at least one of the
 /// templates.

@@ -36,9 +36,8 @@ const NEAR: usize = 64;
 
 /// Number of samples in each part into which [`Transform::sigmas_without_pulses`] divides a block.
 const PART: usize = 64;
-/// Number of these parts that are left out. Two short pulses (knocks or wrong samples) cover at most this number of
-/// parts.
-const PULSE_PARTS: usize = 4;
+/// Number of these parts that are left out. A short pulse (knock or wrong sample) covers at most this number of parts.
+const PULSE_PARTS: usize = 2;
 
 /// The two groups of signals, as ranges of their indices. Each group is correlated separately. The first group has the
 /// three signals that depend on the order of the axes, and the second has the signal that does not.
@@ -165,9 +164,10 @@ impl Transform {
     /// and `kind` the index of the group of signals in [`KINDS`].
     ///
     /// Two independent recordings with short pulses (knocks or wrong samples) are correlated at a lag at which pulses
-    /// coincide. Two pulses coincide at one lag if the time between them is the same in both recordings, which is
-    /// frequent if one sample in a thousand is wrong. Only the parts with the pulses contribute to this correlation, so
-    /// the result is nearly zero. In a copy, the noise in all parts contributes.
+    /// coincide. Only the parts with the pulses contribute to this correlation, so the result is nearly zero for one
+    /// pulse. Two pulses coincide at one lag if the time between them is the same in both recordings, which is frequent
+    /// if one sample in a thousand is wrong. If they cover more than [`PULSE_PARTS`] parts, a part of the correlation
+    /// remains. In a copy, the noise in all parts contributes.
     pub(super) fn sigmas_without_pulses(&mut self, tape: &Tape, template: &Template, kind: usize, peak: &Peak) -> f32 {
         let from_start = (peak.at + TEMPLATE as isize).max(0) as usize;
         let (first, shift) = (from_start / LAGS * LAGS, from_start % LAGS);
