@@ -12,7 +12,7 @@
 #   make rounding  coverage of the intervals with noise below a step of the converter, to docs/results/rounding.md
 #   make faces     coverage and errors of a unit that rests on the faces of a box alone, to docs/results/faces.md
 #   make gap-benchmark  blind test with hidden effects, to docs/results/gap.md; SHARE=0.1 runs a tenth, LOG=file resumes
-#   make laws-benchmark  errors that the catalogue lacks, to docs/results/laws.md; LOG=file resumes
+#   make laws-benchmark  errors that the catalogue lacks, to docs/results/laws.md
 #   make units-benchmark  strong effects, variations in time, two sessions, to docs/results/units.md
 #   make thermal-benchmark  sensors that remember the temperature, to docs/results/thermal.md
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
@@ -26,7 +26,7 @@
 #   make stand     verdicts of a simulated line for good units and hidden faults, to docs/results/stand.md
 #   make test-firmware  faults of a stand on a simulator of GRBL or grblHAL: GRBL_SIM=path, see docs/stand.md
 #   make fleet     a simulated fleet, its speed, store and kills, to docs/results/fleet.md; PARTS=kills runs one part
-#                  accuracy, plan, gap-, units- and thermal-benchmark go on where they were killed; SCHEDULER=tcp://HOST:8786 for Dask
+#                  accuracy, plan, gap-, laws-, units- and thermal-benchmark go on where they were killed; SCHEDULER=tcp://HOST:8786 for Dask
 #   make test-vectors  README and tutorial with the arithmetic of AVX2 and of AVX-512, also on a processor without it
 #   make docs      the pages under docs/ as a site, site/index.html; a broken link is an error
 #   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
@@ -283,7 +283,7 @@ gap-benchmark: $(VENV)/.installed
 
 laws-benchmark: $(VENV)/.installed
 	$(call say,Laws)
-	PYTHONPATH=benches $(PY) -m gap.laws $(if $(LOG),--log $(LOG))
+	PYTHONPATH=benches $(PY) -m gap.laws $(ENGINE)
 
 units-benchmark: $(VENV)/.installed
 	$(call say,Units)

@@ -8,6 +8,7 @@ Whatever they find is `named`: none has a way to say that it is nothing on the l
 """
 
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -88,13 +89,16 @@ def lasso(data: Library, most: int = 500) -> tuple[str, ...]:
     most  steps of the path
     """
     # Loaded here: it takes seconds, and nothing else needs it.
+    from sklearn.exceptions import ConvergenceWarning
     from sklearn.linear_model import LassoLarsIC
 
     names, columns = list(data.columns), np.hstack(list(data.columns.values()))
     owner = np.repeat(np.arange(len(names)), [data.columns[name].shape[1] for name in names])
-    fit = LassoLarsIC(criterion="bic", noise_variance=1.0, fit_intercept=False, max_iter=most).fit(
-        columns, data.residual
-    )
+    path = LassoLarsIC(criterion="bic", noise_variance=1.0, fit_intercept=False, max_iter=most)
+    with warnings.catch_warnings():
+        # Columns of similar forms are nearly dependent; the path goes on without one of them.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        fit = path.fit(columns, data.residual)
     power = {
         name: float(np.sum((columns[:, owner == i] @ fit.coef_[owner == i]) ** 2))
         for i, name in enumerate(names)

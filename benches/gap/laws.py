@@ -1,8 +1,8 @@
 """Benchmark of laws: `make laws-benchmark` writes docs/results/laws.md.
 
 Each case has an error that the catalogue lacks, of five times the detection limit, or none. imucal is
-compared with BIC, LASSO, a fit of everything, and the sequentially thresholded least squares of PySINDy (if
-installed), on the same whitened residuals and the same library of forms.
+compared with BIC, LASSO, a fit of everything, and the sequentially thresholded least squares of PySINDy, on
+the same whitened residuals and the same library of forms.
 """
 
 import os
@@ -11,7 +11,6 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import argparse
-import json
 import re
 import sys
 import time
@@ -20,8 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pysindy import STLSQ
+from rich.progress import track
 
 import imucal
+from engine import add_arguments, engine_of
 from gap import baselines
 from gap.law_cases import FAMILIES, OPTIONS, pose
 from gap.rates import Rate
@@ -34,6 +36,8 @@ ROOT = Path(__file__).resolve().parents[2]
 REPORT = ROOT / "docs" / "results" / "laws.md"
 # Steps of the LASSO's path; its BIC is lowest long before.
 LARS_STEPS = 60
+# Threshold of PySINDy, in standard deviations of a coefficient.
+SINDY_SIGMAS = 3.0
 CLEAN = ("clean", "clean, temperature", "clean, columns")
 # Cases 0 to 2 of each family were used while the search was written, so that they prove nothing about it.
 FIRST = 3
@@ -86,21 +90,11 @@ def others(measured: imucal.Recording) -> dict[str, set[str]]:
     given = columns_of(question, corrected, {}, forms, is_hand_moved=False)
     named = {str(place): columns for place, (_, columns) in enumerate(given.candidates)}
     data = baselines.library(given.residual, given.model, named)
-    ways = {**baselines.BASELINES}
-    try:
-        from pysindy import STLSQ
-    except ImportError:
-        pass
-    else:
-
-        def sindy(of: baselines.Library) -> tuple[str, ...]:
-            owner = np.repeat(list(of.columns), [own.shape[1] for own in of.columns.values()])
-            fit = STLSQ(threshold=3.0, alpha=1e-6, max_iter=30)
-            fit.fit(np.hstack(list(of.columns.values())), of.residual[:, None])
-            return tuple(dict.fromkeys(owner[np.abs(fit.coef_[0]) > 0]))
-
-        ways["PySINDy, STLSQ"] = sindy
-    ways[baselines.LASSO] = lambda of: baselines.lasso(of, most=LARS_STEPS)
+    ways = {
+        **baselines.BASELINES,
+        baselines.LASSO: lambda of: baselines.lasso(of, most=LARS_STEPS),
+        "PySINDy, STLSQ": sindy,
+    }
     found = {}
     brief = data.brief()
     for way, choose in ways.items():
@@ -108,6 +102,14 @@ def others(measured: imucal.Recording) -> dict[str, set[str]]:
         chosen = [given.candidates[int(place)][0] for place in places]
         found[way] = set().union(*(form.variables for form in chosen)) if chosen else set()
     return found
+
+
+def sindy(of: baselines.Library) -> tuple[str, ...]:
+    """Names of the columns that the sequentially thresholded least squares of PySINDy keep."""
+    owner = np.repeat(list(of.columns), [own.shape[1] for own in of.columns.values()])
+    fit = STLSQ(threshold=SINDY_SIGMAS, alpha=1e-6, max_iter=30)
+    fit.fit(np.hstack(list(of.columns.values())), of.residual[:, None])
+    return tuple(dict.fromkeys(owner[np.abs(fit.coef_[0]) > 0]))
 
 
 def page(rows: list[dict[str, Any]]) -> str:
@@ -189,8 +191,8 @@ base parameters are fitted, is 25 times the noncentrality 27.
 * Gap closed: reduction of chi2 of the control recording, relative to the same recordings without the error.
   It is given where the error raises chi2 by 30 % or more.
 * Other methods get the same whitened residuals and the same forms, with the base parameters projected out,
-  of the first cases of each family. PySINDy, where it is installed, is its optimiser STLSQ with a threshold
-  of three standard deviations.
+  of the first cases of each family. PySINDy is its optimiser STLSQ with a threshold of three standard
+  deviations.
 
 The gates compare the found shares themselves; the intervals (95 %) show how much so many cases can tell.
 """
@@ -201,32 +203,24 @@ def main() -> int:
     arguments.add_argument("--cases", type=int, default=40, help="cases of each family")
     arguments.add_argument("--clean", type=int, default=100, help="runs without an error of each kind")
     arguments.add_argument("--baselines", type=int, default=40, help="cases of each family for other methods")
-    arguments.add_argument("--log", type=Path, help="append each case; what is in it is not run again")
-    arguments.add_argument("--page-only", action="store_true", help="write the page from the log")
+    add_arguments(arguments)
+    arguments.add_argument("--output", type=Path, default=REPORT)
     given = arguments.parse_args()
-    log = given.log
-    rows = [json.loads(line) for line in log.read_text().splitlines()] if log and log.is_file() else []
-    known = {(row["family"], row["index"]) for row in rows}
+    order = (*FAMILIES, *CLEAN)
     # All families advance together, so that a run that is broken off has seen each of them.
     cases = [
-        (family, index)
+        (family, index, index < FIRST + given.baselines)
         for index in range(FIRST, FIRST + max(given.cases, given.clean))
-        for family in (*FAMILIES, *CLEAN)
+        for family in order
         if index < FIRST + (given.clean if family in CLEAN else given.cases)
     ]
-    for family, index in [] if given.page_only else cases:
-        if (family, index) in known:
-            continue
-        row = asked(family, index, index < FIRST + given.baselines)
-        rows.append(row)
-        if log is not None:
-            with log.open("a") as file:
-                file.write(json.dumps(row) + "\n")
-    order = {family: place for place, family in enumerate((*FAMILIES, *CLEAN))}
-    rows.sort(key=lambda row: (order[row["family"]], row["index"]))
+    with engine_of(given, "laws") as engine:
+        answers = engine.map(lambda case: asked(*case), cases, name="laws", per_task=1)
+        rows = list(track(answers, "laws", total=len(cases), disable=not sys.stderr.isatty()))
+    rows.sort(key=lambda row: (order.index(row["family"]), row["index"]))
     text = page(rows)
     print(text)
-    REPORT.write_text(text, encoding="utf-8")
+    given.output.write_text(text, encoding="utf-8")
     return 0
 
 

@@ -15,7 +15,7 @@ NUMBER = re.compile(r"(?<![\w.])[0-9]+(?:\.[0-9]+)?(?:e-?[0-9]+)?")
 # Libraries of other authors that are references of tests or benchmarks.
 LIBRARIES = {
     *("ahrs", "allantools", "dynamixel_sdk", "h5py", "imufusion", "mcap", "mcap_ros2", "numpy"),
-    *("pandas", "polars", "pyarrow", "pymavlink", "pyulog", "rosbags", "scipy", "sklearn"),
+    *("pandas", "polars", "pyarrow", "pymavlink", "pysindy", "pyulog", "rosbags", "scipy", "sklearn"),
 }
 IMPORT = re.compile(r"^ *(?:import|from) (\w+)|importorskip\(\"(\w+)", re.MULTILINE)
 
@@ -62,8 +62,3 @@ def test_the_page_names_every_library_that_is_a_reference():
     used = set().union(*(imported(path.read_text(encoding="utf-8")) for path in files))
     assert used >= LIBRARIES
     assert LIBRARIES - set(CODE.findall(TEXT)) == set()
-
-
-def test_the_page_of_laws_has_no_row_of_pysindy():
-    assert "PySINDy is optional" in " ".join(TEXT.split())
-    assert "| PySINDy" not in (ROOT / "docs/results/laws.md").read_text(encoding="utf-8")
