@@ -151,9 +151,7 @@ def _squares(marks: Sequence[Mark]) -> Gate:
     if not len(errors):
         return Gate(name, aim, "-", False)
     square = float(np.mean(errors**2))
-    # The standard deviation of the mean square of so many normal errors.
-    chance = np.sqrt(2.0 / len(errors))
-    return Gate(name, aim, f"{square:.3f}", abs(square - 1.0) <= max(0.05, 3.0 * chance), len(errors))
+    return Gate(name, aim, f"{square:.3f}", 0.95 <= square <= 1.05, len(errors))
 
 
 def _worth(marks: Sequence[Mark]) -> list[Gate]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import gap.case
+import gap.judge
 import gap.limits
 import gap.said
 import gap.suite
@@ -78,6 +79,13 @@ def test_what_a_hand_shows_is_named(case: gap.case.Case):
     assert list(said.names) == [effect.name for effect in sealed.open(said).effects]
 
 
+def mark_of(group: str, label: str, level: str, index: int) -> gap.judge.Mark:
+    """What the search answers to one case of the whole benchmark, compared with the truth."""
+    wanted = (group, label, level, index)
+    case = next(c for c in gap.suite.suite(1.0) if (c.group, c.label, c.level, c.index) == wanted)
+    return gap.suite.run(case, with_baselines=False)[0]
+
+
 @pytest.mark.parametrize(
     ("group", "label", "level", "index"),
     [
@@ -97,16 +105,12 @@ def test_what_a_hand_shows_is_named(case: gap.case.Case):
     ],
 )
 def test_single_cases_of_the_whole_benchmark(group: str, label: str, level: str, index: int):
-    wanted = (group, label, level, index)
-    case = next(c for c in gap.suite.suite(1.0) if (c.group, c.label, c.level, c.index) == wanted)
-    mark = gap.suite.run(case, with_baselines=False)[0]
+    mark = mark_of(group, label, level, index)
     assert mark.verdict_ok, mark.said
 
 
 def test_the_unknown_heading_of_a_recording_by_hand_is_no_error_of_the_estimate():
-    wanted = ("data", "earth_rate", "5x in A", 0)
-    case = next(c for c in gap.suite.suite(1.0) if (c.group, c.label, c.level, c.index) == wanted)
-    mark = gap.suite.run(case, with_baselines=False)[0]
+    mark = mark_of("data", "earth_rate", "5x in A", 0)
     assert mark.exact
     assert len(mark.scores) == 2
     assert max(map(abs, mark.scores)) < 4.0
