@@ -209,12 +209,17 @@ def test_a_signal_that_is_ignored_stays_ignored(long_recording, tmp_path):
 def test_interrupted_at_any_time(long_recording, tmp_path):
     """From the start of the command to its end: reading, checking, fitting or writing."""
     output = tmp_path / "out.csv"
+    # The command says that it is ready inside `main`: before it, Python itself answers the signal.
     program = textwrap.dedent(
         """
         import sys
-        from imucal.cli import main
-        print("ready", flush=True)
-        sys.exit(main())
+        from imucal.cli import app
+        run = app._run
+        def ready_and_run(arguments):
+            print("ready", flush=True)
+            return run(arguments)
+        app._run = ready_and_run
+        sys.exit(app.main())
         """
     )
     codes = set()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -18,6 +19,8 @@ HANDLED: Final = ("SIGTERM", "SIGHUP")
 # After the first signal, further signals within this time, s, are ignored. A closing terminal and its shell
 # both send SIGHUP, and the second signal must not interrupt the stopping of the motors.
 GRACE_S: Final = 5.0
+# Time, s, after which an interrupt is raised again that Python has discarded.
+AGAIN_S: Final = 0.01
 
 
 class Ended:
@@ -36,6 +39,11 @@ class Ended:
         _leave_closed_terminal()
         raise KeyboardInterrupt
 
+    def discarded(self) -> signal.Signals:
+        """Forget the last signal, whose KeyboardInterrupt Python discarded; the signal to raise again."""
+        by, self.by, self._last_signal_s = self.by, None, -GRACE_S
+        return signal.SIGINT if by is None else by
+
     @property
     def what(self) -> str:
         """Description for a message."""
@@ -49,7 +57,7 @@ class Ended:
 
 @contextmanager
 def as_interrupts() -> Iterator[Ended]:
-    """Inside this block SIGTERM and SIGHUP raise KeyboardInterrupt."""
+    """Inside this block SIGTERM and SIGHUP raise KeyboardInterrupt, and no interrupt is discarded."""
     ended = Ended()
     numbers = []
     # Handlers are set only in the main thread, because signals interrupt only the main thread. If a signal is
@@ -60,10 +68,46 @@ def as_interrupts() -> Iterator[Ended]:
     for number in numbers:
         signal.signal(number, ended.handle)
     try:
-        yield ended
+        with _discarded_again(ended):
+            yield ended
     finally:
         for number in numbers:
             signal.signal(number, signal.SIG_DFL)
+
+
+@contextmanager
+def _discarded_again(ended: Ended) -> Iterator[None]:
+    """Inside this block, an interrupt that Python discards is raised again a moment later.
+
+    Python prints and discards exceptions of destructors and of callbacks of weak references, which its import
+    system uses. Without this block, a command would go on if an interrupt arrived inside one of them.
+    """
+    before = sys.unraisablehook
+    again: list[threading.Timer] = []
+
+    def hook(discarded: sys.UnraisableHookArgs) -> None:
+        if discarded.exc_type is KeyboardInterrupt:
+            again.append(threading.Timer(AGAIN_S, _raise, [ended.discarded()]))
+            again[-1].daemon = True
+            again[-1].start()
+        else:
+            before(discarded)
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+        for timer in again:
+            timer.cancel()
+
+
+def _raise(number: signal.Signals) -> None:
+    if sys.platform == "win32":
+        signal.raise_signal(number)
+    else:
+        # Unlike raise_signal in another thread, this also ends a system call in which the main thread waits.
+        os.kill(os.getpid(), number)
 
 
 def _leave_closed_terminal() -> None:
