@@ -1,0 +1,87 @@
+"""A law that a search found, in a calibration file, in C and in a simulation."""
+
+import ctypes
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+import imucal
+
+pytestmark = pytest.mark.slow
+
+RATE_HZ = 100.0
+# The hidden error: it grows with the rate up to 0.03 rad/s, and a faster rate has the same error.
+HIDDEN = {"gyro: k*min(max(w, -0.03), 0.03)": [0.1, -0.08, 0.12]}
+DRIVER = """
+#include "unit.h"
+int run_f64(int n, double *rate, double *force);
+int run_f64(int n, double *rate, double *force) {
+    int i, status = 0;
+    for (i = 0; i < 3 * n; i += 3) status |= unit_correct_f64(rate + i, force + i, rate + i, force + i);
+    return status;
+}
+int run_f32(int n, float *rate, float *force);
+int run_f32(int n, float *rate, float *force) {
+    int i, status = 0;
+    for (i = 0; i < 3 * n; i += 3) status |= unit_correct_f32(rate + i, force + i, rate + i, force + i);
+    return status;
+}
+"""
+
+
+def simulated(seed, effects):
+    return imucal.simulate("random", seed=seed, rate_hz=RATE_HZ, effects=effects).recording
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A recording with the hidden error, and its search."""
+    recording = simulated(5, HIDDEN)
+    return recording, imucal.find_gap(recording, control=simulated(6, HIDDEN))
+
+
+def test_a_simulation_with_the_law_repeats_the_recording(found):
+    recording, gap = found
+    (law,) = gap.laws
+    repeated = simulated(5, {law.formula: [parameter["value"] for parameter in law.parameters]})
+    hidden = recording.angular_rate - simulated(5, {}).angular_rate
+    left = recording.angular_rate - repeated.angular_rate
+    assert (np.std(left, axis=0) < 0.2 * np.std(hidden, axis=0)).all()
+    # Faster than the limit of the law, the error is constant, and its coefficient has a standard deviation.
+    limit = float(re.search(r"min\(max\(w, -(.+?)\)", law.formula)[1])
+    for axis, parameter in enumerate(law.parameters):
+        rate = recording.angular_rate[:, axis]
+        is_fast = np.abs(rate) > 1.5 * limit
+        assert is_fast.sum() > 1000
+        assert abs((np.sign(rate) * left[:, axis])[is_fast].mean()) < 4.0 * limit * parameter["std"]
+
+
+def test_the_law_is_in_c(found, tmp_path):
+    recording, gap = found
+    unit = tmp_path / "unit.json"
+    gap.calibration.save(unit)
+    calibration = imucal.Calibration.load(unit)
+    imucal.export(calibration, "c-header", name="unit").save(tmp_path / "unit.h")
+    (tmp_path / "driver.c").write_text(DRIVER)
+    compiler = shutil.which("gcc")
+    assert compiler is not None, "gcc is not on PATH: the C header cannot be tested without it"
+    options = ("-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC")
+    program = tmp_path / "driver.so"
+    subprocess.run([compiler, *options, tmp_path / "driver.c", "-o", program, "-lm"], check=True)
+    library = ctypes.CDLL(str(program))
+    # Errors are in units in the last place of the largest component. Single precision rounds the coefficients
+    # of the calibration, too, therefore it is allowed one unit more.
+    for function, real, most in ((library.run_f64, np.float64, 3.0), (library.run_f32, np.float32, 3.0)):
+        rate, force = (np.array(s, real) for s in (recording.angular_rate, recording.specific_force))
+        given = rate.astype(float), force.astype(float)
+        corrected_in_python = calibration.apply_recording(
+            imucal.Recording(recording.time_s, specific_force=given[1], angular_rate=given[0])
+        )
+        expected = corrected_in_python.angular_rate, corrected_in_python.specific_force
+        assert function(len(rate), *(ctypes.c_void_p(signal.ctypes.data) for signal in (rate, force))) == 0
+        for corrected, wanted, raw in zip((rate, force), expected, given, strict=True):
+            largest = np.abs([wanted, raw]).max(axis=(0, 2), keepdims=True)[0].astype(real)
+            assert (np.abs(corrected - wanted) <= most * np.spacing(largest)).all()
