@@ -6,7 +6,6 @@ import subprocess
 import sys
 import threading
 import time
-import weakref
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ import pytest
 
 import imucal
 from children import heed_signals
-from imucal.cli.ending import as_interrupts
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the time of a child is read from /proc")
 
@@ -120,29 +118,6 @@ def test_ctrl_c_leaves_no_part_of_a_file(recordings, tmp_path, name):
         assert len(imucal.read(left[0])) == len(imucal.read(recordings / "run.csv"))
     else:
         assert left == []
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_inside_a_callback_ends_the_command(number, capsys, monkeypatch):
-    """Python discards exceptions of callbacks of weak references, as its import system has them."""
-    monkeypatch.setattr(sys, "unraisablehook", sys.__unraisablehook__)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    class Dying:
-        pass
-
-    dying = Dying()
-    reference = weakref.ref(dying, lambda _: signal.raise_signal(number))
-    try:
-        with as_interrupts() as ended, pytest.raises(KeyboardInterrupt):
-            del dying
-            time.sleep(60.0)
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert reference() is None
-    assert ended.what == ("interrupted" if number == signal.SIGINT else "ended by SIGTERM")
-    assert sys.unraisablehook is sys.__unraisablehook__
-    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.slow

@@ -209,7 +209,7 @@ def test_a_signal_that_is_ignored_stays_ignored(long_recording, tmp_path):
 def test_interrupted_at_any_time(long_recording, tmp_path):
     """From the start of the command to its end: reading, checking, fitting or writing."""
     output = tmp_path / "out.csv"
-    # The command says that it is ready inside `main`: before it, Python itself answers the signal.
+    # The command prints inside `main`. A signal before `main` is handled by Python, which prints a traceback.
     program = textwrap.dedent(
         """
         import sys

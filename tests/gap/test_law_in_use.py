@@ -15,6 +15,7 @@ pytestmark = pytest.mark.slow
 RATE_HZ = 100.0
 # The hidden error: it grows with the rate up to 0.03 rad/s, and a faster rate has the same error.
 HIDDEN = {"gyro: k*min(max(w, -0.03), 0.03)": [0.1, -0.08, 0.12]}
+LARGEST_RADPS = (0.003, -0.0024, 0.0036)
 DRIVER = """
 #include "unit.h"
 int run_f64(int n, double *rate, double *force);
@@ -51,12 +52,15 @@ def test_a_simulation_with_the_law_repeats_the_recording(found):
     left = recording.angular_rate - repeated.angular_rate
     assert (np.std(left, axis=0) < 0.2 * np.std(hidden, axis=0)).all()
     # Faster than the limit of the law, the error is constant, and its coefficient has a standard deviation.
-    limit = float(re.search(r"min\(max\(w, -(.+?)\)", law.formula)[1])
+    form = re.search(r"min\(max\(w, -(.+?)\)", law.formula)
+    assert form is not None, law.formula
+    limit = float(form[1])
     for axis, parameter in enumerate(law.parameters):
         rate = recording.angular_rate[:, axis]
         is_fast = np.abs(rate) > 1.5 * limit
         assert is_fast.sum() > 1000
-        assert abs((np.sign(rate) * left[:, axis])[is_fast].mean()) < 4.0 * limit * parameter["std"]
+        error_radps = abs((np.sign(rate) * left[:, axis])[is_fast].mean())
+        assert error_radps < min(4.0 * limit * parameter["std"], 0.1 * abs(LARGEST_RADPS[axis]))
 
 
 def test_the_law_is_in_c(found, tmp_path):
@@ -72,9 +76,9 @@ def test_the_law_is_in_c(found, tmp_path):
     program = tmp_path / "driver.so"
     subprocess.run([compiler, *options, tmp_path / "driver.c", "-o", program, "-lm"], check=True)
     library = ctypes.CDLL(str(program))
-    # Errors are in units in the last place of the largest component. Single precision rounds the coefficients
-    # of the calibration, too, therefore it is allowed one unit more.
-    for function, real, most in ((library.run_f64, np.float64, 3.0), (library.run_f32, np.float32, 3.0)):
+    # Errors are in units in the last place of the largest component. Python subtracts the law from the raw
+    # samples, which rounds a second time in double precision. C rounds the coefficients in single precision.
+    for function, real, most in ((library.run_f64, np.float64, 6.0), (library.run_f32, np.float32, 3.0)):
         rate, force = (np.array(s, real) for s in (recording.angular_rate, recording.specific_force))
         given = rate.astype(float), force.astype(float)
         corrected_in_python = calibration.apply_recording(

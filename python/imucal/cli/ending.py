@@ -19,8 +19,8 @@ HANDLED: Final = ("SIGTERM", "SIGHUP")
 # After the first signal, further signals within this time, s, are ignored. A closing terminal and its shell
 # both send SIGHUP, and the second signal must not interrupt the stopping of the motors.
 GRACE_S: Final = 5.0
-# Time, s, after which an interrupt is raised again that Python has discarded.
-AGAIN_S: Final = 0.01
+# Delay, s, after which a discarded interrupt is raised again.
+AGAIN_S: Final = 0.05
 
 
 class Ended:
@@ -39,11 +39,6 @@ class Ended:
         _leave_closed_terminal()
         raise KeyboardInterrupt
 
-    def discarded(self) -> signal.Signals:
-        """Forget the last signal, whose KeyboardInterrupt Python discarded; the signal to raise again."""
-        by, self.by, self._last_signal_s = self.by, None, -GRACE_S
-        return signal.SIGINT if by is None else by
-
     @property
     def what(self) -> str:
         """Description for a message."""
@@ -57,18 +52,21 @@ class Ended:
 
 @contextmanager
 def as_interrupts() -> Iterator[Ended]:
-    """Inside this block SIGTERM and SIGHUP raise KeyboardInterrupt, and no interrupt is discarded."""
+    """Inside this block SIGTERM and SIGHUP raise KeyboardInterrupt, and Python cannot discard an interrupt.
+
+    Signals interrupt only the main thread, so the block changes nothing in other threads.
+    """
     ended = Ended()
-    numbers = []
-    # Handlers are set only in the main thread, because signals interrupt only the main thread. If a signal is
-    # already ignored, as with nohup, it stays ignored.
-    if threading.current_thread() is threading.main_thread():
-        known = [getattr(signal, name) for name in HANDLED if hasattr(signal, name)]
-        numbers = [number for number in known if signal.getsignal(number) == signal.SIG_DFL]
+    if threading.current_thread() is not threading.main_thread():
+        yield ended
+        return
+    # If a signal is already ignored, as with nohup, it stays ignored.
+    known = [getattr(signal, name) for name in HANDLED if hasattr(signal, name)]
+    numbers = [number for number in known if signal.getsignal(number) == signal.SIG_DFL]
     for number in numbers:
         signal.signal(number, ended.handle)
     try:
-        with _discarded_again(ended):
+        with _discarded_again():
             yield ended
     finally:
         for number in numbers:
@@ -76,38 +74,32 @@ def as_interrupts() -> Iterator[Ended]:
 
 
 @contextmanager
-def _discarded_again(ended: Ended) -> Iterator[None]:
-    """Inside this block, an interrupt that Python discards is raised again a moment later.
+def _discarded_again() -> Iterator[None]:
+    """Inside this block, KeyboardInterrupt is raised again after `AGAIN_S` if Python discards it.
 
-    Python prints and discards exceptions of destructors and of callbacks of weak references, which its import
-    system uses. Without this block, a command would go on if an interrupt arrived inside one of them.
+    Python prints and discards exceptions of destructors and of callbacks of weak references, such as those of
+    its import system. Without this block, a command would go on if an interrupt arrived inside one of them.
     """
+    # Windows has no timers that raise a signal.
+    if sys.platform == "win32" or signal.getsignal(signal.SIGALRM) != signal.SIG_DFL:
+        yield
+        return
     before = sys.unraisablehook
-    again: list[threading.Timer] = []
 
     def hook(discarded: sys.UnraisableHookArgs) -> None:
         if discarded.exc_type is KeyboardInterrupt:
-            again.append(threading.Timer(AGAIN_S, _raise, [ended.discarded()]))
-            again[-1].daemon = True
-            again[-1].start()
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
         else:
             before(discarded)
 
+    signal.signal(signal.SIGALRM, signal.default_int_handler)
     sys.unraisablehook = hook
     try:
         yield
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         sys.unraisablehook = before
-        for timer in again:
-            timer.cancel()
-
-
-def _raise(number: signal.Signals) -> None:
-    if sys.platform == "win32":
-        signal.raise_signal(number)
-    else:
-        # Unlike raise_signal in another thread, this also ends a system call in which the main thread waits.
-        os.kill(os.getpid(), number)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
 
 
 def _leave_closed_terminal() -> None:
