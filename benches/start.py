@@ -17,18 +17,20 @@ from sections import write_section
 ROUNDS = 11
 # Processor time of imu_tk on the Xsens files, s; it is not built by this benchmark.
 IMU_TK_S = 0.32
+# Largest time of `imucal calibrate` as a share of that of the SciPy program: 0.25 s on a machine on which the
+# SciPy program takes 1.65 s.
+CALIBRATION = 0.15
 PEER = Path(__file__).with_name("scipy_process.py")
 
 
 @dataclass(frozen=True)
 class Process:
-    """A command, and its largest time as a share of that of another command, or in ms."""
+    """A command, and its largest time as a share of that of another command."""
 
     name: str
     command: list[str]
     beside: str | None = None
     most: float | None = None
-    most_ms: float | None = None
     stdin: Path | None = None
 
 
@@ -65,8 +67,7 @@ def processes(folder: Path) -> list[Process]:
                 "`imucal calibrate` on the Xsens files",
                 [python, imucal, "calibrate", *files, *options],
                 scipy,
-                0.3,
-                250.0,
+                CALIBRATION,
             ),
         ]
     return found
@@ -102,11 +103,10 @@ def main() -> None:
         cells = ["", "", ""]
         if process.beside is not None and process.most is not None:
             times = ms[process.name] / ms[process.beside]
-            is_met = times <= process.most and ms[process.name] <= (process.most_ms or ms[process.name])
-            limit = f"{process.most:g}" + (f", and {process.most_ms:g} ms" if process.most_ms else "")
+            is_met = times <= process.most
             cells = [
                 f"{times:.2f} times {process.beside}",
-                limit,
+                f"{process.most:g}",
                 "met" if is_met else "missed",
             ]
         rows.append(f"| {process.name} | {ms[process.name]:.0f} | {' | '.join(cells)} |")
@@ -118,6 +118,7 @@ medians of {ROUNDS} interleaved rounds.
 |---|---:|---|---:|---|
 {chr(10).join(rows)}
 
+The aim for `imucal calibrate` is 0.25 s on a machine on which the SciPy program takes 1.65 s.
 For the same files, imu_tk (C++) takes {IMU_TK_S:g} s of processor time, measured on another occasion.
 imu-calib reads no text and computes no standard deviations.
 """
