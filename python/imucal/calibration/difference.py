@@ -341,7 +341,7 @@ def _notes(before: Calibration, after: Calibration) -> list[str]:
     if known and before.gravity_mps2 != after.gravity_mps2:
         notes.append(
             f"gravity was {before.gravity_mps2} and {after.gravity_mps2} m/s^2: if both calibrations were "
-            "made at the same place, the accelerometer scales differ for this reason"
+            "made at the same place, one of the two values is wrong, and its accelerometer scales with it"
         )
     shared = after.provenance.seen_in(before.provenance.files)
     if shared:

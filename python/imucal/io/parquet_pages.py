@@ -114,7 +114,9 @@ def _require_chunk(file: BinaryIO, name: str, chunk: Chunk, size: int) -> None:
     # A column without values has no data page, and the offset of the data page is then 0.
     lowest = 1 if chunk.values else 0
     if not lowest <= first <= end <= size:
-        raise ValueError(f"the column {name} is at the bytes {first} to {end} of {size}")
+        raise ValueError(
+            f"the column {name} is said to occupy bytes {first} to {end}, but the file has {size} bytes"
+        )
     position = first
     # Only pages up to the last value are checked, because Arrow stops reading there, which can be before the
     # end of the chunk.

@@ -86,9 +86,10 @@ impl Rounding {
     /// The noise that most rests have in common is estimated from the levels that occur at these rests. The levels of
     /// the other axes contribute to its likelihood, because the axes of a triad usually have similar noise.
     ///
-    /// For a rest with less noise, the rounding error is computed from the noise of this rest and is larger. For a rest
-    /// with more noise, the rounding error of the common noise is used, because a short disturbance may have caused the
-    /// larger scatter. The rounding error is then that of the undisturbed samples.
+    /// If a rest has less noise than is common, its rounding error is computed from its own noise. It is larger,
+    /// because less noise averages the rounding less. If a rest has more noise, the rounding error of the common noise
+    /// is used, because a short disturbance may have caused the larger scatter. The rounding error is then that of the
+    /// undisturbed samples.
     pub(crate) fn of_levels(axes: [Option<(f64, Vec<Levels>)>; 3]) -> [AxisRounding; 3] {
         let axes = axes.map(|axis| axis.map(|(step, rests)| (step, RestNoise::of(&rests))));
         std::array::from_fn(|axis| {

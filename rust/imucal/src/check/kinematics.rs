@@ -31,8 +31,8 @@ const WELL_DETERMINED: f64 = 0.1;
 /// axes. The share is usually 0.998 on a stand and 0.8 in hand-held moves. It is 0.5 if the rates are 0.6 s late and a
 /// move takes one second.
 const LEAST_EXPLAINED: f64 = 0.6;
-/// If the rates explain less than this share, the gyroscope may be of another unit or recording, and the calibration is
-/// refused. The share is 0.12 if the rates are 0.8 s late and a move takes one second.
+/// If the rates explain less than this share, the gyroscope may belong to another device or recording, and the
+/// calibration is refused. A gyroscope that is 0.8 s late in moves of one second is not refused: its share is 0.12.
 const UNRELATED: f64 = 0.1;
 /// A finding names a signed permutation only if the correlation of P with it is at least this value (1: P equals the
 /// permutation; 0.97: P is rotated from it by 18 deg).

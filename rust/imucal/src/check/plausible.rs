@@ -188,8 +188,8 @@ fn is_gravity(force_mps2: f64) -> bool {
     (GRAVITY_RATIO[0]..=GRAVITY_RATIO[1]).contains(&(force_mps2 / STANDARD_GRAVITY_MPS2))
 }
 
-/// Recommends the unit of measurement in which this density of a gyroscope, rad/s/sqrt(Hz), would be the density of a
-/// usual sensor. If motion explains the density, the text recommends to hold the sensor still instead.
+/// Advice for a gyroscope with an unusual noise density, rad/s/sqrt(Hz): the unit of measurement with which the density
+/// would be usual. If motion explains the density, the advice is to hold the sensor still.
 fn gyro_way_out(recording: &Recording, density: f64, accel: &[RestNoise; 3]) -> String {
     let usual = |density: f64| (USUAL[0]..=USUAL[1]).contains(&density);
     let (given, size_radps, _) = given_gyro_unit(recording);

@@ -139,7 +139,8 @@ impl<'a> Weighing<'a> {
         Instructions::Best.run(Sweep(self, scales))
     }
 
-    /// The Schur complement of the additional columns, in units of their typical sizes.
+    /// The Schur complement of the additional columns, with each column multiplied by the typical size of its
+    /// parameter.
     pub(crate) fn left(&self, swept: &Swept) -> Left {
         let Columns { model, beside, unit, .. } = &self.columns;
         let (n, k) = (model.len(), beside.len());

@@ -162,7 +162,7 @@ impl Linear {
     }
 }
 
-/// Index of a kind of residuals, see [`Linear::groups_of_rows`]: the specific force inside the moves.
+/// Index of a kind of residuals: the specific force inside the moves. [`Linear::groups_of_rows`] lists the other kinds.
 pub(crate) const INSIDE: usize = 5;
 /// Index of a kind of residuals: gravity directions computed from the stand's encoder angles, minus the directions
 /// measured at the rests.

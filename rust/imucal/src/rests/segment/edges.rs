@@ -234,10 +234,10 @@ mod tests {
             for begin in [-2.2, -1.7, -0.9, 0.0, 0.3] {
                 let blocks = blocks(|time| strength * (time - begin).max(0.0).powi(2));
                 let end = found_end(STILL, &blocks) as f64 - STILL as f64;
-                // The rest may keep the first sixth of the time in which the angle grows to 10 x its noise. The angle
-                // is proportional to the cube of the time, so it is then 10 / 6^3 of its noise, about a twentieth. The
-                // noise of the angle over about 20 blocks is sqrt(20) times the noise of one block. In units of the
-                // noise of one block, the angle is therefore 0.05 x sqrt(20) = 0.22.
+                // Let T be the time in which the angle of the move grows to 10 times the noise of the angle. The rest
+                // may wrongly contain the beginning of the move, up to T / 6. The angle is proportional to the cube of
+                // the time, so at T / 6 it is 10 / 6^3 = 0.05 of the noise of the angle. Over about 20 blocks, this
+                // noise is sqrt(20) times the noise of one block, so the angle is 0.22 times the noise of one block.
                 let kept = (end - begin).max(0.0);
                 let turn = strength * kept.powi(3) / 3.0;
                 assert!(turn < 0.25 * NOISE, "{strength} {begin}: {end}");
