@@ -52,7 +52,7 @@ class Ended:
 
 @contextmanager
 def as_interrupts() -> Iterator[Ended]:
-    """Inside this block SIGTERM and SIGHUP raise KeyboardInterrupt, and Python cannot discard an interrupt.
+    """Inside this block SIGTERM and SIGHUP raise KeyboardInterrupt, which Python does not discard on POSIX.
 
     Signals interrupt only the main thread, so the block changes nothing in other threads.
     """
