@@ -16,6 +16,7 @@ import pytest
 
 import imucal
 import imucal._core as _core
+from c_compiler import GCC, gcc
 from imucal.effects import catalogue
 from imucal.effects.formula_effect import FormulaEffect
 from imucal.exporting.formula_code import auxiliary_of
@@ -23,7 +24,6 @@ from imucal.exporting.formula_code import auxiliary_of
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
-GCC = ("-std=c99", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror")
 ACCELEROMETER = imucal.Triad(
     [[0.9804, 0.0012, 0.0055], [0.0012, 0.9727, 0.0043], [0.0055, 0.0043, 0.9921]], [-0.42, 0.24, 0.39]
 )
@@ -151,14 +151,6 @@ void run_{name}_{size}(int n, {real} *rate, {real} *force, const {real} *tempera
     }}
 }}""")
     return "\n".join([*parts, ""])
-
-
-def gcc(*arguments):
-    compiler = shutil.which("gcc")
-    if compiler is None:
-        pytest.fail("gcc is not on PATH: the C header cannot be tested without it")
-    done = subprocess.run([compiler, *map(str, arguments)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
 
 
 @pytest.fixture(scope="module")

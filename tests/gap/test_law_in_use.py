@@ -2,13 +2,12 @@
 
 import ctypes
 import re
-import shutil
-import subprocess
 
 import numpy as np
 import pytest
 
 import imucal
+from c_compiler import GCC, gcc
 
 pytestmark = pytest.mark.slow
 
@@ -70,12 +69,8 @@ def test_the_law_is_in_c(found, tmp_path):
     calibration = imucal.Calibration.load(unit)
     imucal.export(calibration, "c-header", name="unit").save(tmp_path / "unit.h")
     (tmp_path / "driver.c").write_text(DRIVER)
-    compiler = shutil.which("gcc")
-    assert compiler is not None, "gcc is not on PATH: the C header cannot be tested without it"
-    options = ("-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC")
-    program = tmp_path / "driver.so"
-    subprocess.run([compiler, *options, tmp_path / "driver.c", "-o", program, "-lm"], check=True)
-    library = ctypes.CDLL(str(program))
+    gcc(*GCC, "-shared", "-fPIC", tmp_path / "driver.c", "-o", tmp_path / "driver.so", "-lm")
+    library = ctypes.CDLL(str(tmp_path / "driver.so"))
     # Errors are in units in the last place of the largest component. Python subtracts the law from the raw
     # samples, which rounds a second time in double precision. C rounds the coefficients in single precision.
     for function, real, most in ((library.run_f64, np.float64, 6.0), (library.run_f32, np.float32, 3.0)):
