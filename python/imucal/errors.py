@@ -36,7 +36,7 @@ class InputError(ImucalError, ValueError):
 
 
 class NotEnoughMotionError(ImucalError):
-    """The motion does not determine every parameter; the message names them and the poses to add."""
+    """The motion does not determine every parameter. The message names these parameters and poses to add."""
 
 
 class FitError(ImucalError):

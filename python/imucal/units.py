@@ -37,8 +37,8 @@ DEGREE_RAD: Final = math.pi / 180.0
 _G: Final = STANDARD_GRAVITY_MPS2
 _DEG: Final = DEGREE_RAD
 
-# For each SI unit, the units that files and options may use instead of it. Each number is the value of one
-# such unit in the SI unit.
+# For each SI unit, the units that files and options may use instead of it. Each number is the size of this
+# unit in the SI unit.
 UNITS: Final[dict[str, dict[str, float]]] = {
     "1": {"1": 1.0, "%": 1e-2, "ppm": 1e-6, "rad": 1.0, "deg": _DEG},
     "bit": {"bit": 1.0},
@@ -77,7 +77,7 @@ COLUMN_UNITS: Final[dict[str, dict[str, float]]] = {
     },
     "stand": {"rad": 1.0, "deg": _DEG},
 }
-# For each of these suffixes, the unit as options and messages write it.
+# For each suffix of a sensor column, the unit as options and messages write it.
 UNIT_TEXT: Final[dict[str, str]] = {
     **{"mps2": "m/s^2", "cmps2": "cm/s^2", "mmps2": "mm/s^2", "ftps2": "ft/s^2"},
     **{"g": "g", "mg": "mg", "ug": "ug", "lsb": "lsb"},
@@ -92,7 +92,7 @@ TEMPERATURE_UNITS: Final[dict[str, tuple[float, float]]] = {
     "k": (1.0, -273.15),
     "degf": (1.0 / 1.8, -32.0 / 1.8),
 }
-# Suffixes of time columns, such as time_us, each with the number of its units in one second.
+# Suffixes of time columns, such as time_us, each with the number of ticks of this unit in one second.
 TICKS_PER_S: Final[dict[str, float]] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 # For each SI unit, the unit in which summaries and pages show an effect or a residual, as (factor, unit); the
 # shown value is the factor times the SI value. The unit is chosen so that typical values of MEMS sensors are
@@ -137,7 +137,7 @@ DATASHEET: Final[dict[str, tuple[float, str]]] = {
 _SENSITIVITY: Final = re.compile(r"(?:accel|gyro)_sensitivity_([xyz])([xyz])")
 _DIAGONAL: Final = (1e6, "ppm")
 _OFF_DIAGONAL: Final = (1e3, "mrad")
-# Units in which the bias instability is shown. They are smaller than the units of a bias.
+# Units in which the bias instability is shown. They are smaller than the units of a bias (deg/s and mg).
 _INSTABILITY: Final = {"rad/s": (3600.0 / _DEG, "deg/h"), "m/s^2": (1e6 / _G, "ug")}
 
 
@@ -158,7 +158,7 @@ class Scale(NamedTuple):
 
 
 def significant(value: float, digits: int) -> str:
-    """A number below 1e10 with this number of significant digits and without an exponent, such as 1220."""
+    """`value` as text with `digits` significant digits, such as 1220; no exponent from 1e-4 to 1e10."""
     return f"{float(f'{value:.{digits}g}'):.10g}"
 
 

@@ -103,7 +103,7 @@ def test_effects_are_those_allowed(tmp_path, allowed):
     judgement = limits_from_dict(tmp_path, {"effects": allowed}).judge(carrying)
     assert judgement.passed == ("gyro_g_sensitivity" in allowed)
     if not judgement.passed:
-        words = f"gyro_g_sensitivity is carried, effects allowed: {', '.join(allowed) or 'none'}"
+        words = f"the calibration has gyro_g_sensitivity; permitted effects: {', '.join(allowed) or 'none'}"
         assert judgement.reasons == (words,)
 
 

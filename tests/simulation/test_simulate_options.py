@@ -67,8 +67,8 @@ def test_a_bad_option_is_one_line_with_the_way_out(arguments, message, tmp_path,
         ("static --duration-s -1", "rests for -1 s: give a positive time"),
         ("static --moves 3", "moves is an option of random: leave it out"),
         ("static --unit random:bmi99:3", "the unit 'bmi99' is not known: give one of .*bmi088"),
-        ("truth.json --unit ideal", "--unit .* the truth file has its own"),
-        ("truth.json --hold-s 1", "--hold-s .* the truth file has its own"),
+        ("truth.json --unit ideal", "--unit .* the truth file already states this setting"),
+        ("truth.json --hold-s 1", "--hold-s .* the truth file already states this setting"),
     ],
 )
 def test_options_that_do_not_fit_the_motion(arguments, message, tmp_path, monkeypatch, capsys):

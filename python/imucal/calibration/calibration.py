@@ -128,9 +128,9 @@ class Calibration(SensorModel):
     def takes_pieces(self) -> bool:
         """Whether a recording can be corrected piece by piece.
 
-        It cannot be if an effect depends on the angular acceleration, because differentiation needs samples
-        beyond the ends of a piece. It cannot be with a user-defined effect either, because the function that
-        computes the effect needs whole columns.
+        Piecewise correction is impossible if an effect depends on the angular acceleration or on the
+        temperature history, because both need samples beyond the ends of a piece. It is also impossible with
+        a user-defined effect, because the function that computes the effect needs whole columns.
         """
         return takes_pieces(self)
 

@@ -150,9 +150,10 @@ def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
             moved.append(_moved(first, values, accel2, step, second))
             if values.name == G_SENSITIVITY:
                 # The g-sensitivity of the first calibration, times the accelerometer bias of the second, is a
-                # constant rate.
+                # constant rate and adds to the gyroscope bias.
                 gyro_bias = gyro_bias + values.values.reshape(3, 3) @ accel2.bias
-    # A product of lower triangular matrices is lower triangular; other products have no special form.
+    # A product of lower triangular matrices is lower triangular, so two calibrations in the frame
+    # "triangular" give a result in this frame. Other products have no special form.
     triangular = first.frame == second.frame == "triangular" and second.axes == UNCHANGED
     return SensorModel(
         _product(accel1, accel2.sensitivity, accel2.bias),

@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["correct", "correct_recording", "empty_samples", "left_in_data", "takes_pieces"]
 
 # Convergence criterion: largest change of a sample in an iteration, relative to the magnitude of the terms
-# whose sum is the corrected sample.
-# The value is 16 times the relative rounding error of float64.
+# whose sum is the corrected sample. The limit is 16 times the relative rounding error of float64.
 ROUNDING: Final = 16 * np.finfo(np.float64).eps
 # Maximum number of iterations for user-defined effects, which are evaluated on whole recordings.
 MOST_PASSES: Final = 32
@@ -114,7 +113,7 @@ def _in_body_frame(recording: Recording, rate: FloatArray | None, force: FloatAr
 
 
 def _of_triad(triad: Triad | None, raw: FloatArray | None) -> FloatArray | None:
-    """Samples of one sensor, (N, 3), corrected without effects."""
+    """Correct samples of one sensor, (N, 3), without effects."""
     if triad is None or raw is None:
         return None
     corrected: FloatArray = _core.correct_triad(triad, raw)
@@ -204,7 +203,7 @@ def _require_derivative(recording: Recording, name: str) -> None:
 # InputError at the end of the function reports the divergence.
 @np.errstate(over="ignore", invalid="ignore")
 def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
-    """The raw recording without the contributions of the user-defined effects.
+    """Subtract the contributions of the user-defined effects from a raw recording.
 
     The function of each effect receives a State. The angular acceleration and the time since the last motion
     in this State are computed from the rate that is corrected for the effects of the catalogue only.
@@ -264,7 +263,10 @@ def _added(own: list[tuple[UserEffect, EffectValues]], state: State) -> tuple[Fl
 
 
 def _rounded_size(triad: Triad, raw: SampleArray) -> FloatArray:
-    """Magnitude of the terms whose sum is a corrected sample, for its rounding error; (N, 3), SI units."""
+    """Magnitude of the terms whose sum is a corrected sample, (N, 3), SI units.
+
+    The rounding error of the sample is proportional to it.
+    """
     inverse = np.abs(np.linalg.inv(triad.sensitivity))
     # Counts are converted to float64 before the absolute value is taken, because the absolute value of -32768
     # overflows int16.

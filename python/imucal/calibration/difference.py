@@ -40,11 +40,11 @@ SIGMAS: Final = 3.0
 
 @dataclass(frozen=True)
 class Change:
-    """One parameter in both calibrations.
+    """One parameter, compared between two calibrations.
 
     before, after   values of the parameter in the two calibrations; 0 in a calibration without the effect
     std             standard deviation of the difference, from both covariances; None if it is not known
-    moved           whether the difference exceeds `limit_sigmas`; False if `std` is None
+    moved           whether the difference exceeds `Difference.limit_sigmas`; False if `std` is None
     """
 
     name: str
@@ -56,16 +56,15 @@ class Change:
 
     @property
     def difference(self) -> float:
-        """After minus before."""
+        """The value `after` minus the value `before`."""
         return self.after - self.before
 
     @property
     def sigmas(self) -> float | None:
         """The difference in standard deviations.
 
-        It is infinite if a parameter with a standard deviation of zero has changed.
-
-        None if the standard deviation is not known.
+        It is infinite if a parameter with a standard deviation of zero has changed, and None if the standard
+        deviation is not known.
         """
         if self.std is None:
             return None
@@ -76,7 +75,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Difference:
-    """Two calibrations compared.
+    """The comparison of two calibrations.
 
     changes           every parameter, in the order of the file
     limit_sigmas      limit of the difference of a single parameter, in standard deviations of the difference

@@ -30,7 +30,7 @@ class Figures:
                                1 is expected from noise alone. None if samples could not be corrected
     gravity_norm_rms_mps2      rms of the norm of gravity at a rest minus local gravity, m/s^2
     gravity_direction_rms_deg  rms angle between the gravity direction that the gyroscope propagates over a
-                               move and the direction measured after it, deg
+                               move and the direction measured after the move, deg
     rests, moves               numbers of rests and moves that are used; an accelerometer alone has no moves
     """
 
@@ -44,7 +44,7 @@ class Figures:
 def figures_text(figures: object, units: Units = datasheet) -> str:
     """The figures of merit as text, with their names and units.
 
-    figures   Figures, HeldOut, or a mapping from a file
+    figures   Figures, HeldOut (figures of a cross-validation), or a mapping from a file
     """
     fields = plain(figures)
     parts = []

@@ -292,7 +292,7 @@ def _effect(node: Node, user_effects: Mapping[str, UserEffect]) -> tuple[EffectV
     numbers = np.array([_number(item, p) for item, p in zip(items, effect.parameters, strict=False)])
     shape = node.get("shape")
     if effect.shape is None and shape.value is not None:
-        raise FormatError(f"{node.file}: {shape.path} must be null: {name} has none")
+        raise FormatError(f"{node.file}: {shape.path} must be null: {name} has no shape")
     return EffectValues(name, numbers, _number(shape, effect.shape) if effect.shape else None), effect
 
 

@@ -1,4 +1,4 @@
-"""Conversion of a calibration to another body frame, or to the columns of a recording before axis remapping.
+"""Conversion of a calibration to another body frame, or to raw samples whose axes have not been remapped.
 
 Two body frames differ by one rotation Q. If T is the sensitivity of a sensor in one frame, T' = T Q^T is its
 sensitivity in the other frame (docs/model.md (2)). Residuals and the norm of the force are the same in both

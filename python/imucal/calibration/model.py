@@ -1,4 +1,4 @@
-"""The sensor model of one unit: two triads and the effects of both.
+"""The sensor model of one unit: two triads (three sensor axes each) and their effects.
 
     measured = T (true + effects(true)) + bias
 
@@ -111,7 +111,7 @@ class SensorModel:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """All parameters: those of the triads in their fixed order, then those of each effect.
+        """All parameters: first the parameters of the triads in a fixed order, then those of each effect.
 
         The triads have 21 parameters, or 24 in the frame "given". An accelerometer alone has nine, or twelve
         in the frame "given". A parameter of an effect is named <effect>_<parameter>; the shape of an effect

@@ -55,7 +55,7 @@ class References:
     height_m: float | None = None
 
     def notes(self, gravity_mps2: float, *, has_gyroscope: bool = True) -> list[str]:
-        """Sentences on the uncertainties that the standard deviations do not include, and how to add them.
+        """Sentences on the uncertainties that the standard deviations omit, and the options that add them.
 
         has_gyroscope  whether there is a gyroscope; an accelerometer alone does not depend on the clock
         """
@@ -106,7 +106,7 @@ class References:
 
     @staticmethod
     def of_file(node: Node) -> References:
-        """The references in a calibration file; older files and files of other programs may lack them.
+        """The references in a calibration file. Older files and files of other programs may have none.
 
         Raises FormatError if gravity in the file differs from normal gravity at its latitude and height.
         """

@@ -80,8 +80,8 @@ def require_fit(
 ) -> None:
     """Raise FormatError if a number of the section `fit` contradicts another number or the covariance.
 
-    effects             for each effect, by name: its linear parameters (all but a time constant) with their
-                        values, by full name
+    effects             for each effect, by its name: the values of its linear parameters (all except a time
+                        constant), by the full names of the parameters
     names, covariance   the covariance, and the names of its parameters
     """
     fit = node.mapping()

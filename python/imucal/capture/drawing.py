@@ -1,4 +1,4 @@
-"""Drawing of a pose with characters of a terminal: the same box as on the pose card, and its axes."""
+"""Draws a unit in a pose with Braille characters: the box of the printed pose cards, with its axes."""
 
 from __future__ import annotations
 

@@ -41,7 +41,12 @@ class Pose:
 
 @dataclass(frozen=True)
 class Row:
-    """A group of parameters, with its largest predicted standard deviation before and after a pose (text)."""
+    """A row of the table of predicted accuracies, as text.
+
+    group           name of a group of parameters
+    before, after   largest predicted standard deviation of the group before and after the last pose
+    target          largest permitted standard deviation; empty without a target
+    """
 
     group: str
     before: str

@@ -50,7 +50,7 @@ class CaptureFile:
         if self.path.suffix.lower() != ".csv":
             raise InputError(f"{path}: a capture is written as .csv: change the extension")
         self._header = (",".join(self.columns) + "\n").encode()
-        # For each row, the position in the file of the end of the row, bytes.
+        # Position of the end of each row in the file, bytes.
         self._ends: list[int] = []
         self.existing, self.age_s = np.zeros((0, len(self.columns))), 0.0
         marker = marker_of(path)

@@ -76,7 +76,7 @@ def turn_words(current: FloatArray, following: FloatArray) -> str:
     if size < 1e-6:
         return f"by {angle:.0f} deg"
     main = int(np.argmax(np.abs(axis)))
-    # The axis is only named if it is close to an axis of the sensor.
+    # The rotation axis is named only if it is close to an axis of the sensor.
     about = f" about the {'xyz'[main]} axis" if abs(axis[main]) > 0.9 * size else ""
     return f"by {angle:.0f} deg{about}"
 

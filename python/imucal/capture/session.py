@@ -1,6 +1,6 @@
-"""The engine of a guided recording.
+"""Guided recording: requests poses, decides which rests count as poses, and reports events.
 
-The engine needs no terminal, and its clock is the time of the samples.
+A `Session` needs no terminal, and its clock is the time of the samples.
 
     session = Session(columns, Order())
     for rows in stream:

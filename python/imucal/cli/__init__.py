@@ -1,4 +1,7 @@
-"""The command `imucal`: `app` handles errors and exit codes, `commands` has one module per command."""
+"""The command `imucal`.
+
+The module `app` handles errors and exit codes. The package `commands` has one module per command.
+"""
 
 from imucal.cli.app import main
 

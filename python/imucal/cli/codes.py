@@ -1,6 +1,6 @@
 """The reason codes of findings, verdicts and refusals, each with its meaning, usual cause, and remedy.
 
-`imucal help CODE` prints an entry, and docs/codes.md is the list of all.
+`imucal help CODE` prints the entry of a code, and the page docs/codes.md lists all entries.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ def show_fit(out: Output, fit: Fit) -> None:
 
 
 def show_rests_and_moves(out: Output, rests: Sequence[Rest], moves: Sequence[Move]) -> None:
-    """Print tables of rests and moves: residual and its standard deviation, and whether the fit uses it."""
+    """Print tables of rests and of moves: residual with standard deviation, and use in the fit."""
     are_long = any(rest.epochs > 1 for rest in rests)
     scale = out.scale("norm_error", "m/s^2")
     out.table(

@@ -52,9 +52,10 @@ class Ended:
 
 @contextmanager
 def as_interrupts() -> Iterator[Ended]:
-    """Inside this block SIGTERM and SIGHUP raise KeyboardInterrupt, which Python does not discard on POSIX.
+    """Inside this block SIGTERM and SIGHUP raise KeyboardInterrupt.
 
-    Signals interrupt only the main thread, so the block changes nothing in other threads.
+    On POSIX, a KeyboardInterrupt that Python discards is raised again (`_discarded_again`). Signals interrupt
+    only the main thread, so the block changes nothing in other threads.
     """
     ended = Ended()
     if threading.current_thread() is not threading.main_thread():

@@ -175,8 +175,9 @@ class Equipment:
     def open(
         self, program: Program, seed: int, *, resume: Progress | None = None, clock: Clock | None = None
     ) -> tuple[Driver, Source]:
-        """The driver and the source for a run; `seed` is the seed of simulated noise.
+        """Return the driver of the stand and the source of the unit's data for a run.
 
+        seed    seed of simulated noise
         resume  the progress of an interrupted run that is to be continued; None for a new run
         clock   clock of the run; default: the clock of the computer
         """

@@ -33,7 +33,7 @@ class Lazy(NamedTuple):
 
     module     module of the command
     attribute  name of the function or group in this module
-    summary    first sentence of its help, for the list of commands
+    summary    sentence that describes the command in the list of commands
     task       heading under which the command is listed
     """
 

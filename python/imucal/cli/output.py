@@ -220,7 +220,7 @@ class Output:
                 self.line(f"{name}: {figures_text(figures, self._units.units)}")
 
     def findings(self, findings: Sequence[Finding]) -> None:
-        """One line per finding."""
+        """Print one line per finding."""
         for finding in findings:
             self.line(finding.line, finding.severity)
 

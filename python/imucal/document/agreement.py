@@ -48,7 +48,7 @@ def require_agreement(
 
     given     the document as it was read
     written   the document written again from the fields of `given`, as plain values
-    origin    function that returns the origin of the value at a path
+    origin    function that returns, for the path of a value, the field that this value repeats
     optional  names of fields that older files do not have
     way_out   what to do about a difference
     """

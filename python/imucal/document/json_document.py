@@ -158,7 +158,7 @@ class Node:
         return self.value
 
     def array(self, *shape: int) -> FloatArray:
-        """Nested lists of numbers with exactly this shape."""
+        """An array from nested lists of numbers, which must have exactly this shape."""
         items = self.items()
         if len(items) != shape[0]:
             raise self._wrong(f"a list of {shape[0]} items, not {len(items)}")

@@ -2,7 +2,7 @@
 
 Names appear in tables, file names, pages, and in the YAML, XML, C and Rust of other programs. A name is one
 line of printable characters. Line separators, control characters and marks that reverse the direction of text
-could otherwise start a new line or hide part of one. File names are not restricted, so they are shown with
+could otherwise start a new line or hide part of a line. File names are not restricted, so they are shown with
 escapes.
 """
 
@@ -19,7 +19,7 @@ LONGEST_NAME: Final = 200
 
 
 def require_name(name: object, what: str) -> str:
-    """The name; InputError, with the first forbidden character, if it is not a valid name."""
+    """Return `name` if it is a valid name. Raises InputError, with the reason, for any other value."""
     if not isinstance(name, str):
         raise InputError(f"{what} is {name!r}: give text, {str(name)!r}")
     if not name.strip():

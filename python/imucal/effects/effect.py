@@ -48,7 +48,7 @@ class Effect:
     """One effect of the catalogue.
 
     sensor      "accelerometer", "gyroscope" or "encoder"
-    parameters  in the order of the columns of the field
+    parameters  the parameters, in the order of the columns of the field Phi
     plain       number of parameters of the plain form, which has only the first parameters of the effect. The
                 full form has all parameters. The number of parameters of every form is a multiple of `plain`
     shape       the positive parameter on which the field depends nonlinearly, such as a time constant; None

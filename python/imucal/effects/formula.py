@@ -53,7 +53,7 @@ INPUTS: Final[Mapping[str, str]] = {
     "f_norm": "norm of the specific force, m/s^2",
     "temp_degc": "temperature, degC",
     "time_s": "time since the first sample, s",
-    "rest_s": "time since the rate last exceeded 0.1 rad/s, s; without such a rate since the first sample",
+    "rest_s": "time since the rate last exceeded 0.1 rad/s, or since the first sample if it never did, s",
     **{f"stand_{k}_rad": f"measured angle of motor {k} of the stand, rad" for k in (1, 2, 3)},
 }
 # Inputs that cannot be computed from a single sample. Exported code takes them as arguments.
@@ -84,8 +84,8 @@ FORM: Final = "give SENSOR: EXPRESSION, such as 'gyro: k * (supply_v - 3.3)' or 
 class Formula:
     """A parsed formula.
 
-    text     as given, with single spaces
-    name     of the effect; None if the text contains no name
+    text     the text as given, with single spaces
+    name     name of the effect; None if the text contains no name
     sensor   "gyroscope" or "accelerometer"
     axes     the axes on which the effect acts: "xyz", or one of them
     factors  for each parameter, the expression that multiplies it
@@ -125,7 +125,7 @@ def is_formula(text: str) -> bool:
 
 
 def parse_formula(text: str, columns: Collection[str]) -> Formula:
-    """The formula of a text.
+    """Parse the text of a formula.
 
     columns  names of the further columns of the recordings
 

@@ -69,7 +69,7 @@ class FormulaEffect(UserEffect):
 
         columns  names of the further columns of the recordings that the formula may depend on
         typical  typical size of each parameter in its SI unit; 1 if not given
-        name     of the effect if the text contains no name; default: gyro_formula or accel_formula
+        name     name of the effect if the text contains none; default: gyro_formula or accel_formula
 
         Raises InputError if the text is not a formula.
         """
@@ -127,9 +127,9 @@ class FormulaEffect(UserEffect):
 
 
 def formula_effects(texts: Sequence[str], recordings: Sequence[Recording]) -> tuple[FormulaEffect, ...]:
-    """The effects of formulas.
+    """The effects that the formulas `texts` define.
 
-    The typical sizes of their parameters are computed from the motion in these recordings.
+    The typical sizes of their parameters are computed from the motion in `recordings`.
 
     Raises InputError if a text is not a formula, and for a column that one of the recordings lacks.
     """

@@ -24,7 +24,7 @@ class Meaning:
 
 _THERMAL_CAUSE: Final = (
     "Dimensions, stiffness and electronics of the sensor change with temperature, and the compensation on "
-    "the chip leaves a part of it."
+    "the chip removes only a part of these changes."
 )
 _THERMAL_REMEDY: Final = (
     "Keep it in the calibration and give the temperature of every sample to the correction. Calibrate over "
@@ -47,8 +47,8 @@ _DRIFT_CAUSE: Final = (
     "Self-heating, a change of the room temperature, or slow relaxation of stress in the package."
 )
 _DRIFT_REMEDY: Final = (
-    "Record the temperature. If it explains the drift, the correction is valid for other recordings. A drift "
-    "with time alone describes this recording only."
+    "Record the temperature. If the temperature explains the drift, the correction is valid for other "
+    "recordings. A drift with time alone describes this recording only."
 )
 _ENCODER_REMEDY: Final = (
     "It is an error of the stand, not of the unit, so the calibration of the sensors does not contain it. "

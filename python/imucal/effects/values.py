@@ -36,7 +36,7 @@ Definition: TypeAlias = Effect | UserEffect | Disturbance
 def give_effects(
     effects: Mapping[str, EffectInput] | Iterable[EffectValues], user_effects: Sequence[UserEffect] = ()
 ) -> tuple[EffectValues, ...]:
-    """Values of effects, noise and faults given by name.
+    """The values of effects, noise and faults that are given by name.
 
     Raises InputError for an unknown name and for values that do not match the definition of the effect.
     """
@@ -47,7 +47,7 @@ def give_effects(
 
 
 def parse_effects(texts: Iterable[str]) -> dict[str, EffectInput]:
-    """Values of effects by name or formula, from options NAME=V[,V...][@SHAPE] and NAME=typical."""
+    """Parse options NAME=V[,V...][@SHAPE] and NAME=typical, where NAME is an effect or a formula."""
     effects: dict[str, EffectInput] = {}
     for text in texts:
         name, given = _parse(text)

@@ -161,7 +161,7 @@ def evaluate(
 
 
 def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s: float) -> _core.Evaluation:
-    """The evaluation by the compiled library. Raises the same errors as `evaluate`."""
+    """Evaluate a calibration in the compiled library. Raises the same errors as `evaluate`."""
     require_judges(calibration, judges)
     if calibration.frame == "given" and calibration.covariance is not None and not calibration.effects:
         # The calibration is converted to the symmetric frame, because the library supports a covariance only

@@ -55,7 +55,7 @@ class FromMeans:
 
 
 def without_repeated_rows(means: Means) -> Means:
-    """The means without exact copies of earlier rows, with a warning that names them.
+    """The means without exact copies of earlier rows, and with a warning that lists the removed rows.
 
     The means of two rests differ in their noise, so equal rows are one rest that was written twice. Only
     means in coarse counts can be equal by chance. Their errors are then the same rounding errors, so the

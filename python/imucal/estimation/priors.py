@@ -89,8 +89,8 @@ class Priors:
     ) -> Priors | None:
         """The priors in an outcome of the compiled library; None if no parameter is held.
 
-        names      of all parameters
-        raw_units  of the accelerometer and of the gyroscope
+        names      names of all parameters
+        raw_units  raw units of the accelerometer and of the gyroscope
         """
         if outcome.prior_cost is None:
             return None

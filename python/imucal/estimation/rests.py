@@ -59,7 +59,7 @@ class Move:
 
     recording            name of the recording
     from_rest, to_rest   indices of the rests before and after the move
-    first, last          first and last sample of the move
+    first, last          indices of the first and last sample of the move
     duration_s           time from the first to the last sample, s
     direction_error_deg  angle between the gravity direction propagated by the gyroscope over the move and the
                          direction measured after the move, deg

@@ -1,4 +1,4 @@
-"""User-defined effects, as the compiled library evaluates them during a fit."""
+"""Evaluation of user-defined effects, which the compiled library requests during a fit."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def _corrected(calibration: Calibration, recordings: Sequence[Recording]) -> lis
 
 
 def _brief(recording: Recording) -> Recording:
-    """Means over intervals of `BRIEF_S`; an incomplete interval at the end is dropped."""
+    """Average a recording over intervals of `BRIEF_S`; an incomplete interval at the end is dropped."""
     step_s = float(recording.time_s[-1] - recording.time_s[0]) / max(len(recording) - 1, 1)
     count = max(round(BRIEF_S / step_s), 1) if step_s > 0.0 else 1
     rows = len(recording) // count

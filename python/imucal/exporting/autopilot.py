@@ -27,8 +27,9 @@ THERMAL: Final = {"accel": "accel_bias_temperature", "gyro": "gyro_bias_temperat
 
 @dataclass(frozen=True, eq=False)
 class Thermal:
-    """Temperature dependence of a bias, raw units: linear d + square d^2 + cube d^3, d = T - reference, K.
+    """Temperature dependence of a bias in raw units: linear d + square d^2 + cube d^3.
 
+    d is the temperature minus the reference temperature, K.
     linear   (3,), raw units per K
     square   (3,), raw units per K^2
     cube     (3,), raw units per K^3

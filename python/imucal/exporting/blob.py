@@ -34,6 +34,7 @@ __all__ = ["BLOB", "C_LOADER", "blob_of"]
 
 # Version of the binary form. `imucal_core::stored` and the C header read only this version.
 VERSION: Final = 1
+# Bits of the byte `flags` in the header of the binary form.
 RATE_IN_COUNTS: Final = 1
 FORCE_IN_COUNTS: Final = 2
 HAS_TEMPERATURE_RANGE: Final = 4

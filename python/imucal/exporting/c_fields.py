@@ -50,7 +50,10 @@ def _each(write: Callable[[str], str], v: Sequence[str]) -> Field:
 
 
 def _powers(causes: Sequence[str]) -> Field:
-    """The field of an effect with one parameter per axis for each input quantity, such as d, d^2 and d^3."""
+    """The field of an effect that adds, on each axis, a sum of input quantities, such as d, d^2 and d^3.
+
+    Each input quantity is multiplied by a separate parameter for each axis.
+    """
     return [column for cause in causes for column in _axes([cause] * 3)]
 
 

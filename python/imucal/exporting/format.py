@@ -74,7 +74,8 @@ class Format:
     formula      correction that the other program computes
     source       source file or documentation of the other program that states the formula
     units        units of the corrected samples
-    includes, omits  parts of a calibration that a file contains or not, for the table of formats
+    includes, omits  parts of a calibration that a file contains, and parts that it does not contain, for the
+                     table of formats
     layout       function that combines the header and the body of a file
     write        function that makes the body of a file from a calibration and noise figures
     takes_counts     whether calibrations of raw counts can be written

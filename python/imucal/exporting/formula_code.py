@@ -219,8 +219,8 @@ def rust_function(effects: Sequence[tuple[FormulaEffect, EffectValues]]) -> list
     arguments = "".join(f", {argument_of(column)}: F" for column in columns)
     return [
         "",
-        f"/// What {' and '.join(effect.name for effect, _ in effects)} adds to the true rate and force, for "
-        "`correct_with`.",
+        f"/// Error that {' and '.join(effect.name for effect, _ in effects)} adds to the true rate and "
+        "force, for `correct_with`.",
         "///",
         *(f"/// {effect.name}: {effect.text}" for effect, _ in effects),
         "/// A quantity that `state` does not have makes the result NaN.",

@@ -38,7 +38,8 @@ GYRO_LSB_PER_DPS: Final = 16.4
 # Value of accgain for a gain of 1.
 UNIT_GAIN: Final = 4096
 # Largest accepted relative difference between the resolution of a unit in raw counts and that of INAV's
-# driver. Ranges of a sensor differ by factors of about two, and scale errors of MEMS sensors are below 10 %.
+# driver. A larger difference means that the unit was recorded with another range, because ranges of a sensor
+# differ by factors of about two, and scale errors of MEMS sensors are below 10 %.
 MOST_OFF: Final = 0.2
 GAIN_RANGE: Final = (1, 8192)
 ZERO_RANGE: Final = (-32768, 32767)
@@ -167,7 +168,9 @@ def _rounded(whole: Calibration, kept: Calibration) -> tuple[str, ...]:
     sizes = ", ".join(f"{size:.2g} {unit}" for size, unit in errors)
     # Differences up to 1e-12 are rounding errors of float64 and are not reported.
     return (
-        (f"fractions, as INAV stores integers: up to {sizes}",) if max(e for e, _ in errors) > 1e-12 else ()
+        (f"fractions of the settings, because INAV stores integers: up to {sizes}",)
+        if max(e for e, _ in errors) > 1e-12
+        else ()
     )
 
 

@@ -78,8 +78,8 @@ class TriangularModel:
 
     f is the true force and w the true rate.
 
-    same_as       the calibration in that frame, with the g-sensitivity as its only effect. M_a is its
-                  sensitivity of the accelerometer; b_a and b_g are its biases
+    same_as       the calibration in the triangular frame, with the g-sensitivity as its only effect. M_a is
+                  the sensitivity of its accelerometer; b_a and b_g are its biases
     rotation      (3, 3), rotation from the body frame of the calibration to the triangular frame
     gyro, to_gyro (3, 3) each: a lower triangular matrix with positive diagonal, and a rotation
     from_force    (3, 3) matrix of the g-sensitivity, rad/s per m/s^2

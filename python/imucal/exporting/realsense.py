@@ -74,7 +74,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
 
 
 def write_table(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The EEPROM image."""
+    """The calibration table as an EEPROM image, which consists of three nested tables."""
     numbers = []
     for sensor, per_si in (("accelerometer", 1.0), ("gyroscope", 180 / np.pi)):
         triad = getattr(calibration, sensor)

@@ -88,8 +88,8 @@ class Fleet(Judging):
         tally      counts of earlier runs, to which the counts of this run are added
 
         Raises InputError for wrong arguments and if the store cannot be written, and ImucalError if the
-        scheduler is lost. All outcomes reported to `tell` are then in the store, and another call of `run`
-        computes the remaining units.
+        scheduler is lost. After such an error, the store contains all outcomes that were reported to `tell`,
+        and another call of `run` computes the remaining units.
         """
         if workers is not None and workers < 1:
             raise InputError(f"workers is {workers}: give 1 or more, or leave it out")
@@ -113,7 +113,7 @@ class Fleet(Judging):
             return sum(store.take_from(path) for path in stores)
 
     def query(self, sql: str, arguments: Sequence[Any] = ()) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """Column names and rows of an SQL statement that only reads.
+        """Column names and rows of the result of a read-only SQL statement.
 
         docs/fleet.md describes the tables. Raises InputError for a statement that is wrong or would write.
         """
@@ -123,7 +123,7 @@ class Fleet(Judging):
     def rows(
         self, columns: Sequence[str], **selection: str | None
     ) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """Names and values of some columns of the view `measurements`, in order of dates."""
+        """Names and values of the given columns of the SQL view `measurements`, in order of dates."""
         where, arguments = _selected(selection)
         with self._reading() as connection:
             sql = f"SELECT {', '.join(columns)} FROM measurements WHERE {where} ORDER BY date, serial, id"
@@ -147,7 +147,7 @@ class Fleet(Judging):
             return dict(query(connection, sql, arguments)[1])
 
     def same_recordings(self, **selection: str | None) -> list[list[str]]:
-        """Serial numbers of units whose calibrations are equal to the last bit, one list per calibration.
+        """Serial numbers of units whose calibrations are equal to the last bit, one list per set of units.
 
         Such units have the same recording, because a file was copied or a serial number is wrong. Even two
         recordings of one unit never have equal results, because the noise in the recordings differs.

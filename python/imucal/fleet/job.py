@@ -53,7 +53,7 @@ class Job:
 
     serial     serial number of the unit
     files      files of its calibration recordings
-    control    files of its control recordings
+    control    files of its control recordings, which are used only for validation
     date       ISO 8601, or None if it is not known
     station, operator, batch, role   names from the manifest, or None
     """
@@ -168,7 +168,7 @@ def keyed(job: Job, options: str) -> KeyedJob:
 
 
 def keyed_by(job: Job, options: str, hashes: tuple[str, ...]) -> KeyedJob:
-    """The job whose files have these hashes."""
+    """The job with its key, computed from the known hashes of its files."""
     recording = _hash([job.serial, hashes[: len(job.files)], hashes[len(job.files) :]])
     return KeyedJob(job, recording, _hash([recording, options, str(_core.__version__)]), hashes)
 

@@ -42,7 +42,7 @@ class Judging(ABC):
 
     @abstractmethod
     def query(self, sql: str, arguments: Sequence[Any] = ()) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """Column names and rows of the result of an SQL statement. The statement may only read."""
+        """Column names and rows of the result of a read-only SQL statement."""
 
     def conditions_of(self, serial: str) -> dict[str, str]:
         """Station, operator and batch of the last calibration of a unit, if they are known."""
@@ -107,7 +107,7 @@ class Judging(ABC):
                    `Client.get_executor()` of Dask
         step       callback after each unit
 
-        Raises InputError if fewer than five units determine an effect.
+        Raises InputError if the recordings of fewer than five units determine at least one effect.
         """
         names = searchable(effects)
         found = self._files(units, selection)

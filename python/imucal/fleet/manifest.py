@@ -31,7 +31,7 @@ def jobs_of_manifest(path: str | os.PathLike[str]) -> Iterator[Job]:
         serial, files = given.get("serial"), _paths(given.get("files"), folder)
         if serial is None or not files:
             missing = "serial" if serial is None else "files"
-            raise FormatError(f"{os.fspath(path)}, line {line}: {missing} is empty: each row needs both")
+            raise FormatError(f"{os.fspath(path)}, line {line}: {missing} is empty: give serial and files")
         others = {name: given.get(name) for name in COLUMNS if name not in ("serial", "files", "control")}
         try:
             yield Job(serial, files, _paths(given.get("control"), folder), **others)

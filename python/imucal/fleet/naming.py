@@ -43,7 +43,8 @@ class Naming:
     def jobs(self, files: Iterable[str], *, with_lone_controls: bool = True) -> list[Job]:
         """The jobs of files: all files of a unit in one folder form one job.
 
-        Raises InputError for a file without serial number.
+        Raises InputError for a file without serial number. A control recording without another recording of
+        its unit in the same folder raises InputError, or is omitted if `with_lone_controls` is false.
         """
         groups: dict[tuple[str | None, ...], tuple[list[str], list[str]]] = {}
         for file in files:

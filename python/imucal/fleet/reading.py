@@ -90,7 +90,7 @@ def query(
 def batches_of(
     connection: sqlite3.Connection, where: str = "TRUE", arguments: Sequence[Any] = ()
 ) -> Iterator[pa.RecordBatch]:
-    """Batches of the current rows (the last calibration of each recording), also of those without a result.
+    """Batches of the current rows (the last calibration of each recording), including rows without a result.
 
     The columns are texts, figures of merit, and parameters with their standard deviations.
     """

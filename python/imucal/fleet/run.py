@@ -115,8 +115,8 @@ def run_jobs(
     tell       callback for each job with its verdict, and code and message of a failure
     tally      counts of earlier runs, to which the counts of this run are added, even after an interrupt
 
-    Raises ImucalError if the store cannot be written or the pool is lost. All outcomes reported to `tell` are
-    then in the store.
+    Raises ImucalError if the store cannot be written or the pool is lost. After such an error, the store
+    contains all outcomes that were reported to `tell`.
     """
     run = _Run(store, options, make_pool, total, retry, tell or (lambda *_: None), tally or Tally())
     return run.of(jobs)
@@ -157,7 +157,7 @@ class _Run:
                     return self._tally
         except ImucalError as error:
             raise type(error)(
-                f"{error}; {self._tally.done - self._before} of this run are in the store"
+                f"{error}; {self._tally.done - self._before} outcomes of this run are in the store"
             ) from None
         finally:
             if self._pool is not None:

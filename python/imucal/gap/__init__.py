@@ -1,5 +1,7 @@
 """Find missing effects, their evidence and size, and a motion that distinguishes them from rivals.
 
+A rival is another effect that explains the residuals about as well.
+
 find             public function, checks of its arguments
 question         input of a search, and the call of the compiled library
 translation      conversion of the compiled library's result to a `Gap`
@@ -11,7 +13,7 @@ sizes            sizes in the units of datasheets
 notes, text      sentences about a result
 soak             how the readings of a unit at rest in one pose depend on temperature
 temperature_history             rate, direction and lag of the temperature
-motion_library, next_motion     the motion that distinguishes between rivals
+motion_library, next_motion     a motion that distinguishes between rivals
 """
 
 from imucal.gap.find import find_gap

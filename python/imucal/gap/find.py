@@ -59,8 +59,8 @@ def find_gap(
     """Find where recordings disagree with the model, identify missing effects, and add them to the model.
 
     recordings          recordings of one unit, for the fits
-    control             recordings of the same unit that are used only for validation; without them, rests and
-                        moves are held out in three folds
+    control             recordings of the same unit that are used only for validation; without them, the rests
+                        and moves are divided into three folds, and each fold is held out in turn
     calibration         existing calibration to compare with; without it, the fit without effects is the
                         reference
     candidates          names of candidate effects from the catalogue. Names of user-defined effects, and
@@ -80,8 +80,8 @@ def find_gap(
     """
     if calibration is not None:
         require_calibration(calibration)
-        # Effects are defined in the symmetric body frame, so the given calibration is converted to this
-        # frame.
+        # Effects are defined in the symmetric body frame, in which the sensitivity matrix of the
+        # accelerometer is symmetric. The given calibration is therefore converted to this frame.
         calibration = in_frame(calibration, "symmetric")
     gravity = (
         gravity_mps2

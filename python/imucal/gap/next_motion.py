@@ -5,8 +5,9 @@
 Effect a, with its estimated parameters theta_a, causes residuals. The rival b (parameters theta_b) and the 21
 base parameters (changes delta) are fitted to these residuals, and T(a, b) is the chi2 that remains. Residuals
 are divided by their standard deviation. A motion distinguishes between effects if T(a, b) and T(b, a) are
-large for all rivals (Atkinson and Fedorov, Biometrika 62, 1975, 57-70). The Jacobians J are those of the
-search, evaluated on simulated recordings.
+large for all rivals (Atkinson and Fedorov, Biometrika 62, 1975, 57-70). J_a, J_b and J_base are the
+Jacobians of the residuals with respect to the parameters, as in the search. They are evaluated on the present
+recordings and on a simulated recording of the motion.
 """
 
 from __future__ import annotations

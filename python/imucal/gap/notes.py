@@ -45,7 +45,7 @@ MOST_TIMES_TYPICAL: Final = 5.0
 NOT_SIGNIFICANT: Final = 0.01
 
 # A generic hypothesis is a variation of a bias or scale that no effect of the catalogue describes. The
-# parameter that varies is called its block. These are the blocks that are biases, each with its SI unit.
+# parameter that varies is called its block. `BIASES` lists the blocks that are biases, each with its SI unit.
 BIASES: Final = {"gyro_bias": "rad/s", "accel_bias": "m/s^2"}
 # Phrases that describe how a bias or a scale varies. The keys are the names of the kernels (patterns) of
 # generic hypotheses.
@@ -163,7 +163,7 @@ def _refit_alone(chi2: Sequence[float], question: Question) -> Iterator[str]:
 
 
 def generic_of(found: _core.GenericFinding | None) -> dict[str, Any] | None:
-    """The generic hypothesis with a description for users; None if the search has found none."""
+    """The generic hypothesis (see `BIASES`), described for users; None if the search has found none."""
     if found is None:
         return None
     # Two variations act within moves: that of a gyroscope scale, and that of an accelerometer bias with the
@@ -200,7 +200,7 @@ def session_of(found: _core.SessionStep | None) -> SessionStep | None:
 
 
 def session_in_words(step: SessionStep) -> str:
-    """A sentence on biases that moved between sessions."""
+    """A sentence on the change of the biases between two sessions."""
     moved = []
     if step.gyroscope_radps is not None:
         moved.append(f"gyroscope {_three(step.gyroscope_radps, 'rad/s')}")

@@ -51,7 +51,7 @@ class MoveSignals:
     """Signals of one move: the measured specific force, and gravity predicted from the gyroscope.
 
     recording, move  name of the recording, and number of the move in it
-    is_control       whether the fits have not used the recording
+    is_control       whether it is a control recording, which the fits did not use
     time_s           (N,) time, s, including parts of the rests before and after the move
     start_s, end_s   start and end of the move, s
     measured_before, measured_after    (N, 3) specific force, corrected without and with the effects, m/s^2
@@ -87,10 +87,10 @@ class MoveSignals:
 class RestResiduals:
     """Residuals at the K rests that the fit uses.
 
-    is_control  (K,) whether the fits have not used the recording
+    is_control  (K,) whether the rest is from a control recording, which the fits did not use
     time_s      (K,) time of the middle of the rest, s
     up          (K, 3) up direction in the body frame, unit vectors
-    rate_before, rate_after  (K, 3) mean corrected rate, rad/s; zero for a unit without errors
+    rate_before, rate_after  (K, 3) mean corrected rate, rad/s; the true rate is zero
     norm_before, norm_after  (K,) norm of the mean corrected force minus gravity, m/s^2
     columns     mean of the temperature (temp_degc), the stand's angles (stand_1_rad) and each further column
                 at the rest, (K,)
@@ -113,7 +113,7 @@ class MoveResiduals:
     A rotation about the vertical does not change gravity in the body frame. Therefore only moves whose axis
     is at least 60 deg from the vertical are included.
 
-    is_control  (K,) whether the fits have not used the recording
+    is_control  (K,) whether the move is from a control recording, which the fits did not use
     axis        (K,) axis of the rotation: 0, 1 or 2
     rate        (K,) rate of the rotation, rad/s
     error_before, error_after  (K,) mean error of the corrected rate about this axis, rad/s

@@ -49,7 +49,9 @@ class Question:
 
     @property
     def given(self) -> tuple[Calibration, float, list[Recording] | None] | None:
-        """The given calibration, its gravity, m/s^2, and the recordings of the comparison, corrected by it.
+        """The given calibration, its gravity, m/s^2, and the recordings that the calibration has corrected.
+
+        These are the control recordings or, without them, the calibration recordings.
 
         The third value is None if the given calibration has no user-defined effects, because the compiled
         library then corrects the recordings.

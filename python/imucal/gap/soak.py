@@ -30,7 +30,7 @@ from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["is_soak", "soak"]
 
-# The readings are averaged over this number of epochs, each with at least `LEAST_SAMPLES` samples.
+# Maximum number of epochs over which readings are averaged. Each epoch has `LEAST_SAMPLES` samples or more.
 EPOCHS: Final = 240
 LEAST_SAMPLES: Final = 10
 # Minimum number of epochs, and minimum range of their temperatures, K. Recordings with fewer epochs or a
@@ -51,8 +51,8 @@ STANDARD_ERRORS: Final = 2.5
 MOST_TURN_RAD: Final = 0.35
 # The time constant of a lag is searched in ROUNDS rounds with TAUS trial values each. Each round searches
 # between the neighbours of the best value of the previous round. In the last round, consecutive trial values
-# differ by 1 %. For two lags, the first round compares all pairs of values, and the other rounds search one
-# time constant after the other.
+# differ by at most 2 %. For two lags, the first round compares all pairs of values, and the other rounds
+# search one time constant after the other.
 TAUS: Final = 11
 ROUNDS: Final = 3
 AXES: Final = "xyz"
@@ -122,7 +122,7 @@ def soak(recording: Recording, *, calibration: Calibration | None = None) -> Soa
     calibration  calibration of the unit, without temperature effects, with which the readings are corrected;
                  without a calibration, the readings must be in SI units
 
-    Raises InputError for a recording without temperatures or with too few, and for a unit that was moved.
+    Raises InputError for missing temperatures, too few samples, a small temperature range, or a moved unit.
     """
     recording = _corrected(recording, calibration)
     edges, degc, epoch_degc = _epochs(recording)

@@ -45,8 +45,8 @@ MOST_CHANNELS: Final = 4
 # An improvement factor is printed if the lower end of its 95 % interval is at least this value.
 LEAST_IMPROVEMENT: Final = 1.05
 # The summary states only one improvement: that of the figure of merit on control or held-out data, or that of
-# the kind of residual that improves most. Both are measured in multiples of the noise. The first is chosen if
-# it exceeds this share of the second.
+# the kind of residual that improves most. Both are measured in multiples of the noise. The improvement of the
+# figure of merit is chosen if it exceeds this share of the improvement of the residual.
 LEAST_SHARE_OF_CONTROL: Final = 0.1
 
 
@@ -127,7 +127,7 @@ def sentences(gap: GapFields) -> Iterator[str]:
 
 
 def _laws(gap: GapFields) -> Iterator[str]:
-    """A sentence on each law: formula with numbers, removed share of the excess, and nearest effects."""
+    """A sentence on each law: formula with numbers, removed share of the excess chi2, and nearest effects."""
     for law in gap.laws:
         values = ", ".join(
             f"{p['name']} = {p['value']:.3g} ± {p['std'] or 0.0:.1g} {p['unit']}" for p in law.parameters

@@ -126,9 +126,9 @@ def read_pieces(
 
     Only CSV and Parquet files give several pieces.
 
-    Time counts from the start of the first piece. Raises the errors of `read`, and NotInPartsError, a
-    FormatError, at a later piece of a CSV file if its column types can only be determined from the whole
-    file.
+    Time counts from the start of the first piece. Raises the errors of `read`. At a later piece of a CSV
+    file, also raises NotInPartsError (a FormatError) if the column types can only be determined from the
+    whole file.
     """
     scale = None if temp_scale is None else scale_of(temp_scale)
     turn = _axes(axes)

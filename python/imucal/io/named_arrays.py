@@ -103,7 +103,7 @@ def recording_from_arrays(
 ) -> Recording:
     """The recording that these arrays form.
 
-    columns  names of the arrays, see the module; None uses the arrays with canonical names
+    columns  names of the arrays, see the start of this module; None uses the arrays with canonical names
     group    group that contains the arrays. It is required if several groups contain a recording. Paths in
              `columns` are relative to this group
     rate_hz  sampling rate, Hz, if there is no time array

@@ -80,7 +80,7 @@ def _write_line(document: dict[str, Any], stream: BinaryIO) -> None:
 
 
 def recordings_in(stream: IO[bytes], most_bytes: int) -> Iterator[Recording]:
-    """The recordings in a stream, each with at most `most_bytes` of arrays.
+    """The recordings in a stream. Each array may have at most `most_bytes` bytes.
 
     Raises the written ImucalError, and BrokenFrameError for a stream without an end.
     """

@@ -144,8 +144,9 @@ def _sensor_name(what: str) -> str:
 def _chosen(name: str, sensors: list[Sensor], what: str, texts: Sequence[Text]) -> Sensor:
     """The file of a sensor.
 
-    Of several files, those take precedence whose acceleration includes gravity, whose name does not contain
-    "uncal", and whose name contains "total".
+    If there are several files, the choice is narrowed in three steps: to files whose acceleration includes
+    gravity, to files without "uncal" in the name, and to files with "total" in the name. A step that would
+    leave no file is skipped.
     """
     if what == "accelerometer" and len(sensors) > 1:
         with_gravity = [sensor for sensor in sensors if has_gravity(sensor)]

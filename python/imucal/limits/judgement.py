@@ -129,7 +129,7 @@ class Check:
 
 @dataclass(frozen=True)
 class VerdictCheck(Check):
-    """The check of a verdict against the worst permitted one. Values: 0 good, 1 incomplete, 2 poor."""
+    """The check of a verdict against the worst permitted verdict. Values: 0 good, 1 incomplete, 2 poor."""
 
     @staticmethod
     def of(limit: Verdict, verdict: Verdict, reasons: Sequence[str]) -> VerdictCheck:
@@ -184,7 +184,7 @@ class Judgement:
         return tuple(dict.fromkeys(check.reason for check in self.failed))
 
     def applied(self, verdict: Verdict, reasons: Sequence[str]) -> tuple[Verdict, tuple[str, ...]]:
-        """The verdict and all reasons after the checks, from the verdict and the reasons before them."""
+        """The verdict and all reasons after the checks; the arguments are those before the checks."""
         return verdict if self.passed else "poor", (*self.reasons, *reasons)
 
     @property

@@ -32,7 +32,7 @@ FIGURES: Final[dict[str, tuple[str, ...]]] = {
 MISSING: Final = {
     "calibration_set": "the calibration has no figures of its calibration recordings",
     "control_set": "there is no control recording: give one with --control",
-    "held_out": "there is no held-out figure: give --folds to calibrate; calibration files do not contain it",
+    "held_out": "there is no held-out figure (calibration files have none): give --folds to calibrate",
 }
 
 

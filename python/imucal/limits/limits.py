@@ -89,7 +89,7 @@ class Limits:
         if self.effects is not None:
             extra = [values.name for values in calibration.effects if values.name not in self.effects]
             allowed = ", ".join(self.effects) or "none"
-            problem = f"{', '.join(extra)} is carried, effects allowed: {allowed}" if extra else ""
+            problem = f"the calibration has {', '.join(extra)}; permitted effects: {allowed}" if extra else ""
             checks.append(Check("effects not allowed", float(len(extra)), None, 0, problem=problem))
         if self.verdict is not None:
             checks.append(VerdictCheck.of(self.verdict, *(verdict or calibration.judged)))

@@ -199,7 +199,7 @@ class _Planner:
     def rounds_of_faces(
         self, targets: Mapping[str, float], options: dict[str, float | int]
     ) -> tuple[Motion, bool]:
-        """The motion with the fewest rounds that reach the targets, and whether they are reached."""
+        """The motion `faces` with the fewest rounds that reach the targets, and whether it reaches them."""
         if "rounds" in options:
             raise InputError(
                 "the number of rounds is computed from the targets: leave out rounds or the targets"
@@ -328,7 +328,7 @@ class _Planner:
         return limits, tuple(NotObservable(name, needs) for name, needs in blind), []
 
     def _papers(self) -> tuple[ComparedProgram, ...]:
-        """The programs of the paper cited in docs/model.md on its stand, with the noise of this unit."""
+        """The programs and the stand of the paper cited in docs/model.md, with the noise of this unit."""
         own = dataclasses.replace(self, limits=stand_limits_of("paper"), effects=())
         grid, random = Program.grid(), Program.random(seed=self.seed)
         rows = []
@@ -354,9 +354,9 @@ class _Planner:
         ]
 
 
-# A parameter counts as determined if its predicted standard deviation, relative to the size of the parameter,
-# is below this threshold. For a parameter that is not observable, the prediction equals the standard
-# deviation of its prior, 0.1. The threshold is a fifth of this value.
+# A parameter counts as determined if its predicted standard deviation, in SI units, is below this threshold.
+# For a sensitivity that is not observable, the prediction equals the standard deviation of its prior, 0.1.
+# The threshold is a fifth of this value.
 OPEN: Final = 0.02
 
 

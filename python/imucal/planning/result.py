@@ -150,7 +150,7 @@ def _summary(plan: Plan) -> str:
     lines = [headline(plan)]
     for group, size in plan.worst.items():
         wish = plan.targets.get(group)
-        wished = "" if wish is None or size is None else f" (wished: {shown(Size(wish, size.unit))})"
+        wished = "" if wish is None or size is None else f" (target: {shown(Size(wish, size.unit))})"
         lines.append(f"  worst {group}: {shown(size)}{wished}")
     if not plan.reached:
         lines.append(f"  {not_reached(plan)}")

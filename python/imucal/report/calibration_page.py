@@ -103,8 +103,8 @@ def _parameters(result: CalibrationResult, truth: Mapping[str, float] | None) ->
         yield Shown(
             "correlations",
             plot.correlations(calibration),
-            "Correlation of the parameters: 1 (blue) and −1 (orange) mean that the recordings determine only "
-            "their difference or their sum.",
+            "Correlation of the parameters: 1 (blue) means that the recordings determine only the difference "
+            "of two parameters, and −1 (orange) only their sum.",
         )
         pairs = plot.largest_correlations(calibration)
         if pairs:
@@ -138,7 +138,7 @@ def _histogram(result: CalibrationResult) -> list[Shown]:
         return []
     caption = (
         "Residuals in standard deviations of their noise. If noise alone explains the residuals, the bars "
-        "follow the normal distribution (curve). The outermost bars also contain all residuals beyond them."
+        "follow the curve. The outermost bars also contain all residuals beyond them."
     )
     return [Shown("histogram", figure, caption)]
 

@@ -90,7 +90,7 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
         return
     name = f"{signals.recording} (control)" if signals.is_control else signals.recording
     of_hand = (
-        " A hand moved the unit, so within the move the accelerometer also measures the hand."
+        " A hand moved the unit, so within the move the accelerometer also measures the hand's acceleration."
         if gap.is_hand_moved
         else ""
     )

@@ -131,8 +131,8 @@ def evidence(gap: Gap) -> Iterator[Shown | str]:
     yield Shown(
         "probabilities",
         plot.probabilities(gap),
-        "Probability that a candidate is the first missing effect, if all candidates and no effect are "
-        "equally likely beforehand.",
+        "Probability that a candidate is the first missing effect, for equal prior probabilities of all "
+        "candidates and of no missing effect.",
     )
     if any(effect["parameters"] for effect in gap.effects):
         yield Shown(

@@ -81,7 +81,7 @@ class Setup:
 
     @property
     def all_effects(self) -> tuple[EffectValues, ...]:
-        """The effects of unit, stand and setup; one of the setup replaces those with the same name."""
+        """The effects of unit, stand and setup; those of the setup replace effects with the same name."""
         given = {effect.name for effect in self.effects}
         own = [effect for effect in self.unit.effects if effect.name not in given]
         stand = self.motion.stand if isinstance(self.motion, Program) else None

@@ -197,7 +197,7 @@ class GrblDriver:
         return Status("moving", step, message="" if phase == "moving" else phase)
 
     def _start_from(self, position_deg: Triple) -> tuple[Triple, int]:
-        """The zero of the motors, and the number of completed steps, if the motors are at this position."""
+        """The zero of the motors and the number of completed steps, given the position of the motors."""
         if self._resume is None:
             require_zero(position_deg, self._consent)
             return ((0.0, 0.0, 0.0) if self._consent.unwind else position_deg), 0

@@ -1,4 +1,4 @@
-"""Data for continuing an interrupted run: journal, program, and a clock that continues its time."""
+"""Data for continuing an interrupted run: journal, program, and a clock that continues the run's clock."""
 
 from __future__ import annotations
 

@@ -158,7 +158,7 @@ class StreamSource:
             self.continue_after(logged.samples[-1], float(logged.host_s[-1]))
 
     def continue_after(self, row: FloatArray, host_s: float) -> None:
-        """Continue the time after an earlier sample, (columns,), that arrived at this time of the host, s."""
+        """Continue the time after an earlier sample `row`, (columns,), that arrived at host time `host_s`."""
         name = "time_s" if self._time is None else self._decoder.columns[self._time]
         self._interrupt(float(row[self.columns.index(name)]) / TICKS_PER_S[name], host_s)
 
@@ -313,7 +313,7 @@ class StreamSource:
             self._add(raw, arrived_s, rows)
 
     def _continued(self, i: int, raw: float, now_s: float) -> float:
-        """The value of a counter, corrected for the jumps of wraps to zero and of restarts of the unit."""
+        """The value of a counter without its jumps at wraps to zero and at restarts of the unit."""
         value = raw + self._shift[i]
         if self._before is None or value >= self._before[i]:
             return value

@@ -41,7 +41,7 @@ from imucal.simulation.simulate import simulate
 
 __all__ = ["Assessment", "Reason", "assess"]
 
-# Reason code for each code of a finding that means a fault of the unit.
+# Codes of findings that indicate a fault of the unit, each with the code of the reason.
 OF_THE_UNIT: Final = {
     "stuck_axis": "dead_axis",
     "accel_saturation": "clipping",
@@ -208,7 +208,7 @@ def _mount(result: CalibrationResult, recording: Recording) -> list[Finding]:
 
 
 def _refused(error: InputError) -> Assessment:
-    """The verdict if checks refuse the recordings: faults of the unit, otherwise the codes of the checks."""
+    """The assessment if checks refuse the recordings; the unit is judged only if it has a fault itself."""
     grave = [finding for finding in error.findings if finding.severity == "error"]
     unit = [Reason(OF_THE_UNIT[f.code], str(f)) for f in grave if f.code in OF_THE_UNIT]
     other = [Reason(f"data_{f.code}", str(f)) for f in grave if f.code not in OF_THE_UNIT]

@@ -181,7 +181,7 @@ mod tests {
     }
 
     /// The effect in its full form, with all its parameters. The magnitude of each parameter is `times` its typical
-    /// size, and the signs of the parameters alternate.
+    /// size. The second of every three parameters is negative, and the other parameters are positive.
     fn typical<F: RealField + Copy>(effect: &'static Effect<F>, times: f64) -> EffectValues<F> {
         let mut values = [F::zero(); MAX_PARAMETERS];
         for (k, (value, parameter)) in values.iter_mut().zip(effect.parameters).enumerate() {

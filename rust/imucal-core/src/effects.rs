@@ -140,8 +140,8 @@ impl<F: RealField + Copy> Surroundings<F> {
 /// `Effect::GYRO_G_SENSITIVITY`. Without the feature `catalogue`, the constant contains no name, unit or other text.
 #[derive(Clone, Copy, Debug)]
 pub struct Effect<F: RealField + Copy> {
-    /// Number that identifies the effect in the binary form of a calibration. A number is never reused. It is 0 for an
-    /// effect that the binary form cannot store.
+    /// Number that identifies the effect in the binary form of a calibration; see [`Effect::numbered`]. A number is
+    /// never reused. It is 0 for effects on encoders, because the binary form cannot store them.
     pub number: u8,
     /// Sensor on which the effect acts.
     pub sensor: Sensor,
@@ -197,7 +197,7 @@ impl<F: RealField + Copy> PartialEq for Effect<F> {
     }
 }
 
-/// Sensor on which an effect acts. It determines the quantity and the unit of the error that the effect adds.
+/// Sensor on which an effect acts. The sensor determines the quantity and the unit of the error that the effect adds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sensor {
     /// The effect adds a specific force, m/s^2.

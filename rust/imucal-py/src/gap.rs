@@ -69,9 +69,9 @@ pub(crate) struct SessionStep {
 }
 
 /// Name of an effect, and two measures of the residuals that remain if a unit has an effect of typical size and the
-/// fitted model lacks this effect. The first measure lists, for each kind of residual, its name and the rms of residual
-/// / standard deviation from noise. The second measure is a share of the chi2 that the effect causes: the share that
-/// disappears when the other parameters are fitted.
+/// fitted model lacks this effect. The first measure lists, for each kind of residual, its name and the rms of the
+/// residuals, divided by their standard deviation from noise. The second measure is the share of the chi2 caused by the
+/// effect that disappears when the other parameters are fitted.
 type Trace = (String, Vec<(&'static str, f64)>, f64);
 
 /// Result of a search for effects: the score of each candidate effect, the detection limits, and `generic`, a variation

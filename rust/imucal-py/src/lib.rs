@@ -1,8 +1,8 @@
 //! `imucal._core`: Python bindings of the Rust library. The bindings only convert types and contain no calculations.
 //!
-//! Arrays are passed as C-contiguous float64 without a copy, and the module `arrays` verifies them. The Python
-//! interpreter lock (GIL) is released during all calculations. The module `error` converts errors to the classes of
-//! `imucal.errors`.
+//! Arrays are passed without a copy. The module `arrays` verifies that the arrays of a recording are C-contiguous. The
+//! Python interpreter lock (GIL) is released during long calculations. The module `error` converts errors of the
+//! library to the classes of `imucal.errors`.
 
 mod arrays;
 mod calibration;
@@ -268,9 +268,9 @@ mod _core {
         py.detach(check).to_python(py)
     }
 
-    /// The reason why these figures of merit give the verdict `poor`; None if they do not. `set` states which
-    /// recordings the figures of merit refer to: `"calibration set"` or `"control set"`. If `has_gyroscope` is false,
-    /// the verdict does not require any moves.
+    /// Reason for the verdict `poor` from these figures of merit; None if they do not give this verdict. `set` states
+    /// which recordings the figures of merit refer to: `"calibration set"` or `"control set"`. If `has_gyroscope` is
+    /// false, the verdict does not require any moves.
     #[pyfunction]
     #[pyo3(signature = (set, rests, moves, chi2_per_dof, has_gyroscope = true))]
     fn poor_figures(
@@ -290,7 +290,7 @@ mod _core {
         reason.map(|reason| reason.to_string())
     }
 
-    /// The finding that the temperatures of a recording are implausible in degC; None if they are plausible.
+    /// Returns a finding if the temperatures of a recording are implausible in degC; otherwise None.
     #[pyfunction]
     fn check_temperature(py: Python<'_>, recording: RecordingColumns<'_>) -> PyResult<Option<Py<PyAny>>> {
         let views = RecordingColumns::views_of_any(py, std::slice::from_ref(&recording))?;
@@ -299,7 +299,7 @@ mod _core {
 
     /// Runs all checks of a recording that need no fit, and detects its rests.
     ///
-    /// `grows` states that the recording is still being written. It is then not reported as too short.
+    /// `grows` states that the recording is still being written. Such a recording is not reported as too short.
     #[pyfunction]
     #[pyo3(signature = (recording, gravity_mps2, min_rest_s, grows = false))]
     fn inspect(

@@ -1,4 +1,4 @@
-//! Allan deviations and noise identification for Python.
+//! Python bindings of the Allan deviations and of the noise identification.
 
 use std::num::NonZeroUsize;
 

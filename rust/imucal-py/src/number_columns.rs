@@ -1,4 +1,4 @@
-//! Reader for columns of numbers in a text, for Python.
+//! Python bindings of the reader for text tables of numbers.
 
 use imucal::number_columns::{Column, Form, NotPlain, NumberColumns as Library};
 use numpy::{IntoPyArray, PyArrayMethods, PyUntypedArray};

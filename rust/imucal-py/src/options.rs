@@ -46,7 +46,7 @@ pub(crate) struct CalibrateOptions<'py> {
     /// "bias" (biases).
     model: String,
     hold: Vec<HeldTuple>,
-    /// Standard deviations with which parameters differ from unit to unit, from the unit profile. They are used as
+    /// Standard deviations of the differences of parameters between units, from the unit profile. They are used as
     /// standard deviations of priors. For each group of parameters, for example `gyro_misalignment`: the name of the
     /// group and its standard deviations.
     profile: Vec<(String, Vec<f64>)>,

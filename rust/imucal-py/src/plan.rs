@@ -1,4 +1,4 @@
-//! Planning of motions for Python.
+//! Python bindings of the planning of motions.
 
 use imucal::calibrate::Checked;
 use imucal::gap;

@@ -1,4 +1,4 @@
-//! Simulation for Python.
+//! Python bindings of the simulation.
 
 use std::num::NonZeroUsize;
 

@@ -104,7 +104,7 @@ impl Cancellation {
     }
 
     /// The cancellation for a worker thread of the calculation that runs on this thread; `None` if no calculation runs.
-    /// It has no poll function, because only the first thread polls.
+    /// It has no poll function, because only the thread that called [`Cancellation::run`] polls.
     pub(crate) fn for_helper() -> Option<Self> {
         let of_current = |current: &Current| Self { poll: None, ..current.cancellation.clone() };
         CURRENT.with_borrow(|current| current.as_ref().map(of_current))

@@ -25,7 +25,7 @@ use imucal_core::effects::{Effect, EffectSet, Need, Sensor, Surroundings};
 use imucal_core::temperature_memory::{TemperatureHistory, TemperatureMemory};
 use nalgebra::Vector3;
 
-/// Number of samples between two checks for a cancellation. The correction of so many samples takes about a
+/// Number of samples between two checks for a cancellation. The correction of this number of samples takes about a
 /// millisecond.
 const SAMPLES_PER_CHECKPOINT: usize = 4096;
 
@@ -100,17 +100,17 @@ pub fn correct_from(
     let seen = |raw: [f64; 3]| <[f64; 3]>::from(calibration.gyroscope.correct(Vector3::from(raw)));
     let rate: Vec<[f64; 3]> = recording.angular_rate.iter().map(seen).collect();
     // The angular acceleration is the derivative of the true rate, which is known only after the correction. The first
-    // correction uses the rate before effects are removed, and the second one the corrected rate. For a gyroscope with
-    // the delay tau, the remaining error is `tau^3 / 6` times the third derivative of the rate. Further iterations
-    // would amplify noise.
+    // correction uses the rate before effects are removed, and the second correction uses the corrected rate. For a
+    // gyroscope with the delay tau, the remaining error is `tau^3 / 6` times the third derivative of the rate. Further
+    // iterations would amplify noise.
     let of_seen = accelerations(&rate);
     let (rate, _) = correct_with(start_s, recording, calibration, &of_seen, &of_seen);
     correct_with(start_s, recording, calibration, &accelerations(&rate), &of_seen)
 }
 
 /// Corrects every sample with the given angular accelerations, rad/s^2. The first slice contains the derivatives of the
-/// corrected rate. The second contains the derivatives of the measured rate, which is delayed if the gyroscope has a
-/// delay. The mean of both derivatives approximates the mean angular acceleration over the delay. Its error is
+/// corrected rate. The second slice contains the derivatives of the measured rate, which is delayed if the gyroscope
+/// has a delay. The mean of both derivatives approximates the mean angular acceleration over the delay. Its error is
 /// proportional to the square of the delay. Both slices are empty if the angular acceleration is unknown.
 fn correct_with(
     start_s: f64,
@@ -196,7 +196,7 @@ mod tests {
         }
     }
 
-    /// Uneven time steps between 5 and 15 ms.
+    /// The times of `n` samples, s, with uneven steps between 6 and 14 ms.
     fn uneven_time(n: usize) -> Vec<f64> {
         (0..n).map(|i| 70.0 + 0.01 * i as f64 + 0.0025 * (i as f64 * 1.7).sin()).collect()
     }
@@ -272,7 +272,8 @@ mod tests {
 
     #[test]
     fn a_delay_is_taken_away_but_for_its_cube() {
-        // The rate is a parabola in time, so its third derivative is zero.
+        // The error that remains is proportional to the third derivative of the rate. It is zero here, because the rate
+        // is a parabola in time.
         for delay_s in [2e-3, 25e-3, -25e-3] {
             let (error, _) = round_trip(&unit("gyro_time_offset", &[delay_s], None), delay_s, false);
             assert!(error < 1e-11, "{delay_s}: {error}");

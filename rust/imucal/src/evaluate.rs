@@ -307,7 +307,7 @@ fn judge(
     findings.extend(used.outliers());
     let mut reasons = Vec::from_iter(figures.reason_beside(used.kept_chi2_per_dof(), &groups, uncorrected));
     // If there is no usable move, or if samples could not be corrected, the residuals do not test any axis. The reason
-    // in the list already says why, so untested axes are not added.
+    // in the list already states the cause, so untested axes are not added.
     if !matches!(reasons[..], [Reason::NoUsableMove { .. } | Reason::NotCorrected { .. }]) {
         reasons.extend(Reason::axes_not_tested(used.untested_axes()));
     }

@@ -13,7 +13,7 @@
 //! * `time_course`: selects how a parameter varies in time: as a random walk, smoothly, by switching between two
 //!   levels, or by independent deviations in each rest and move.
 //! * `predict`: cross-validation of a candidate effect on held-out rests and moves.
-//! * `earth`: test whether the rate estimated as the effect `earth_rate` has the known magnitude of the Earth's rate.
+//! * `earth`: tests whether the rate estimated as the effect `earth_rate` has the known magnitude of the Earth's rate.
 //! * `forward_search::beside_patterns`: scores effects of the catalogue with generic hypotheses in the model. Effects
 //!   are therefore found even if an unknown variation is also present.
 //! * `detect`: detection limit of each effect. It is the smallest size of the effect that is detected with 90 %
@@ -25,8 +25,8 @@
 //!   of the clock. Such faults prevent conclusions about effects.
 //! * `verdict`, `remainder`: the conclusion of a search, and a description of the residuals that the accepted effects
 //!   do not explain.
-//! * `session`: test for biases that changed between the calibration recordings and the control recordings.
-//! * `residuals_by_place`: residuals by kind of residual, by rest and by move.
+//! * `session`: tests whether the biases changed between the calibration recordings and the control recordings.
+//! * `residuals_by_place`: size of the residuals of each kind, and the rests and moves with significant residuals.
 //! * `predicted_error`: expected errors of the corrected signals.
 //!
 //! [`find_gap()`] performs the complete search. [`search()`] selects effects without validation on unseen data.
@@ -110,18 +110,19 @@ pub struct Search {
     /// Name of each effect that is not observable in these recordings, and the data that would make it observable.
     pub not_observable: Vec<(String, String)>,
     /// Detection limit of each effect: the name of the effect, the smallest rms value of its parameters that is
-    /// detected with 90 % probability, and the unit of this value. In the test, the effect is added to the final model.
-    /// If the final model already contains the effect, it is added to the model without effects.
+    /// detected with 90 % probability, and the unit of this value. The limit applies to an addition of the effect to
+    /// the final model. If the final model already contains the effect, the limit applies to an addition to the model
+    /// without effects.
     pub smallest_visible: Vec<(String, f64, String)>,
     /// For each effect: the residuals that remain after a fit if the unit has this effect at its typical size and the
     /// fitted model lacks the effect.
     pub traces: Vec<Trace>,
     /// The kind of residual with the largest ratio of scatter to noise under the final model; `None` if no ratio is
-    /// significant. Only residuals at rests and residuals relative to the motor angles of the stand are tested. If
-    /// effects were selected, the tested residuals are only those of the stand and of the sensors on which these
-    /// effects act. The effects are also estimated without the motor angles. If the estimates with and without these
-    /// angles differ significantly, this field reports the difference, with the name `stand_and_sensors`, instead of a
-    /// kind of residual.
+    /// significant. Only residuals at rests and residuals relative to the motor angles of the stand (a device that
+    /// rotates the unit) are tested. If effects were selected, the tested residuals are only those of the stand and of
+    /// the sensors on which these effects act. The effects are also estimated without the motor angles. If the
+    /// estimates with and without these angles differ significantly, this field reports the difference, with the name
+    /// `stand_and_sensors`, instead of a kind of residual.
     pub scattering_rests: Option<Scattering>,
     /// Whether the search ignores accelerometer samples inside moves. It ignores them if the unit was moved by hand,
     /// because the specific force then contains accelerations in addition to gravity. It also ignores them if the
@@ -179,7 +180,8 @@ pub struct Trace {
 pub struct NotPredictive {
     /// Name of the effect.
     pub name: String,
-    /// Log Bayes factor on the data to which the model was fitted, nats.
+    /// Log Bayes factor of the model with the effect relative to the model without it, on the data to which both models
+    /// were fitted, nats.
     pub log_bayes_factor: f64,
     /// Increase of the log predictive density of held-out rests and moves if the effect is added, nats.
     pub gain: f64,

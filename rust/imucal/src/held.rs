@@ -215,7 +215,7 @@ pub(crate) fn precisions(held: &[HeldParameter], parameters: &[f64]) -> [(f64, f
     for held in held {
         let HeldRow { residual, derivatives } = held.row(parameters);
         if let Quantity::Combination { at, .. } = held.quantity {
-            // This is the precision of one parameter if the values of all other parameters are known.
+            // The sum of the squared derivatives is the precision of a parameter if all other parameters are known.
             derivatives.into_iter().for_each(|(p, by)| all[p] = (all[p].0 + by * by, parameters[p] - at[p]));
         } else if let Some((p, by)) = derivatives.first() {
             all[*p] = (by * by, residual / by);

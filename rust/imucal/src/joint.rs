@@ -17,11 +17,11 @@
 //! from the gyroscope rates. The two rows of E_k span the plane perpendicular to u_(k+1).
 //!
 //! The quantities f, u and R are corrected for the effects. An error of the mean force at a rest changes the residuals
-//! of both adjacent moves, so these residuals are correlated. `whiten` multiplies the residuals by the inverse of the
+//! of both adjacent moves, so these residuals are correlated. Whitening multiplies the residuals by the inverse of the
 //! Cholesky factor of their covariance. The attitude error grows inside a move as a random walk, so the residuals
 //! inside a move are correlated, too. A Kalman filter replaces the residuals inside a move by its normalised
-//! innovations, which are white (`inside`). The weights are estimated from the residuals of a fit, and the next fit
-//! uses the new weights. Fits are repeated until the parameters converge.
+//! innovations, which are white (module `inside`). The weights are estimated from the residuals of a fit, and the next
+//! fit uses the new weights. Fits are repeated until the parameters converge.
 
 mod choices;
 mod encoders;
@@ -92,12 +92,12 @@ use reweighting::Reweighting;
 use start::Prior;
 use weights::Weights;
 
-/// Observability limit of an effect. If the parameters of the effect change by one typical size (`Term::typical`) in
-/// their least observable direction, the whitened residuals change. The norm of this change must be at least this
-/// limit. At 0.1, a change of ten typical sizes changes chi2 by one (model.md (18)).
+/// Observability limit of an effect: minimum norm of the change of the whitened residuals if the parameters of the
+/// effect change by one typical size (`Term::typical`) in their least observable direction. At the limit of 0.1, a
+/// change by ten typical sizes changes chi2 by one (model.md (18)).
 const LEAST_CHANGE: f64 = 0.1;
 /// Observability limit of an effect with a prior. It is a limit of the same norm as `LEAST_CHANGE`, but for a change of
-/// the parameters in their most observable direction. At 0.01, a change of a hundred typical sizes changes chi2 by one.
+/// the parameters in their most observable direction. At 0.01, a change by a hundred typical sizes changes chi2 by one.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
 /// Initial standard deviation of the prior of an effect, in typical sizes of its parameters. Only effects that are
 /// permitted even if the recordings do not determine all their parameters (`Term::partly`) have such a prior.
@@ -114,14 +114,14 @@ const NOT_SETTLED: f64 = 0.1;
 /// Maximum number of fits with new weights. If the parameters have not converged after this number, the result is
 /// reported as not converged. Most runs converge within five fits.
 const MAX_ROUNDS: usize = 16;
-/// If the residuals at the start of a search for effects scatter by more than this multiple of their noise, the weights
-/// estimated from these residuals are too small. The fit is then repeated with new weights.
+/// If the residuals of the start model of a search for effects scatter by more than this multiple of their noise, the
+/// weights estimated from these residuals are too small. The fit is then repeated with new weights.
 const MISLEADING: f64 = 10.0;
 /// The repeated fits of a search for effects end if, for every kind of residuals, the ratio of scatter to noise changes
 /// by less than this factor from one fit to the next.
 const FAR: f64 = 1.5;
-/// Relative tolerance of the solver (see `lsq::EXACT`) in a search for effects and in the first round of a fit. In the
-/// first round, the weights are preliminary, so a coarse tolerance suffices.
+/// Relative tolerance of the solver (see `lsq::EXACT`) in a search for effects and in the first of the repeated fits.
+/// The weights of the first fit are preliminary, so a coarse tolerance suffices.
 const SEARCH: f64 = 1e-5;
 /// Start values of the time constant of a warm-up, as fractions of the duration of the longest recording (model.md
 /// (23)).
@@ -186,10 +186,10 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
-/// Joint fit for a search for effects. It starts from the model `start` and has a relative tolerance of 1e-5. If the
-/// residuals at the start are far above noise, the fit is repeated with new weights until the weights hardly change.
-/// Otherwise, it is repeated once if encoders are used. `width` returns the standard deviation of the prior of an
-/// effect, in typical sizes, or `None` without a prior. Returns the residuals at the estimate and their derivatives.
+/// Joint fit for a search for effects, from the model `start`, with a relative tolerance of 1e-5. If the residuals of
+/// the start model are far above noise, the fit is repeated with new weights until the weights hardly change.
+/// Otherwise, the fit is repeated once if encoders are used. `width` returns the standard deviation of an effect's
+/// prior, in typical sizes; `None` means no prior. Returns the residuals at the estimate and their derivatives.
 pub(crate) fn fit_for_search(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -244,13 +244,13 @@ pub(crate) fn predict(
 }
 
 /// Prepares the first fit: sets the priors of the effects (see `check_determined`), and estimates the weights from the
-/// residuals at the start.
+/// residuals at the start values `parameters`.
 ///
-/// With weights from noise only, the large residuals at the start could move an effect far from its true value. For
-/// example, a g-sensitivity that is equal on all axes adds a rate that is parallel to gravity at rest. This rate
-/// rotates the attitude about gravity, and the residuals of the moves do not depend on this rotation. The fit could end
-/// at a very large g-sensitivity. The attitude then rotates about gravity so fast that the effects of all other errors
-/// average out.
+/// With weights from noise only, the large residuals at the start values could move the estimate of an effect far from
+/// its true value. For example, a g-sensitivity that is equal on all axes adds a rate that is parallel to gravity at
+/// rest. This rate rotates the attitude about gravity, and the residuals of the moves do not depend on this rotation.
+/// The fit could end at a very large g-sensitivity. The computed attitude then rotates about gravity so fast that the
+/// contributions of all other errors to the residuals average out.
 fn begin(
     problem: &mut Joint<'_>,
     terms: &Terms<'_>,
@@ -315,10 +315,10 @@ fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error
     Ok(())
 }
 
-/// Priors of the effects. An effect for which `width` returns a standard deviation gets a prior with this standard
-/// deviation, if the recordings determine at least one direction of its parameters. The recordings must determine any
-/// other effect in all directions of its parameters. Otherwise, the function returns an error with the explanation from
-/// the catalogue of effects.
+/// Returns the priors of the effects. An effect for which `width` returns a standard deviation gets a prior with this
+/// standard deviation, if the recordings determine at least one direction of its parameters. The recordings must
+/// determine any other effect in all directions of its parameters. Otherwise, the function returns an error with the
+/// explanation from the catalogue of effects.
 fn check_determined(
     jacobian: &Mat<f64>,
     terms: &Terms<'_>,
@@ -373,7 +373,7 @@ pub(crate) fn start_shares(effect: &Effect<f64>) -> &'static [f64] {
     if effect.needs.contains(&Need::TemperatureHistory) { &LAG_SHARES } else { &SHAPE_SHARES }
 }
 
-/// Fits the linear parameters for several values of each time constant. The value with the smallest chi2 becomes the
+/// Fits all other parameters for several values of each time constant. The value with the smallest chi2 becomes the
 /// centre of a wide prior of the time constant.
 fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Vec<f64>) -> Result<(), Error> {
     for term in terms.all.iter().filter(|term| term.has_shape()) {
@@ -386,7 +386,7 @@ fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Ve
             start[place] = shape;
             problem.fixed = vec![place];
             // A coarse tolerance would end the fit before the first step, because the parameters of an effect are small
-            // compared with the sensitivities. The values of chi2 would then be equal.
+            // compared with the sensitivities. chi2 would then be equal for all values of the time constant.
             let found = lsq::minimize(&*problem, &start, lsq::EXACT)?;
             if best.as_ref().is_none_or(|(chi2, _)| found.chi2 < *chi2) {
                 best = Some((found.chi2, found.parameters));

@@ -55,7 +55,7 @@ pub mod number_columns;
 pub mod numerics;
 mod parameters;
 pub mod plan;
-#[doc(hidden)] // public only because the benchmark of the kernels uses it
+#[doc(hidden)] // public only because two benchmarks, kernels.rs and scoring.rs, use it
 pub mod preintegration;
 pub mod recording;
 pub mod rests;

@@ -18,9 +18,9 @@
 //! sample is (size of a count)^2 / 12, and N does not include it.
 //!
 //! The values are maximum-likelihood estimates from the power spectrum of a cosine transform, `docs/model.md` (31) and
-//! (32). Their variance reaches the Cramer-Rao bound. The Allan deviations are only for display, and their confidence
-//! bands are computed from the fitted model. A kind of noise that is not significant has no value. Its confidence band
-//! starts at zero, and the upper end of the band is an upper limit at 95 % confidence.
+//! (32). The variance of the estimates reaches the Cramer-Rao bound. The Allan deviations are only for display, and
+//! their confidence bands are computed from the fitted model. A kind of noise that is not significant has no value. Its
+//! confidence band starts at zero, and the upper end of the band is an upper limit at 95 % confidence.
 
 pub mod allan;
 mod axis;
@@ -51,11 +51,11 @@ use stretch::Stretch;
 /// Minimum number of samples of a noise identification. Fewer samples would determine only the white noise, with poor
 /// accuracy.
 const FEWEST_SAMPLES: usize = 1000;
-/// A finding reports the longest rest if it covers less than this share of the examined interval. The examined interval
-/// is the longest interval without lost or repeated samples.
+/// A finding reports the longest rest if this rest covers less than this share of the examined interval: the longest
+/// interval with at most 1 lost or repeated sample in 10 000.
 const WHOLE_SHARE: f64 = 0.9;
 
-/// The noise of both triads of a unit.
+/// The noise of the accelerometer and of the gyroscope of a unit.
 #[derive(Clone, Debug)]
 pub struct Noise {
     /// Time of the first sample used, s.
@@ -92,9 +92,9 @@ pub struct Options {
 
 /// Identifies the noise in the longest rest of `recording`. The recording contains both sensors or only one.
 ///
-/// If samples are lost or repeated, the longest interval without such samples is used. Steps and drifts of the mean are
-/// reported as findings. The estimated noise includes drifts, and also steps unless `options` requests that steps are
-/// cut out. The result does not depend on the number of `threads`.
+/// If samples are lost or repeated, the longest interval with at most 1 such sample in 10 000 is used. Steps and drifts
+/// of the mean are reported as findings. The estimated noise includes drifts, and also steps unless `options` requests
+/// that steps are cut out. The result does not depend on the number of `threads`.
 ///
 /// # Errors
 /// [`Error::Data`] for a recording with faults; [`Error::NotEnoughMotion`] if the unit is never at rest;
@@ -108,9 +108,9 @@ pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUs
     let has_repeats = findings.iter().any(|finding| finding.code == "samples_duplicated");
     let stretch = stretch::longest(recording, has_repeats);
     if stretch.lost == 0 {
-        // The general check also reports samples as missing if only their time stamps are late. The module `stretch`
-        // distinguishes late samples from missing samples. If it finds no missing samples, the finding of the general
-        // check is removed.
+        // The general check reports `samples_missing` even if samples are present but have late time stamps. The module
+        // `stretch` distinguishes late samples from missing samples. If it finds no missing samples, the finding of the
+        // general check is removed.
         findings.retain(|finding| finding.code != "samples_missing");
     }
     let is_whole = stretch.samples.len() == recording.len();
@@ -125,7 +125,7 @@ pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUs
     let mut result = analyse(recording, samples, threads)?;
     if options.cut_steps {
         let mut cut = Vec::new();
-        // A larger step may have masked a smaller one, so the remaining part is tested for steps again.
+        // A large step may have masked a smaller step, so the remaining part is tested for steps again.
         while !result.steps.is_empty() {
             cut.append(&mut result.steps);
             let rest = steps::longest_without(recording, &result.samples, &cut);
@@ -149,7 +149,7 @@ struct Analysis {
     /// Noise of the six channels, accelerometer first; `None` for the channels of a missing sensor.
     axes: [Option<AxisNoise>; 6],
     steps: Vec<Step>,
-    /// Steps that were cut out before the analysis of the remaining samples.
+    /// Steps that were cut out. The analysis covers the remaining samples.
     cut: Vec<Step>,
     drifts: Vec<Drift>,
 }
@@ -364,8 +364,8 @@ mod tests {
         Sensor { noise_density: 1e-3, bias_instability: 5e-4, random_walk: Vector3::repeat(1e-4), ..Sensor::ideal() }
     }
 
-    /// The error of each estimate is divided by its reported standard deviation. Over all runs and axes, the mean
-    /// square of these ratios must be in its 99.9 % interval.
+    /// In simulated recordings, the error of each estimate is divided by its reported standard deviation. Over all runs
+    /// and axes, the mean square of these ratios must be in its 99.9 % interval.
     #[test]
     fn standard_deviations_are_those_of_the_errors() {
         let mut squares = [0.0; 3];

@@ -1,7 +1,7 @@
 //! Fast reader for columns of numbers in a text table.
 //!
 //! The text is passed in blocks, so a long file is never in memory as a whole. Only plain tables are read. In a plain
-//! table, each used field is a decimal number, and all lines have equal numbers of fields. Any other text (quotes,
+//! table, each field in use is a decimal number, and all lines have equal numbers of fields. Any other text (quotes,
 //! empty fields, dates) gives the error [`NotPlain`]. A more general reader must then read the file.
 //!
 //! Numbers are rounded correctly, as by [`str::parse`].
@@ -17,9 +17,9 @@ const WORTH_THREADS: usize = 1 << 20;
 /// If the first block has at least this number of bytes, the text counts as long, because many more blocks may follow.
 /// Each column then reserves memory for [`RESERVED`] values.
 const LONG: usize = 1 << 22;
-/// Number of values for which a column of a long text reserves memory. Their size exceeds 32 MB, so the allocator of
-/// Linux maps the memory directly from the system. Only pages that are written then occupy memory. The column can grow
-/// into the reserved memory without being copied, which avoids fragmentation.
+/// Number of values for which a column of a long text reserves memory. These values need more than 32 MB, so the
+/// allocator of Linux maps the memory directly from the system. Only pages that are written then occupy memory. The
+/// column can grow into the reserved memory without being copied, which avoids fragmentation.
 const RESERVED: usize = (1 << 22) + (1 << 10);
 
 /// Format of a text table.
@@ -77,8 +77,8 @@ impl NumberColumns {
             return Ok(());
         };
         if std::mem::take(&mut self.is_new) {
-            // For a short text, mapping that much memory for each column would take a noticeable part of the reading
-            // time.
+            // For a short text, mapping memory for `RESERVED` values per column would take a noticeable part of the
+            // reading time.
             let rows = if block.len() < LONG { self.form.rows(block) } else { RESERVED };
             self.columns = self.form.columns(rows);
         }
@@ -140,8 +140,8 @@ fn split(lines: &[u8], count: usize) -> Vec<&[u8]> {
 #[derive(Debug)]
 struct Growing {
     numbers: Column,
-    /// Indices of the rows in which an integer column has the text `-0`. If the column is converted to f64, their
-    /// values become -0.0.
+    /// Indices of the rows in which an integer column has the text `-0`. If the column is converted to f64, the values
+    /// in these rows become -0.0.
     negative_zeros: Vec<usize>,
 }
 
@@ -194,7 +194,7 @@ impl Growing {
 
 impl Form {
     /// Number of rows for which memory is reserved. It is a quarter more than the number of rows that `lines` would
-    /// have if all lines were as long as the first.
+    /// have if all lines were as long as the first line.
     fn rows(&self, lines: &[u8]) -> usize {
         let first = lines.iter().position(|&byte| byte == b'\n').map_or(lines.len(), |end| end + 1);
         lines.len() / first.max(self.used.len()).max(1) * 5 / 4

@@ -19,9 +19,9 @@ pub(crate) const GYRO_SENSITIVITY: Range<usize> = 12..21;
 /// Number of parameters of a stand with encoders: mount rotation (3), base tilt (2), and angles between the axes (2).
 pub(crate) const STAND_PARAMETERS: usize = 7;
 
-/// Names in words of all base parameters except the gyroscope bias: the nine parameters of the accelerometer in the
-/// symmetric frame, and the nine entries of the gyroscope sensitivity row by row. The gyroscope bias is not included,
-/// because the mean rates at the rests determine it directly.
+/// Readable names, for messages, of all base parameters except the gyroscope bias: the nine parameters of the
+/// accelerometer in the symmetric frame, and the nine entries of the gyroscope sensitivity row by row. The gyroscope
+/// bias is not included, because the mean rates at the rests determine it directly.
 pub(crate) const WORDS: [&str; 18] = [
     "bias x",
     "bias y",
@@ -44,14 +44,14 @@ pub(crate) const WORDS: [&str; 18] = [
 ];
 pub(crate) const ACCELEROMETER: usize = 9;
 
-/// Names in words of the nine parameters of the accelerometer or, if `gyroscope` is true, of the nine entries of the
+/// Readable names of the nine parameters of the accelerometer or, if `gyroscope` is true, of the nine entries of the
 /// gyroscope sensitivity.
 pub(crate) fn words(gyroscope: bool) -> &'static [&'static str] {
     if gyroscope { &WORDS[ACCELEROMETER..] } else { &WORDS[..ACCELEROMETER] }
 }
 
-/// Names in words of the accelerometer parameters or, if `gyroscope` is true, of the entries of the gyroscope
-/// sensitivity. Only those that affect the readings of the selected axes are returned.
+/// Readable names of the accelerometer parameters or, if `gyroscope` is true, of the entries of the gyroscope
+/// sensitivity. Only parameters that affect the readings of the selected `axes` are returned.
 pub(crate) fn of_axes(gyroscope: bool, axes: [bool; 3]) -> Vec<&'static str> {
     let acts = |j: usize| match j {
         _ if gyroscope => axes[j / 3],

@@ -9,11 +9,11 @@
 //! * [`optimal()`]: the program with the most information in a given time, or the shortest program that reaches given
 //!   standard deviations.
 //!
-//! The information matrix is that of the joint fit, which estimates all parameters of both sensors from the whole run.
-//! It contains the information from the mean force and the mean rate at each rest, and from the propagation of the
-//! gravity direction from rest to rest with the gyroscope. The gravity direction at each rest is unknown and is
-//! eliminated. An information filter accumulates the matrix along the run. The computing time is therefore proportional
-//! to the length of the run, and no large matrix is needed.
+//! Predictions and plans use the information matrix of the joint fit, which estimates all parameters of both sensors
+//! from the whole run. The matrix contains the information from the mean force and the mean rate at each rest, and from
+//! the propagation of the gravity direction from rest to rest with the gyroscope. The gravity direction at each rest is
+//! unknown and is eliminated. An information filter accumulates the matrix along the run. The computing time is
+//! therefore proportional to the length of the run, and no large matrix is needed.
 //!
 //! ```
 //! use imucal::plan::{Goal, Limits, Search, Sensors, optimal};

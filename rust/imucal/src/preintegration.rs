@@ -5,8 +5,8 @@
 //! parameters. The rate is `w = T^-1 (m - b)` for the measured rate m, the sensitivity T and the bias b. The rotation
 //! vector of a step of length h is `phi = h wbar + h^2/12 (w0 x w1)`, and `R <- R exp(phi)`. wbar is the mean rate over
 //! the step, and w0 and w1 are the rates at its ends. A change of the parameters changes the attitude at the end of the
-//! move to `R exp(delta)`, where `delta` is a rotation vector in the body frame at the end. e_i is the unit vector
-//! along axis i:
+//! move to `R exp(delta)`, where `delta` is a rotation vector in the body frame at the end of the move. e_i is the unit
+//! vector along axis i:
 //!
 //! ```text
 //! d_delta_d_T_ij = -R^T G_j T^-1 e_i,   G_j = integral of R w_j dt
@@ -14,11 +14,12 @@
 //! ```
 //!
 //! Inside the integrals, R is the rotation from the frame at a sample to the frame at the start of the move. In front
-//! of them, R is the rotation over the whole move. The integrals are trapezoidal sums over the samples. Because of `R'
-//! = R [w]x`, a third of the entries of the G_j can be computed from the rotation of the whole move. With the columns
-//! R_x, R_y, R_z of R, the integral of `R_y w_z - R_z w_y` is the change of R_x. If the move does not start and end at
-//! rest, the relative error of this relation is a twelfth of the squared rotation per step. Short steps are summed in
-//! groups of sixteen, which does not change the result (see `preintegration/sums.rs`).
+//! of the integrals, R is the rotation over the whole move. The integrals are trapezoidal sums over the samples. The
+//! time derivative of R is `R' = R [w]x`, so a third of the entries of the G_j can be computed from the rotation of the
+//! whole move. With the columns R_x, R_y, R_z of R, the integral of `R_y w_z - R_z w_y` is the change of R_x. If the
+//! move does not start and end at rest, the relative deviation of the trapezoidal sums from this relation is a twelfth
+//! of the squared rotation per step. Short steps are summed in groups of sixteen, which does not change the result (see
+//! `preintegration/sums.rs`).
 
 mod attitudes;
 mod interpolation;

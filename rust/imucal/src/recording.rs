@@ -8,12 +8,12 @@ use std::ops::Range;
 
 use crate::error::Error;
 
-/// Reference temperature of sensitivities and biases, degC. Effects of temperature are functions of the temperature
-/// minus this temperature.
+/// Reference temperature of sensitivities and biases, degC. Effects of temperature are functions of the difference
+/// (temperature of the unit) - (this reference).
 pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;
 
-/// A time step of at least this length counts as a pause in the recording, s. The sampling interval of every inertial
-/// sensor that can be calibrated is shorter.
+/// A time step of at least this length counts as a pause in the recording, s. Every inertial sensor that can be
+/// calibrated has a shorter sampling interval.
 const PAUSE_S: f64 = 1.0;
 
 /// Unit of the samples of a three-axis sensor. Other physical units (g, deg/s, ...) are converted to SI when a file is
@@ -26,8 +26,8 @@ pub enum RawUnit {
     Lsb,
 }
 
-/// Samples of a three-axis sensor: N rows of three values. They keep the number type of the caller's array, so that no
-/// copy is needed.
+/// Samples of a three-axis sensor: N rows of three values. The samples keep the number type of the caller's array, so
+/// that no copy is needed.
 #[derive(Clone, Copy, Debug)]
 pub enum Samples<'a> {
     /// Double precision.
@@ -234,8 +234,8 @@ impl<'a> Recording<'a> {
         self.time_s.len()
     }
 
-    /// Mean sampling rate, Hz: the number of time steps divided by their sum, without pauses (see `PAUSE_S`). NaN if
-    /// the time does not increase.
+    /// Mean sampling rate, Hz: the number of time steps divided by the sum of the time steps, without pauses (see
+    /// `PAUSE_S`). NaN if the time does not increase.
     ///
     /// The median time step is not used, because it may differ from the mean time step by ten per cent or more. Median
     /// and mean differ if samples come in bursts, or if the resolution of the time stamps is coarse.

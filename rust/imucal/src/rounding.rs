@@ -23,13 +23,13 @@ use std::f64::consts::PI;
 
 use levels::{Levels, Likelihood, NOISES, RestNoise, trial_noise};
 
-/// Standard deviation of rounded samples above which rounding needs no treatment, in steps. The noise is then above
-/// 0.58 steps, the rms rounding error of a mean is below 3e-4 steps, and the variance of the samples includes q^2 /
-/// 12.
+/// Standard deviation of rounded samples, in quantisation steps, above which rounding needs no treatment. The noise
+/// before rounding is then above 0.58 steps, the rms rounding error of a mean is below 3e-4 steps, and the variance of
+/// the samples includes the variance q^2 / 12 of the rounding.
 pub(crate) const LEAST_SCATTER: f64 = 0.65;
-/// Distance D between two readings, in steps, at which the factor exp(-2 D^2) in cov(d_k, d_l) is exp(-1/2). The factor
-/// makes the covariance small for readings more than a step apart, because the phase of the cosine is then not known
-/// accurately.
+/// Distance D between two readings, in steps, at which the factor exp(-2 D^2) in cov(d_k, d_l) is exp(-1/2). For
+/// readings more than a step apart, this factor makes the covariance small, because the phase 2 pi D of the cosine is
+/// then not known accurately.
 const CORRELATED: f64 = 0.5;
 /// Standard deviation of the prior of ln(a / b), where a and b are the standard deviations of the noise of two axes.
 /// The prior states that the axes have similar noise. With a narrower prior, the levels of one axis have more
@@ -41,9 +41,9 @@ const NEGLECTED: f64 = 3e-4;
 /// Maximum relative difference between two quantisation steps that count as equal.
 const EQUAL_STEPS: f64 = 1e-3;
 
-/// Noise and rounding errors of one axis, raw units. They hold for one rest, or for the noise that most rests of a
+/// Noise and rounding errors of one axis, raw units: either for one rest, or for the noise that most rests of a
 /// recording have in common. All numbers are zero if the readings are not quantised, or if the noise is so far above
-/// the quantisation step that rounding causes no error of means.
+/// the quantisation step that rounding causes no error of the mean of a rest.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Rounding {
     /// Quantisation step of the converter (LSB).
@@ -80,16 +80,17 @@ impl Rounding {
         })
     }
 
-    /// Rounding of the three axes of a sensor. For each axis, `axes` contains the quantisation step and the numbers of
-    /// samples at each level at each rest, or `None` if the noise of the axis is not below its step.
+    /// Computes the rounding of the three axes of a sensor. For each axis, `axes` contains the quantisation step and,
+    /// for each rest, the number of samples at each level; `None` if the noise of the axis is not below its step.
     ///
-    /// The noise that most rests have in common is estimated from the levels that occur at these rests. The levels of
-    /// the other axes contribute to its likelihood, because the axes of a triad usually have similar noise.
+    /// The noise that most rests have in common is estimated from the levels that occur at these rests. The axes of a
+    /// triad usually have similar noise, so the levels of the other axes also contribute to the likelihood of the
+    /// common noise.
     ///
-    /// If a rest has less noise than is common, its rounding error is computed from its own noise. It is larger,
-    /// because less noise averages the rounding less. If a rest has more noise, the rounding error of the common noise
-    /// is used, because a short disturbance may have caused the larger scatter. The rounding error is then that of the
-    /// undisturbed samples.
+    /// If a rest has less noise than most rests, its rounding error is computed from its own noise. This error is
+    /// larger, because less noise averages the rounding less. If a rest has more noise, a short disturbance may have
+    /// caused the larger scatter. The rounding error of the common noise is then used, because most samples of the rest
+    /// are undisturbed.
     pub(crate) fn of_levels(axes: [Option<(f64, Vec<Levels>)>; 3]) -> [AxisRounding; 3] {
         let axes = axes.map(|axis| axis.map(|(step, rests)| (step, RestNoise::of(&rests))));
         std::array::from_fn(|axis| {
@@ -145,7 +146,7 @@ impl Rounding {
     /// Covariance of the rounding errors of two mean readings.
     pub(crate) fn covariance(&self, reading: f64, other: &Self, other_reading: f64) -> f64 {
         let product = self.error_variance * other.error_variance;
-        // Recordings with different measurement ranges have independent errors.
+        // Recordings with different steps have different measurement ranges. Their rounding errors are independent.
         if product == 0.0 || (self.step / other.step - 1.0).abs() > EQUAL_STEPS {
             return 0.0;
         }
@@ -179,7 +180,8 @@ mod tests {
         }
     }
 
-    /// Rounding of an axis with the noise that most rests have in common.
+    /// Rounding of the first axis of a sensor, for the noise that most rests have in common. `axis` contains the levels
+    /// of this axis, and `other` the levels of the second axis.
     fn common(axis: Option<(f64, Vec<Levels>)>, other: Option<(f64, Vec<Levels>)>) -> Rounding {
         let [found, ..] = Rounding::of_levels([axis, other, None]);
         found.common
@@ -195,8 +197,8 @@ mod tests {
         }
     }
 
-    /// Two of 22 rests have more noise than the others, in several ratios. An estimate from all 22 rests together would
-    /// be dominated by these two.
+    /// Simulates 22 rests, of which two have more noise than the others, for several ratios of the noise. An estimate
+    /// from all 22 rests together would be dominated by these two rests.
     #[test]
     fn few_rests_with_other_noise_leave_the_noise_of_most() {
         let means = [0.37; 20];

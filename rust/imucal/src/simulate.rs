@@ -82,7 +82,7 @@ pub struct Setup<'a> {
     pub motion: &'a Motion,
     /// The unit: its sensors and their errors.
     pub unit: &'a Unit,
-    /// Number of samples per second of the unit's clock, Hz.
+    /// Sampling rate in the time of the unit's clock, Hz.
     pub rate_hz: f64,
     /// Local gravity, m/s^2.
     pub gravity_mps2: f64,

@@ -85,7 +85,7 @@ def apply(
 
 
 class _Empty:
-    """Samples that could not be corrected for one reason: their number, and the index of the first one."""
+    """Counts the samples that one cause leaves without a result, and keeps the index of the first of them."""
 
     def __init__(self) -> None:
         self.count = 0

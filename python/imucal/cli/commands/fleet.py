@@ -8,7 +8,7 @@ from imucal.cli.group import Commands, Lazy
 
 __all__ = ["app"]
 
-# Commands by module, each with the first sentence of its help.
+# Commands by module, each with its summary in the list of commands.
 MODULES: Final = {
     "fleet_run": {
         "run": "Calibrate the recordings of many units into a store; only new recordings are processed."

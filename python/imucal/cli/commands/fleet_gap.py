@@ -70,7 +70,8 @@ def gap(
         beside = f", beside {', '.join(found.beside)}" if found.beside else ""
         rivals = f"; {', '.join(found.rivals)} explain the units as well" if found.rivals else ""
         out.line(
-            f"{found.name}: significant over {found.units} units, in {found.alone} alone{beside}{rivals}"
+            f"{found.name}: significant over {found.units} units together, in {found.alone} units "
+            f"alone{beside}{rivals}"
         )
     for cluster in result.clusters:
         out.line(f"{cluster.effect}: a group of {len(cluster.serials)} units, such as {cluster.serials[0]}")

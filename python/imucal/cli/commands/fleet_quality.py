@@ -50,7 +50,7 @@ def capability(
     json: JsonPath = None,
     selection: Selection = Selection(),  # noqa: B008
 ) -> None:
-    """Compare the units with limits: Cp, Cpk, Pp, Ppk, and the share outside without measuring noise.
+    """Compare the units with limits: Cp, Cpk, Pp, Ppk, share outside with and without measurement noise.
 
     Uses the first calibration of each unit. The verdict is poor if a Ppk is below 1.
 

@@ -241,4 +241,6 @@ def _require_no_setup(context: click.Context) -> None:
         name = parameter.name or ""
         source = context.get_parameter_source(name)
         if name not in OUTPUTS and source is not None and source.name == "COMMANDLINE":
-            raise InputError(f"{parameter.opts[0]} is given, but the truth file has its own: leave it out")
+            raise InputError(
+                f"{parameter.opts[0]} is given, but the truth file already states this setting: leave it out"
+            )

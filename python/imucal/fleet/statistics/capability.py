@@ -1,4 +1,4 @@
-"""Capability of a fleet for its limits, and the share of units whose true values are outside the limits."""
+"""Process capability of a fleet for given limits, and the share of units with true values outside them."""
 
 from __future__ import annotations
 
@@ -107,7 +107,9 @@ def capability(measurements: Measurements, limits: Limits | None = None) -> Capa
         if figure is not None and np.isfinite(figure).sum() >= 3:
             rows.append(_of_figure(limit, figure[np.isfinite(figure)]))
     if not rows:
-        raise InputError(f"{len(first)} units have no parameter in common with a standard deviation")
+        raise InputError(
+            f"no parameter has a value and a standard deviation for at least three of {len(first)} units"
+        )
     return CapabilityResult(len(first), poor, tuple(rows))
 
 

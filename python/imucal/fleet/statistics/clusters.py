@@ -37,10 +37,10 @@ def clusters_of(effect: str, serials: tuple[str, ...], values: FloatArray) -> li
 
     values   (n, k) coefficients
 
-    The number of clusters minimises the Bayesian information criterion of normal clusters of equal widths.
-    The criterion includes a term for the assignment of the units to clusters. If a single normal group is
-    split into halves, the smaller widths of the halves decrease the term of the fit, but the term of the
-    assignment increases by more. Such a group is therefore not split.
+    The number of clusters minimises the Bayesian information criterion of normally distributed clusters of
+    equal widths. The criterion includes a term for the assignment of the units to clusters. If a single
+    normally distributed group is split into halves, the fit term decreases, because the halves are narrower,
+    but the assignment term increases by more. Such a group is therefore not split.
     """
     if len(values) < 2 * FEWEST_UNITS:
         return []

@@ -50,7 +50,7 @@ class MeanParameter:
     mean, mean_std   mean over the units, and its standard deviation
     spread           standard deviation of the units, without the noise of their fits
     low, high        95 % interval of the spread
-    noise            rms over the units of the standard deviation of the parameter in the fit of one unit
+    noise            standard deviation of the parameter in the fit of one unit, rms over the units
     """
 
     name: str
@@ -67,7 +67,7 @@ class MeanParameter:
 class EffectEvidence:
     """The evidence for one effect over all units.
 
-    units            number of units in which the effect is determined
+    units            number of units whose recordings determine the effect
     alone            number of units whose own data are sufficient to make the effect significant
     statistic        2 ln(likelihood ratio). Its `dof` degrees of freedom are the mean and the spread of each
                      parameter
@@ -262,7 +262,7 @@ def _median(dof: int) -> float:
 
 
 def _thermal(fits: Mapping[str, Mapping[str, Fitted]], effects: Sequence[str]) -> tuple[Cluster, ...]:
-    """Clusters of the units in each temperature effect."""
+    """Clusters of units with different coefficients, for each temperature effect."""
     found: list[Cluster] = []
     for name in effects:
         if "temperature" not in find(name).needs:

@@ -150,7 +150,7 @@ def gauge_study(
 
     sigmas        stated standard deviations of the values
     tolerance     width of the limits
-    pooled_above  p-value of the interaction above which it is pooled with the repeats
+    pooled_above  p-value of the interaction above which the interaction is pooled with the repeats
 
     Raises InputError for fewer than two units, operators or repeats, and for values that are not finite.
     """
@@ -233,7 +233,7 @@ def grr(
     tolerances   width of the limits, by parameter
 
     Only units that every operator has measured at least twice are used. If the numbers of repeats differ, the
-    first repeats up to the smallest number are used. Raises InputError if no balanced study remains.
+    first n repeats are used, where n is the smallest number. Raises InputError if no balanced study remains.
     """
     factors = {"operator": measurements.operators, "station": measurements.stations}
     if by not in factors:

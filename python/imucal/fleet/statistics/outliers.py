@@ -209,9 +209,9 @@ def _noise(
 def _distances(
     residuals: FloatArray, noise: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """For each unit: d^2. For each column of the unit: the decrease of d^2 without it, and the deviation.
+    """d^2 of each unit; and for each column of each unit, the decrease of d^2 without it, and the deviation.
 
-    The deviations are divided by their standard deviations.
+    A deviation is the residual of a column, divided by its standard deviation.
     """
     total = spread + noise
     inverse = np.linalg.inv(total)
@@ -275,7 +275,7 @@ def _scatter(squared: FloatArray) -> float:
 
 
 def _exceeded(squared: FloatArray, dof: int, tail: float, scale: float) -> FloatArray:
-    """For each squared distance, the probability of a larger one under the distribution of `_tail_of`."""
+    """For each squared distance, the probability of a larger distance under the fit of `_tail_of`."""
     stats: Any = scipy_part("stats")
     scaled = squared / scale
     found = stats.f.sf(scaled / dof, dof, tail) if np.isfinite(tail) else stats.chi2.sf(scaled, dof)

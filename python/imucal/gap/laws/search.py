@@ -39,8 +39,8 @@ CONTRADICTED: Final = 1e-3
 # law replaces the named effects only if the excess with the law is less than this share of the excess with
 # the named effects.
 LEAST_BETTER: Final = 0.5
-# A law is kept if it removes more than this share of the excess chi2 (chi2 beyond noise) of one kind of
-# residual on control or held-out data.
+# A law is kept if it removes more than this share of the excess chi2 (chi2 beyond noise) of at least one kind
+# of residual on control or held-out data.
 LEAST_CLOSED: Final = 0.3
 # No law is searched if the unexplained residuals have one of these patterns, because a missing law does not
 # cause them. "between_sessions" means that the biases changed between sessions. "contradiction" means that
@@ -54,7 +54,7 @@ POINTS: Final = 201
 
 
 def with_laws(question: Question, first: Gap) -> Gap:
-    """Search for laws in the residuals that effects do not explain. Without a law, `first` is returned."""
+    """Search for laws in the residuals that effects do not explain. Returns `first` if no law is found."""
     remainder = first.remainder
     if (
         remainder is None
@@ -140,7 +140,9 @@ def columns_of(
     *,
     is_hand_moved: bool,
 ) -> Columns:
-    """Residuals of corrected recordings, divided by their noise, and their derivatives for effects and forms.
+    """Residuals of corrected recordings, divided by their noise, and the derivatives of these residuals.
+
+    The derivatives are those with respect to the coefficients of the named effects and of the forms.
 
     named  number of parameters of each named effect, not counting its time constant
     """
@@ -275,7 +277,7 @@ def _merged(
 def _curve(
     form: Form, law: FormulaEffect, parameters: Sequence[Mapping[str, float]], recordings: Sequence[Recording]
 ) -> Curve | None:
-    """The curve of a law over the range of its variable in the recordings; None for a law of several."""
+    """The curve of a law over the recorded range of its variable; None for a law of several variables."""
     variable = form.driver
     if len(form.variables) > 1:
         return None

@@ -21,8 +21,8 @@ from imucal.gap.laws.library import Form
 __all__ = ["Columns", "Selected", "select", "settled"]
 
 # Minimum log evidence of a law, nats, after subtraction of the logarithm of the number of candidates. 8 nats
-# are odds of 3000 to 1. An effect of the catalogue with less evidence must improve the prediction of unseen
-# data.
+# are odds of 3000 to 1. Effects of the catalogue have the same threshold: with less evidence, an effect is
+# accepted only if it improves the prediction of unseen data.
 LEAST_NATS: Final = 8.0
 # Two forms count as equally good if their log evidence differs by at most this number, nats. 3 nats are odds
 # of 20 to 1. Equally good forms with different input variables are rivals. Of equally good forms with the

@@ -229,7 +229,8 @@ fn a_field_depends_on_what_it_needs_and_on_nothing_else_around_it() {
 }
 
 /// The crate `imucal` estimates the parameters of both sensors in one joint fit. This fit computes the attitude at a
-/// rest from the specific force at the rest. Therefore no accelerometer effect may depend on attitude.
+/// rest from the corrected specific force at the rest. If an accelerometer effect depended on the attitude, the
+/// correction of this force would need the attitude, so the computation would be circular.
 #[test]
 fn what_acts_on_the_force_needs_no_attitude() {
     for effect in Effect::<f64>::catalogue().filter(|effect| effect.sensor == Sensor::Accelerometer) {

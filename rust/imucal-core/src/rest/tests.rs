@@ -29,8 +29,8 @@ impl Noise {
     }
 }
 
-/// Samples of alternating moves and rests; the run starts and ends with a move. For each rest, the second result
-/// contains the index of its first sample and the index of its last sample plus one.
+/// Simulates samples of alternating moves and rests; the run starts and ends with a move. For each rest, the second
+/// result contains the index of its first sample and the index of its last sample plus one.
 fn stand_run(rate_hz: f64) -> (Vec<Sample>, Vec<(usize, usize)>) {
     let mut noise = Noise(7);
     let (mut samples, mut rests) = (Vec::new(), Vec::new());

@@ -1,7 +1,8 @@
 use super::*;
 use std::vec::Vec;
 
-/// The bytes of a unit with a g-sensitivity and a temperature effect, raw data in counts, and the axes y, -x, z.
+/// Builds the binary form of a calibration with a g-sensitivity and a temperature effect, for raw data in counts and
+/// the axes y, -x, z.
 fn bytes() -> Vec<u8> {
     let mut all = Vec::from(*b"IMUC\x01\x07\x00\x00\x02\x00\x02\xFF\x03\x00\x00\x00");
     let floats = |all: &mut Vec<u8>, values: &[f32]| values.iter().for_each(|v| all.extend(v.to_le_bytes()));
@@ -15,7 +16,7 @@ fn bytes() -> Vec<u8> {
     sealed(all)
 }
 
-/// Sets the length and appends the check sum.
+/// Completes the binary form: sets its length and appends the check sum.
 fn sealed(mut all: Vec<u8>) -> Vec<u8> {
     let length = (all.len() + 4) as u16;
     all[6..8].copy_from_slice(&length.to_le_bytes());

@@ -1,7 +1,8 @@
 //! Calibration of an accelerometer without a gyroscope. The nine parameters are estimated from the means of the rests.
 //!
 //! The residuals of the fit are those of model.md (5), and the covariance of the parameters is that of model.md (9).
-//! Without a gyroscope there are no moves, no tremor model and no effects.
+//! Without a gyroscope, moves are not used, and neither hand tremor nor effects (further terms of the sensor model) are
+//! estimated.
 
 use faer::Mat;
 use imucal_core::sensor::Triad;
@@ -53,8 +54,8 @@ pub struct AccelerometerOutcome {
     pub noise_density: Vector3<f64>,
     /// Report of the fit: chi2, and why the iterations ended.
     pub fit: FitReport,
-    /// Noise of the mean force at a rest, as the standard deviation of its norm, m/s^2, estimated from the residuals of
-    /// the fit. `None` if the noise is known and is not estimated.
+    /// Noise of the mean specific force at a rest, estimated from the residuals of the fit: the standard deviation of
+    /// the norm, m/s^2. `None` if the noise is known and is not estimated.
     pub noise_from_residuals_mps2: Option<f64>,
     /// Parameters with a prior (held parameters), with their estimates; empty if there are none.
     pub held: Vec<HeldEstimate>,
@@ -233,8 +234,8 @@ fn of_frame(
     frame: Frame,
 ) -> Result<(Triad<f64>, [Mat<f64>; 2]), Error> {
     let symmetric = Sensitivities { accelerometer: *fit.triad.sensitivity(), gyroscope: Matrix3::identity() };
-    // The covariance is extended by zeros for the parameters of the gyroscope, on which the accelerometer does not
-    // depend.
+    // The conversion expects the covariance of all 21 parameters, so zeros are added for the gyroscope. They do not
+    // change the result for the accelerometer.
     let all = covariances.map(|own| Mat::from_fn(21, 21, |i, j| if i < 9 && j < 9 { own[(i, j)] } else { 0.0 }));
     let (converted, all) = in_frame(frame, symmetric, all, &mut [])?;
     let triad = Triad::try_new(converted.accelerometer, *fit.triad.bias());

@@ -34,7 +34,7 @@ use crate::verdict::Verdict;
 /// A result depends only on the recordings, the options and the arguments of the call. Earlier calls have no influence.
 pub struct Checked<'a> {
     recordings: Vec<Recording<'a>>,
-    /// All options except those of the model.
+    /// All options except the model options (effects and folds).
     options: Options<'static>,
     /// Rests, noise and findings of the recordings. The list `recordings` in this field is empty, because the field
     /// `recordings` of `Checked` contains them.
@@ -73,7 +73,8 @@ impl<'a> Checked<'a> {
         if options.is_joint() {
             let (seen, sound, triads) = (data.clone(), data.sound(), [&accelerometer.triad, &gyroscope.fit.triad]);
             data.free_of_tremor(triads[0], triads[1], &sound);
-            // The tremor estimate must not use rests that the fit excludes, so it is repeated without these rests.
+            // The estimate of the hand tremor must not use rests that the fit excludes, so it is repeated without these
+            // rests.
             if data.is_held() {
                 let (_, selection) = data.fit_without_outliers(&accelerometer, &gyroscope, &unusable, options, None)?;
                 if selection.used != sound {
@@ -108,7 +109,7 @@ impl<'a> Checked<'a> {
         &self.recordings
     }
 
-    /// All options except those of the model.
+    /// All options except the model options (effects and folds).
     pub fn options(&self) -> &Options<'static> {
         &self.options
     }
@@ -196,8 +197,8 @@ impl<'a> Checked<'a> {
         Err(self.of_contradiction(Error::Fit(format!("the joint fit has gains that no sensor has: {}", wrong.message))))
     }
 
-    /// Adds a possible cause to an error of the joint fit of several recordings: one recording may differ from the
-    /// others.
+    /// Adds a possible cause to an error of the joint fit of several recordings: one recording may differ from all
+    /// other recordings.
     fn of_contradiction(&self, error: Error) -> Error {
         match error {
             Error::Fit(words) if self.recordings.len() > 1 => Error::Fit(format!(
@@ -310,7 +311,8 @@ mod tests {
                 let sigma = ends.sigma_rad.to_degrees();
                 assert!((found.direction_error_deg[*k] - own).abs() < 0.1 * sigma, "move {k}: {own}");
             }
-            // A rest whose standard deviations are multiplied by a hundred has practically no influence on the fit.
+            // A rest whose standard deviations are multiplied by a hundred has practically no influence on the fit, as
+            // if it were omitted.
             let mut without = data.clone();
             for rest in without.rests.iter_mut().skip(fold).step_by(3) {
                 rest.rest.specific_force.variance_of_mean *= 1e4;

@@ -8,7 +8,8 @@ use crate::preintegration::integrate_rotation_linear;
 use crate::rests::moves::{Move, direction_error_rad};
 use crate::two_stage::accelerometer::AccelerometerFit;
 
-/// Prediction errors at rests and moves that the fit does not use (`folds` of [`Options`]).
+/// Prediction errors of a cross-validation (`folds` of [`Options`]). Each rest and each move is predicted by a fit that
+/// does not use it.
 #[derive(Clone, Debug)]
 pub struct CrossValidation {
     /// Angle between propagated and measured gravity, rms over all moves, deg. The angle of each move is computed with

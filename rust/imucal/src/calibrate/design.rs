@@ -14,16 +14,17 @@ use crate::parameters::{ACCELEROMETER, BASE};
 use crate::two_stage::observability::{LARGEST_SHIFT, MOVE_ERROR_RAD, Open, REST_ERROR_MPS2};
 
 /// Maximum number of Gauss-Newton steps from the nominal parameters to the least-squares values. After the second step,
-/// the distance from the least-squares values is at most as large as the error due to noise.
+/// the distance from the least-squares values is at most as large as the error due to noise, so the third step is a
+/// margin.
 const STEPS: usize = 3;
 /// Maximum change of a parameter in a Gauss-Newton step, as a fraction of the parameter's size (see [`sizes`]). If a
 /// step changes a parameter by more, the data are faulty, and the step is not applied.
 pub(super) const FAR_OFF: f64 = 0.3;
 
 /// The design matrix: the Jacobian of the residuals with respect to the parameters `OBSERVED`. The row of a residual is
-/// divided by the error that the model of a real unit typically has in this residual ([`REST_ERROR_MPS2`] or
-/// [`MOVE_ERROR_RAD`]). The column of a parameter is multiplied by a hundredth of the size of the parameter (`sizes`).
-/// The row of a prior is divided by the standard deviation of the prior.
+/// divided by the typical error of the sensor model for a real unit ([`REST_ERROR_MPS2`] or [`MOVE_ERROR_RAD`]). The
+/// column of a parameter is multiplied by a hundredth of the size of the parameter (`sizes`). The row of a prior is
+/// divided by the standard deviation of the prior.
 #[derive(Default)]
 pub(super) struct Design {
     /// Rows of the matrix, with one column for each entry of [`OBSERVED`]. First come the rows of the residuals, then
@@ -52,9 +53,9 @@ impl Design {
     }
 
     /// Returns the design matrix, and the parameters at which it is computed. Determined parameters have their
-    /// least-squares values, and all others their nominal values. Nominal values for all parameters would not be
-    /// suitable, because they differ from the true values by a few per cent. At nominal values, the unobservable
-    /// directions of the parameter space are therefore rotated by a few hundredths of a radian.
+    /// least-squares values, and all others their nominal values. The matrix at the nominal values of all parameters
+    /// would not be suitable: these values differ from the true values by a few per cent, and this error would rotate
+    /// the unobservable directions of the parameter space by a few hundredths of a radian.
     pub(super) fn near(
         prepared: &Prepared<'_>,
         terms: &Terms<'_>,

@@ -162,8 +162,8 @@ fn usual_size(outcome: &Outcome, p: usize) -> Option<f64> {
     }
 }
 
-/// Text that recommends the motion with which these parameters can be distinguished from each other and from all
-/// others.
+/// Text that recommends the motion with which these parameters can be distinguished from each other and from all other
+/// parameters.
 fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
     let free = outcome.frame.free_entries();
     const AXES: [&str; 3] = ["x", "y", "z"];

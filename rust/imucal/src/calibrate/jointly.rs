@@ -22,7 +22,7 @@ use crate::rests::unit_rest::ranges_of_rests;
 use crate::two_stage::accelerometer::AccelerometerFit;
 
 /// Maximum share of rests or moves that a search for effects excludes as outliers. If a larger share contradicts the
-/// others, the model is probably wrong, and the search uses all rests and moves.
+/// other rests or moves, the model is probably wrong, and the search uses all rests and moves.
 const OUTLIERS: f64 = 0.1;
 /// Maximum bias instability that counts as noise of the gyroscope, deg/h. The bias instability is estimated from the
 /// scatter of the mean rates at the rests. Consumer sensors have 5 to 60 deg/h. A larger estimate shows that the bias
@@ -120,8 +120,8 @@ impl UnitData<'_> {
         let rests = |selection: &Selection| selection.used.iter().filter(|used| **used).count() as f64;
         let (still, seemingly) =
             (self.everything(), self.all_where(|reason| reason.is_none_or(|reason| reason == NOT_STILL)));
-        // If many rests are excluded because of their mean rates, the gyroscope bias differs between the rests. These
-        // rests are then not slow rotations, and the search also uses them.
+        // A rest is excluded as a slow rotation if its mean rate differs from that of the other rests. If this affects
+        // many rests, the probable cause is a gyroscope bias that changes, so the search also uses these rests.
         let all = if rests(&still) < (1.0 - OUTLIERS) * rests(&seemingly) { seemingly } else { still };
         let (kept, most) = (rests(&selection), rests(&all));
         let few = kept < (1.0 - OUTLIERS) * most
@@ -181,8 +181,8 @@ impl UnitData<'_> {
         })
     }
 
-    /// For each move in `unseen`, which the fit did not use: the gravity directions at its ends, and its rotation, both
-    /// computed with the parameters of the fit.
+    /// For each move in `unseen` (moves that the fit did not use): the gravity directions at its ends, and its
+    /// rotation. Both are computed with the parameters of the fit.
     pub(super) fn predict(
         &self,
         fit: &JointFit,
@@ -271,8 +271,8 @@ impl UnitData<'_> {
     }
 
     /// Prepares the input of a joint fit and passes it to `work`. `kinds` states whether the fit also has residuals of
-    /// the forces during moves, and of the angles of encoders. `drifts` states whether sensors may drift during a rest.
-    /// `wander` describes how the biases vary between rests.
+    /// the specific force during moves, and of the encoder angles of a stand. `drifts` states whether sensors may drift
+    /// during a rest. `wander` describes how the biases vary between rests.
     pub(super) fn prepared_for<T>(
         &self,
         selection: &Selection,

@@ -75,8 +75,8 @@ pub struct Outcome {
     /// options, or estimated from the scatter of the mean rates at the rests. `None` if the weights assume constant
     /// biases.
     pub bias_instability_radps: Option<[f64; 3]>,
-    /// Standard deviation of the tremor about each axis for each recording, rad; `None` for a unit on a rigid support.
-    /// Only the joint fit estimates tremor.
+    /// For each recording, the standard deviation of the hand tremor about each axis, rad; `None` for a unit on a rigid
+    /// support. Only the joint fit estimates tremor.
     pub tremor_rad: Vec<Option<f64>>,
     /// Parameters with a prior (held parameters), with their estimates; empty if there are none.
     pub held: Vec<HeldEstimate>,

@@ -1,11 +1,12 @@
-//! Number of times that a calibration reads the samples of its moves.
+//! Test of how many times a calibration reads the samples of its moves.
 
 use super::*;
 use crate::preintegration::STEPS_TAKEN;
 use crate::simulate::{Program, RandomMoves, Unit, simulate};
 
-/// Number of times that a calibration integrates the samples of all moves. The first number is for the two-stage fit.
-/// The second number is for the joint fit, including the two-stage fit from which it starts.
+/// Calibrates a simulated run with the two-stage fit, and then with the joint fit. Returns how many times each
+/// calibration integrates the samples of all moves. The second number includes the two-stage fit from which the joint
+/// fit starts.
 fn passes(seed: u64) -> [f64; 2] {
     let program = Program::random(&RandomMoves::default(), seed).unwrap();
     let run = simulate(&program, &Unit::paper(), 100.0, 9.80665, seed).unwrap();

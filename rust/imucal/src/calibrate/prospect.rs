@@ -29,7 +29,7 @@ use crate::two_stage::observability::{
 };
 
 /// The unit counts as rotated between two rests if the gravity directions at the rests differ by more than this angle,
-/// rad.
+/// rad (20 deg).
 const TURNED_RAD: f64 = 0.35;
 /// Two gravity directions count as equal if the angle between them is below this limit, rad.
 const ALIKE_RAD: f64 = 0.05;
@@ -69,7 +69,7 @@ pub fn prospect(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<P
     Ok(data.prospect(scene, options)?.0)
 }
 
-/// The rests, moves and nominal sensors of the recordings, before any fit.
+/// The rests and moves of the recordings, and the nominal sensor models before any fit.
 struct Scene {
     /// Whether each rest is without known faults.
     used: Vec<bool>,
@@ -97,7 +97,8 @@ impl UnitData<'_> {
         self.prospect(self.scene(options)?, options)
     }
 
-    /// Predicts which parameters these recordings determine, from the rests, moves and nominal sensors of `scene`.
+    /// Predicts which parameters these recordings determine, from the rests, moves and nominal sensor models in
+    /// `scene`.
     fn prospect(&self, scene: Scene, options: &Options<'_>) -> Result<(Prospect, Model), Error> {
         let accelerometer = scene.accelerometer.unwrap_or_else(Triad::identity);
         let gyroscope = scene.gyroscope.unwrap_or_else(Triad::identity);
@@ -178,7 +179,7 @@ impl UnitData<'_> {
         Ok((Prospect { names, predicted_sigma, through_moves, missing }, Model::of(&near, &terms)?))
     }
 
-    /// The rests, moves and nominal sensors of these recordings.
+    /// The rests and moves of these recordings, and the nominal sensor models before any fit.
     fn scene(&self, options: &Options<'_>) -> Result<Scene, Error> {
         let used: Vec<bool> = self.excluded.iter().map(Option::is_none).collect();
         let (moves, unusable) = between(self.recordings, &self.rests, &used, &self.saturated);

@@ -35,7 +35,8 @@ pub(super) struct Gyroscope {
     /// For each move: the directions of gravity at its two ends, and the standard deviation of the move's residual.
     pub(super) ends: Vec<Ends>,
     /// For each move: the standard deviation of its residual, rad, without the noise of the mean forces at the adjacent
-    /// rests. This part is independent of all other moves, whereas consecutive moves have a rest in common.
+    /// rests. This part is independent of all other moves. The noise of the mean forces is not independent, because
+    /// consecutive moves have a rest in common.
     pub(super) random_walk_rad: Vec<f64>,
     /// Warnings about units and axes of the gyroscope.
     pub(super) findings: Vec<Finding>,
@@ -205,9 +206,9 @@ impl UnitData<'_> {
         let is_start = !accelerometer.is_determined;
         let mut fit = preintegrated.fit(&ends, &first, is_start);
         if matches!(fit, Err(Error::NotEnoughMotion(_))) && options.is_joint() && !is_start {
-            // If the rests hardly determine the accelerometer, its errors may make a few moves look like outliers, and
-            // the other moves do not determine the gyroscope. Therefore the fit is repeated with all moves. The joint
-            // fit tests all moves for outliers later.
+            // If the rests hardly determine the accelerometer, its errors may make a few moves look like outliers. If
+            // the remaining moves do not determine the gyroscope, the fit is repeated with all moves. The joint fit
+            // tests all moves for outliers later.
             fit = preintegrated.fit(&ends, &first, true);
         }
         let fit = fit.map_err(|error| self.with_all_that_is_missing(error, options))?;
@@ -269,9 +270,9 @@ mod tests {
     use crate::calibrate::{calibrate, prospect};
     use crate::simulate::{Program, Simulation, Step, Unit, simulate};
 
-    /// A box is rolled over its faces by turns of 90 deg. First, it makes four turns about each of two axes while
-    /// this axis is horizontal. A ninth turn makes the third axis horizontal, and four turns about the third axis
-    /// follow. Only the first `turns` of these 13 turns are simulated.
+    /// Simulates a box that is rolled over its faces by turns of 90 deg. First, it makes four turns about each of two
+    /// axes while this axis is horizontal. A ninth turn makes the third axis horizontal, and four turns about the third
+    /// axis follow. Only the first `turns` of these 13 turns are simulated.
     fn over_faces(turns: usize) -> Simulation {
         let turn = |motor: usize| std::array::from_fn(|k| if k == motor { FRAC_PI_2 } else { 0.0 });
         let motors = [0, 0, 0, 0, 1, 1, 1, 1, 1, 2, 2, 2, 2].into_iter().take(turns);

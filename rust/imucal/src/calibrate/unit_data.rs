@@ -1,4 +1,4 @@
-//! The checked recordings of one unit, with their rests, noise and tremor. All fits use them as input.
+//! The checked recordings of one unit, with their rests, sensor noise and hand tremor. All fits use them as input.
 
 use std::ops::Range;
 
@@ -190,7 +190,7 @@ impl<'a> UnitData<'a> {
         })
     }
 
-    /// Standard deviation of the tremor in each recording, rad; `None` if the unit is not hand-held.
+    /// Standard deviation of the hand tremor in each recording, rad; `None` if the unit is not hand-held.
     pub(super) fn tremor_rad(&self) -> Vec<Option<f64>> {
         self.hands.iter().map(|hand| hand.as_ref().map(Hand::tremor_rad)).collect()
     }
@@ -219,8 +219,8 @@ impl<'a> UnitData<'a> {
         &self.noise
     }
 
-    /// The data from which the gravity directions at the ends of moves are computed: recordings, rests, noise
-    /// densities and models of the tremor, with the given estimates of both sensors.
+    /// The data from which the gravity directions at the ends of moves are computed: recordings, rests, noise densities
+    /// and models of the hand tremor, with the given estimates of both sensors.
     pub(super) fn directions<'b>(&'b self, accelerometer: &'b Triad<f64>, gyroscope: &'b Triad<f64>) -> Directions<'b> {
         let Self { recordings, rests, noise, hands, .. } = self;
         Directions { recordings, rests, noise, hands, accelerometer, gyroscope }

@@ -2,8 +2,8 @@
 //!
 //! The field of a user-defined effect contains the derivatives of the sensor reading with respect to the parameters of
 //! the effect. It may depend on the corrected rate and force, and therefore on the calibration, which in turn is
-//! estimated with this field. The fit and the evaluation of the field are repeated alternately until the field no
-//! longer changes.
+//! estimated with this field. Therefore the fit and the evaluation of the field alternate until the field no longer
+//! changes.
 
 use imucal_core::effects::Sensor;
 
@@ -12,8 +12,8 @@ use crate::error::Error;
 use crate::numerics::lsq::Termination;
 use crate::verdict::RecordingSet;
 
-/// Maximum number of fits until the fields converge. From one fit to the next, the change of a field is multiplied by
-/// about the relative size of the effects, which is a few per cent.
+/// Maximum number of fits until the fields converge. Each further fit multiplies the change of a field by about the
+/// relative size of the effects, which is a few per cent.
 const MAX_FITS: usize = 20;
 /// A field has converged if the last repetition changed each of its values by at most this fraction of its largest
 /// value. The relative change of the parameters is then also about this fraction.

@@ -104,8 +104,8 @@ impl SignedPermutation {
         self.exchanged_with(1.0)
     }
 
-    /// Text that states, for each gyroscope axis that does not agree with the accelerometer axis of the same name,
-    /// which axis it follows, such as "gyro x follows accelerometer -y".
+    /// Text such as "gyro x follows accelerometer -y", for each gyroscope axis that does not agree with the
+    /// accelerometer axis of the same name.
     pub(super) fn mapping(&self) -> String {
         let parts: Vec<String> = (0..3)
             .filter(|&k| self.column_of[k] != k || self.sign_of[k] < 0.0)

@@ -6,8 +6,8 @@ use crate::finding::{Finding, Place};
 use crate::numerics::stats::median;
 use crate::recording::Recording;
 
-/// Minimum number of samples in a packet. Two samples with one stamp are not a packet, because they may be a row that
-/// was written twice.
+/// Minimum number of samples in a packet. Two samples with equal time stamps do not count as a packet, because the same
+/// row may have been written twice.
 const LEAST_SAMPLES: f64 = 3.0;
 /// A finding is reported only for at least this number of packets.
 const FEWEST_PACKETS: usize = 10;
@@ -81,7 +81,7 @@ mod tests {
     use super::super::example::Columns;
     use super::*;
 
-    /// Findings for the example recording, with the time stamp `stamp_s(i)` for sample i.
+    /// Findings for the synthetic recording [`Columns::tumbling`], with the time stamp `stamp_s(i)` for sample i.
     fn found(stamp_s: impl Fn(usize) -> f64) -> Vec<Finding> {
         let mut columns = Columns::tumbling();
         columns.time_s = (0..columns.time_s.len()).map(stamp_s).collect();
@@ -103,14 +103,14 @@ mod tests {
                 bursts.way_out
             );
         }
-        // If a timer reads the buffer, the number of samples that it finds varies by one.
+        // If a timer reads the buffer of the sensor, the number of samples in a packet varies by one.
         let short = found(|i| ((i + i / 160) / 16) as f64 * 0.16 + ((i + i / 160) % 16) as f64 * 1e-4);
         assert_eq!(short.iter().map(|f| f.code).collect::<Vec<_>>(), ["clock_irregular"]);
     }
 
     #[test]
     fn rounded_time_stamps_do_not_change_the_size_of_a_packet() {
-        // Every other packet has 9 samples, the others have 11. A pause of 2.5 s does not change the usual size.
+        // Packets of 9 samples and packets of 11 samples alternate. Pauses of 2.5 s do not change the typical size.
         let findings = found(|i| (i / 20) as f64 * 0.2 + if i % 20 < 9 { 0.0 } else { 0.1 } + (i / 1990) as f64 * 2.5);
         assert_eq!(findings[0].code, "clock_irregular", "{findings:?}");
         assert!(findings[0].message.contains("bursts of 10 samples"), "{}", findings[0].message);

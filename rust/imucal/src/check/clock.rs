@@ -75,7 +75,7 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     findings.extend(rate(recording, median_s));
 
     // 80 % of a normal distribution are within +-1.2816 standard deviations. The median absolute deviation is not used,
-    // because it is zero if most steps are equal, as they are if the samples of a packet have equal time stamps.
+    // because it is zero if most steps are equal, for example if all samples of a packet have equal time stamps.
     let spread = (high_s - low_s) / (2.0 * 1.2816) / median_s;
     // Gaps are searched for only if the relative spread of the time steps is at most the second limit of [`SPREAD`].
     // With a larger spread, the clock is so irregular that long time steps are no evidence of lost samples.
@@ -168,8 +168,8 @@ impl Steps {
         })
     }
 
-    /// Finding for time stamps that are those of packets instead of those of samples. The search for packets is skipped
-    /// if the longest time step is at most twice the shortest and no two different samples have equal stamps.
+    /// Finding for time stamps of packets instead of samples. The search for packets is skipped if the longest time
+    /// step is at most twice the shortest and no two different samples have equal stamps.
     fn bursts(&self, recording: &Recording) -> Option<Finding> {
         (self.equal.samples > 0 || self.longest_s > 2.0 * self.shortest_s).then(|| bursts::check(recording)).flatten()
     }

@@ -21,7 +21,8 @@ use crate::numerics::stats::quantile_of;
 use crate::recording::{Recording, Samples};
 
 /// Time stamps count as computed from the sample number if |time stamp x rate - sample number| is at most this value.
-/// The limit permits stamps that are rounded to multiples of a ninth of the time step.
+/// The limit permits stamps that are rounded to multiples of a ninth of the time step, because the rounding errors of
+/// two stamps then sum to at most 0.11 time steps.
 const EVEN: f64 = 0.12;
 /// A lost sample is recognised by the ratio `k` = (change `d_i` of the rate over one step) / (mean `m` of the two
 /// adjacent changes), which is then about 2. The ratio is used only if |m| / (noise standard deviation of `d_i - m`) is
@@ -42,7 +43,7 @@ const BETWEEN: [f64; 2] = [1.35, 1.65];
 /// small integers, and motion that is too fast for the sampling rate gives any ratio, on both sides of 1. A lost sample
 /// gives no ratio in this range.
 const OPPOSITE: [f64; 2] = [2.0 - LOST[1], 2.0 - LOST[0]];
-/// Number of samples that are read and examined together. So many samples fit into the processor's cache.
+/// Number of samples that are read and examined together. This number of samples fits into the processor's cache.
 const BLOCK: usize = 4096;
 /// A finding is reported only for at least this number of lost samples.
 const FEWEST: usize = 5;
@@ -162,7 +163,7 @@ fn change_over_neighbours([a, b, c, d]: [Vector3<f64>; 4], noise: f64) -> Option
 
 /// Noise of `d_i - m` (a change of the rate minus the mean of the adjacent changes): the standard deviation of one
 /// axis, raw units. The three axes are assumed to have equal noise. It is computed from the median of |d_i - m|,
-/// because most changes are smooth, and the median ignores the others.
+/// because most changes are smooth, and the few others hardly affect the median.
 fn noise_of_changes(rate: Samples<'_>) -> Option<f64> {
     /// Median length of a vector with three independent standard normal components.
     const MEDIAN_LENGTH: f64 = 1.538_172;
@@ -199,8 +200,8 @@ mod tests {
         assert!(found(&columns).is_none());
     }
 
-    /// The samples of the example recording with the indices `kept`. If `made_anew` is true, new time stamps are
-    /// computed from the sample number. Otherwise, the samples keep their time stamps.
+    /// The samples of the synthetic recording [`Columns::tumbling`] with the indices `kept`. If `made_anew` is true,
+    /// new time stamps are computed from the sample number. Otherwise, the samples keep their time stamps.
     fn rows(kept: impl Iterator<Item = usize>, made_anew: bool) -> Columns {
         let all = Columns::tumbling();
         let mut columns = Columns { time_s: Vec::new(), force: Vec::new(), rate: Vec::new() };

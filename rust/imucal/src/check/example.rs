@@ -10,8 +10,8 @@ pub(super) struct Columns {
 }
 
 impl Columns {
-    /// 40 s at 100 Hz; rests of 1 s and moves of 1 s alternate. The peak rate is 3 rad/s; the noise is 0.02 m/s^2 and
-    /// 0.003 rad/s.
+    /// Simulates 40 s at 100 Hz, in which rests of 1 s and moves of 1 s alternate. The rate of an axis is at most 3
+    /// rad/s. The standard deviations of noise are 0.02 m/s^2 and 0.003 rad/s.
     pub(super) fn tumbling() -> Self {
         let mut state = 1u64;
         let mut noise = move || {

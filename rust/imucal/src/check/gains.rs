@@ -20,9 +20,9 @@ const GAIN: [f64; 2] = [0.75, 1.25];
 /// the ratio of the limits of [`GAIN`].
 const MOST_APART: f64 = GAIN[1] / GAIN[0];
 
-/// A gain that all axes of a gyroscope have in common is reported if |gain - 1| is above this value. The error of a
-/// quartz clock is far smaller. The error of a sensor's internal oscillator, or of a guessed sampling rate, can be
-/// larger.
+/// A gain that all axes of a gyroscope have in common is reported if |gain - 1| is above this value. A wrong clock rate
+/// causes such a gain. The error of a quartz clock is far smaller than this limit. The error of a sensor's internal
+/// oscillator, or of a guessed sampling rate, can be larger.
 const COMMON_GAIN: f64 = 0.01;
 
 /// The axes have a common gain if |gain of the axis - mean gain| <= COMMON_SHARE x |mean gain - 1| for each axis. The

@@ -30,7 +30,8 @@ pub(super) struct Gaps {
 /// `median_s` is the median time step, s.
 pub(super) fn find(recording: &Recording, median_s: f64, longest_usual_s: f64) -> Gaps {
     let steps_s = || recording.time_s.windows(2).map(|pair| pair[1] - pair[0]);
-    // The usual step is the mean of the steps near the median. With a coarse clock, this mean differs from the median.
+    // The usual step is the mean of the steps near the median. With a coarse clock, the median is a multiple of the
+    // clock's resolution, so the mean is more accurate.
     let usual = |step_s: &f64| *step_s >= 0.5 * median_s && *step_s <= longest_usual_s;
     let (count, sum_s) = steps_s().filter(usual).fold((0.0, 0.0), |(n, sum), step_s| (n + 1.0, sum + step_s));
     let usual_s = sum_s / count;

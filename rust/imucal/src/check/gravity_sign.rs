@@ -19,8 +19,8 @@ use crate::simulate::gimbal::rotation_world_from_body;
 
 /// The stand counts as being in its zero position if the magnitude of each motor angle is at most this limit, rad.
 const STAND_ZERO_RAD: f64 = 0.02;
-/// The unit counts as reading -g on z if the z component of the measured unit up vector is below minus this value. The
-/// value is the cosine of 20 deg.
+/// The unit counts as reading -g on z if the z component of the measured up direction (a unit vector) is below minus
+/// this value. The value is the cosine of 20 deg.
 const NEARLY_UPRIGHT: f64 = 0.94;
 /// There are two hypotheses for a reading of -g on z: the z axis points down, or the accelerometer has the reversed
 /// sign of gravity. Each hypothesis predicts the up direction at each rest from the motor angles. It is accepted only
@@ -155,16 +155,16 @@ mod tests {
     use super::*;
     use crate::finding::Severity;
 
-    /// Finding for the example recording with its accelerometer axes multiplied by `accel`. `stand` contains motor
-    /// angles that agree with the true up direction.
+    /// Finding for the synthetic recording [`Columns::tumbling`] with its accelerometer axes multiplied by `accel`.
+    /// `stand` contains motor angles that agree with the true up direction.
     fn found(accel: [f64; 3], stand: Option<&[[f64; 3]]>) -> Option<Finding> {
         let mut columns = Columns::tumbling();
         columns.force.iter_mut().for_each(|row| *row = [0, 1, 2].map(|k| accel[k] * row[k]));
         check(&Recording { stand_rad: stand, ..columns.recording() }, &Columns::rests())
     }
 
-    /// Motor angles, rad, at which the true up direction is the one that the accelerometer of the example recording
-    /// measures. Motor 2 sets the tilt, and motor 3 the heading.
+    /// Motor angles, rad, at which the true up direction is the one that the accelerometer measures in the synthetic
+    /// recording [`Columns::tumbling`]. Motor 2 sets the tilt, and motor 3 the heading.
     fn motors() -> Vec<[f64; 3]> {
         let columns = Columns::tumbling();
         let up = |i: usize| Vector3::from(columns.force[i]).normalize();

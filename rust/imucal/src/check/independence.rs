@@ -17,7 +17,8 @@ use super::noise_tape::{Tape, is_same_rate};
 use crate::finding::Finding;
 
 /// Two recordings contain the same noise if (correlation of their noise) / (standard deviation of this correlation for
-/// independent noise) is at least this value.
+/// independent noise) is at least this value. It is between the values of independent recordings (up to 10) and of
+/// altered copies (from 20).
 const COPY_SIGMAS: f32 = 14.0;
 /// Two recordings count as copies only if (largest correlation) / (largest correlation at distant lags) is at least
 /// this value. Periodic vibration in two independent recordings gives large correlations at many lags, so it does not
@@ -28,7 +29,7 @@ const UNIQUE: f32 = 2.0;
 /// recordings with coinciding pulses, and at least 9 for altered copies.
 const WITHOUT_PULSES_SIGMAS: f32 = 5.0;
 /// Number of templates of a recording, one in each third. A template is an excerpt that is searched for in the other
-/// recordings. If another recording contains at least half of this recording, it contains at least one of the
+/// recordings. If another recording contains at least half of this recording, it usually contains at least one of the
 /// templates.
 const TEMPLATES: usize = 3;
 
@@ -224,8 +225,8 @@ mod tests {
         found.iter().map(|copy| copy.sigmas).max_by(f32::total_cmp)
     }
 
-    /// Two runs of the same motor program on one stand differ only in their noise. The benchmark benches/copies.py
-    /// gives the same result for hundreds of seeds.
+    /// Two simulated runs of the same motor program on one stand differ only in their noise, so they must count as
+    /// independent. The benchmark benches/copies.py confirms this for hundreds of seeds.
     #[test]
     fn runs_of_one_program_are_independent() {
         let program = program(3);

@@ -24,15 +24,17 @@ const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
 /// between this factor and the unit's conversion factor is below this value. An example of a conversion factor is 57.3
 /// for deg/s read as rad/s.
 const KNOWN: f64 = 0.25;
-/// The true P is nearly a rotation times a scale. If (smallest singular value of P) / (largest singular value of P) is
-/// below this value, the motion did not determine P, and no finding is reported.
+/// The true P is nearly a rotation times a scale, so its singular values are nearly equal. If (smallest singular value
+/// of P) / (largest singular value of P) is below this value, the motion did not determine P, and no finding is
+/// reported.
 const WELL_DETERMINED: f64 = 0.1;
-/// If the rates explain less than this share of the changes of the gravity direction, P says nothing about units and
+/// If the rates explain less than this share of the changes of the gravity direction, P is not used to check units and
 /// axes. The share is usually 0.998 on a stand and 0.8 in hand-held moves. It is 0.5 if the rates are 0.6 s late and a
 /// move takes one second.
 const LEAST_EXPLAINED: f64 = 0.6;
 /// If the rates explain less than this share, the gyroscope may belong to another device or recording, and the
-/// calibration is refused. A gyroscope that is 0.8 s late in moves of one second is not refused: its share is 0.12.
+/// calibration is refused. A gyroscope that is 0.8 s late in moves of one second is not refused, because its share is
+/// 0.12.
 const UNRELATED: f64 = 0.1;
 /// A finding names a signed permutation only if the correlation of P with it is at least this value (1: P equals the
 /// permutation; 0.97: P is rotated from it by 18 deg).
@@ -70,8 +72,9 @@ pub fn check_kinematics(recording: &Recording, rate_from_raw: &Matrix3<f64>, exp
     findings
 }
 
-/// Finding that the sensors did not move together. It is a warning if the rates explain part of the motion, because a
-/// late gyroscope still measures the whole rotation between two rests that are longer than its delay.
+/// Finding that the sensors did not move together. It is only a warning if the rates explain part of the motion. The
+/// gyroscope may then only be late, and a late gyroscope still measures the whole rotation between two rests that are
+/// longer than its delay.
 fn not_together(recording: &Recording, explained: f64) -> Finding {
     let is_unrelated = explained < UNRELATED;
     let kind = if is_unrelated { Finding::error } else { Finding::warning };
@@ -184,7 +187,7 @@ mod tests {
     use super::*;
     use crate::finding::Severity;
 
-    /// P of a sensor with typical scale and misalignment errors.
+    /// The matrix `p`, changed by typical scale and misalignment errors of a sensor.
     fn near(p: Matrix3<f64>) -> Matrix3<f64> {
         p * Matrix3::new(0.98, 0.05, -0.06, -0.04, 1.03, 0.02, 0.03, -0.05, 1.0)
     }
@@ -256,9 +259,9 @@ mod tests {
         assert!(judge(near(-Matrix3::identity()))[0].way_out.contains("axes='gyro=-x,-y,-z'"));
     }
 
-    /// Fits P in u' = u x P w, which is linear in the nine entries of P. u is the gravity direction that the
-    /// accelerometer reports, and w the rate that the gyroscope reports. `accel` and `gyro` are the matrices that
-    /// convert true to reported values.
+    /// Simulates directions and rates, and fits P in u' = u x P w, which is linear in the nine entries of P. u is the
+    /// gravity direction that the accelerometer reports, and w the rate that the gyroscope reports. `accel` and `gyro`
+    /// are the matrices that convert true to reported values.
     fn fitted(accel: &Matrix3<f64>, gyro: &Matrix3<f64>) -> Matrix3<f64> {
         let (mut normal, mut right) = (SMatrix::<f64, 9, 9>::zeros(), SMatrix::<f64, 9, 1>::zeros());
         for i in 0..50 {

@@ -2,7 +2,7 @@
 //! The searched recordings are concatenated, and such a concatenation is called a tape (see `noise_tape`).
 //!
 //! The signals of the part and of the searched recording (second differences of the axes, see `noise_tape`) are
-//! whitened: their spectra are divided by the magnitudes, so that all frequencies have equal weight (phase transform:
+//! whitened: each spectrum is divided by its magnitude, so that all frequencies have equal weight (phase transform:
 //! Knapp and Carter, The generalized correlation method for estimation of time delay, 1976). A strong periodic
 //! vibration in two independent recordings contains only a few frequencies, so it contributes little to the
 //! correlation. The correlation at a lag is a sum over m frequencies (positive and negative) and n signals. For
@@ -166,8 +166,8 @@ impl Transform {
     /// Two independent recordings with short pulses (knocks or wrong samples) are correlated at a lag at which pulses
     /// coincide. Only the parts with the pulses contribute to this correlation, so the result is nearly zero for one
     /// pulse. Two pulses coincide at one lag if the time between them is the same in both recordings, which is frequent
-    /// if one sample in a thousand is wrong. If they cover more than [`PULSE_PARTS`] parts, a part of the correlation
-    /// remains. In a copy, the noise in all parts contributes.
+    /// if one sample in a thousand is wrong. If the coinciding pulses cover more than [`PULSE_PARTS`] parts, a part of
+    /// the correlation remains. In a copy, the noise in all parts contributes.
     pub(super) fn sigmas_without_pulses(&mut self, tape: &Tape, template: &Template, kind: usize, peak: &Peak) -> f32 {
         let from_start = (peak.at + TEMPLATE as isize).max(0) as usize;
         let (first, shift) = (from_start / LAGS * LAGS, from_start % LAGS);

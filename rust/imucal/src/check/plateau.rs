@@ -12,10 +12,11 @@ const EDGE_STEPS: f64 = 3.0;
 /// During the plateau, another axis of the triad must change by at least this number of its converter steps. This
 /// condition excludes rests without noise.
 const SIBLING_STEPS: f64 = 2.0;
-/// Minimum change of the channel, in steps of the converter, from the plateau to the samples one plateau length before
-/// its start and after its end. This limit detects a clipped channel that changes slowly next to the plateau, which
-/// [`EDGE_STEPS`] misses at high sampling rates and with coarse steps. A rounded peak stays below the limit: if the n
-/// samples at the top of a parabola are within one step, the samples n farther out are only nine steps below the top.
+/// Minimum change of the channel, in steps of the converter, from the plateau to two samples: the sample one plateau
+/// length before its start, and the sample one plateau length after its end. This limit detects a clipped channel that
+/// changes slowly next to the plateau, which [`EDGE_STEPS`] misses at high sampling rates and with coarse steps. A
+/// rounded peak stays below the limit: if the n samples at the top of a parabola are within one step, the samples n
+/// farther out are only nine steps below the top.
 const FAR_STEPS: f64 = 12.0;
 /// For a plateau that [`FAR_STEPS`] detects, another axis must change during the plateau by more than this share of the
 /// range that it has in the whole recording.
@@ -158,8 +159,8 @@ mod tests {
             lengths.iter().for_each(|len| kind.add(*len));
             kind
         };
-        // With noise of four steps, one in fourteen pairs of consecutive samples is equal. With values that are not
-        // quantised, no pair is equal.
+        // With noise of four converter steps (standard deviation), one in fourteen pairs of consecutive samples is
+        // equal. With values that are not quantised, no pair is equal.
         for (lengths, equal, is_chance) in [
             (&[3][..], 0.07, true),
             (&[3, 3], 0.07, true),

@@ -317,7 +317,7 @@ mod tests {
 
     #[test]
     fn sensors_on_the_market_are_plausible() {
-        // One-sided densities from datasheets of consumer to navigation grade sensors, ug/sqrt(Hz) and deg/s/sqrt(Hz).
+        // Datasheet densities (one-sided), ug/sqrt(Hz) and deg/s/sqrt(Hz). The factor `share` makes them two-sided.
         for (accel_ug, gyro_dps) in [(400.0, 0.005), (70.0, 0.0028), (126.0, 0.025), (4300.0, 0.1), (0.1, 2e-5)] {
             let share = 0.5_f64.sqrt();
             let accel = accel_ug * 1e-6 * STANDARD_GRAVITY_MPS2 * share;

@@ -56,8 +56,9 @@ pub(crate) fn repeated_share(recording: &Recording<'_>) -> f64 {
 pub(super) struct Repeats {
     /// Counter of the rows that repeat all values of the previous row.
     doubled: Tally,
-    /// Number of rows that repeat at most one value of the previous row, and for which the same is true of the last
-    /// earlier row that is not in a sequence of repeated rows. Repeated rows between two such rows are counted.
+    /// Number of rows that pass two tests. First, the row repeats at most one value of the previous row. Second, the
+    /// last row before it that is not in a sequence of repeated rows also repeats at most one value. Repeated rows
+    /// between these two rows are counted.
     changing: usize,
     /// Number of rows that repeat all but one value of the previous row.
     near: usize,
@@ -180,7 +181,7 @@ mod tests {
     }
 
     /// At rest, coarse values repeat also without a fault, so the rows at rest are not counted. The stated share must
-    /// nevertheless be that of the repeated rows.
+    /// nevertheless equal the share of repeated rows in the whole recording.
     #[test]
     fn the_share_of_held_samples_is_right_with_coarse_values_at_rest() {
         for held in [2, 3, 4] {

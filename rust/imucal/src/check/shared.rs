@@ -1,5 +1,5 @@
-//! Check for samples that occur in two recordings. They would reduce the standard deviations without adding
-//! information.
+//! Check for samples that occur in two recordings. Such samples would be used twice, which would reduce the standard
+//! deviations without adding information.
 
 use std::collections::HashMap;
 

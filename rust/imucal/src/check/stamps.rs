@@ -26,8 +26,8 @@ const FEWEST_BLOCKS: usize = 8;
 /// deviations, which are estimated from the median absolute deviation.
 const SIGNIFICANT: f64 = 5.0;
 /// A shift of the delays is a pause only if it exceeds this number of mean time steps. Smaller shifts occur without a
-/// pause if the sampling interval is not a multiple of the clock's resolution: some packets then have one sample less
-/// than the others.
+/// pause if the sampling interval is not a multiple of the clock's resolution, because some packets then have one
+/// sample less than the others.
 const LEAST_STEPS: f64 = 1.5;
 
 /// Text that recommends to record the sampling instants, or to replace the time stamps by the mean rate.
@@ -35,8 +35,8 @@ pub(crate) fn from_sensor(recording: &Recording) -> String {
     format!("take the time stamp from the sensor's own clock, not on arrival; or, {}", even(recording))
 }
 
-/// Text that recommends to replace the time stamps by the mean rate, if the sensor samples at equal intervals and the
-/// time stamps determine this rate, otherwise by the rate to which the sensor is set.
+/// Text that recommends to replace the time stamps by a sampling rate, if the sensor samples at equal intervals. It is
+/// the mean rate if the time stamps determine it, otherwise the rate to which the sensor is set.
 pub(super) fn even(recording: &Recording) -> String {
     let blocks = Blocks::try_new(recording);
     let rate_hz = blocks.as_ref().and_then(|blocks| blocks.rate_hz(recording));
@@ -90,7 +90,8 @@ impl Blocks {
         let centre = self.earliest.iter().sum::<usize>() as f64 / self.earliest.len() as f64;
         let (mut product, mut square, mut shift_s) = (0.0, 0.0, 0.0);
         for (&i, own_s) in self.earliest.iter().zip(std::iter::once(&0.0).chain(&self.shifts_s)) {
-            // A computer that is busy for several blocks shifts the delays up and back again, which is no pause.
+            // A computer that is busy for several blocks increases the delays and later decreases them again. These
+            // shifts are no pause and cancel in the sum.
             shift_s += own_s;
             let from_centre = i as f64 - centre;
             product += from_centre * (recording.time_s[i] - start_s - shift_s);
@@ -122,8 +123,8 @@ impl Blocks {
     }
 }
 
-/// Typical time step between two packets, s. It is the median time step if each time step is weighted by its length, so
-/// half of the duration is in longer time steps. Without packets, it is a usual time step.
+/// Typical time step between two packets, s. It is the median of the time steps, each weighted by its length, so longer
+/// time steps make up half of the duration. Without packets, it is a usual time step.
 fn usual_long_step_s(time_s: &[f64]) -> f64 {
     let mut steps_s: Vec<f64> =
         time_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| *step_s > 0.0).collect();
@@ -143,15 +144,15 @@ mod tests {
 
     const PAUSES_AT: [usize; 3] = [2850, 6900, 10050];
 
-    /// Recommendation for 13000 samples with the time stamps `stamp_s(i)`.
+    /// Recommendation for 13000 simulated samples with the time stamps `stamp_s(i)`.
     fn advice(stamp_s: impl Fn(usize) -> f64) -> String {
         let time_s: Vec<f64> = (0..13_000).map(stamp_s).collect();
         let rows = vec![[0.0; 3]; time_s.len()];
         even(&Recording::try_new("t", &time_s, &rows, &rows).unwrap())
     }
 
-    /// Time stamps of a sensor at 100 Hz, by their kind: rounded to 0.1 s, packets of 16 samples, jitter of 5 ms, late
-    /// stamps, and packets that arrive up to 60 ms late.
+    /// Five kinds of simulated time stamps of a sensor at 100 Hz: rounded to 0.1 s, packets of 16 samples, jitter of 5
+    /// ms, late stamps, and packets that arrive up to 60 ms late.
     fn kinds() -> [fn(usize) -> f64; 5] {
         fn jitter(i: usize) -> f64 {
             (i as f64 * 12.9898).sin() * 43758.5453 % 1.0

@@ -35,8 +35,8 @@ pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
             let siblings = [(axis + 1) % 3, (axis + 2) % 3];
             let triad_is_dead = siblings.iter().all(|&k| range(meanwhile, k) == 0.0)
                 && (0..3).any(|k| moves_widely(other.slice(first..last + 1), k));
-            // If the axis shows no noise before and after the constant interval either, its noise is below a step of
-            // the converter, and it is not certain that the axis is stuck.
+            // If the axis has no noise outside the constant interval either, its noise is below a step of the
+            // converter. It is then not certain that the axis is stuck.
             let [before, after] = [rows.slice(0..first), rows.slice(last + 1..rows.len())];
             let steps = !(before.is_empty() && after.is_empty()) && [before, after].iter().all(|r| !is_noisy(*r, axis));
             let siblings_are_noisy = !steps && siblings.iter().any(|&k| moves(meanwhile, k) && is_noisy(meanwhile, k));

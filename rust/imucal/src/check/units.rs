@@ -24,8 +24,8 @@ const LARGEST_BIAS_RADPS: f64 = 1.0;
 /// Within a rest, the mean rate counts as a bias if (standard deviation of the rate) / (norm of the mean rate) is below
 /// this limit. If the unit is moved to and fro, the ratio is above the limit.
 const STEADY: f64 = 0.3;
-/// A triad may be measuring gravity if the lower and the upper quartile of its norm are within these multiples of the
-/// median norm. The norm of angular rates varies far more, because a recording contains rests and moves.
+/// A sensor may measure gravity if the lower and the upper quartile of the norm of its readings are within these
+/// multiples of the median norm. The norm of angular rates varies far more, because recordings contain rests and moves.
 const STEADY_NORM: [f64; 2] = [0.85, 1.15];
 /// Usual units of accelerometer columns: the name, the size in m/s^2, and the recommendation if a file in this unit was
 /// read in another unit. Columns without a known unit were read as m/s^2.
@@ -35,12 +35,12 @@ const ACCEL_UNITS: [(&str, f64, &str); 4] = [
     ("mg", STANDARD_GRAVITY_MPS2 / 1000.0, "mg: name the columns accel_x_mg, accel_y_mg, accel_z_mg"),
     ("cmps2", 0.01, "cm/s^2: name the columns accel_x_cmps2, accel_y_cmps2, accel_z_cmps2"),
 ];
-/// Rare units, which columns may have but which are not recommended: the name and the size in m/s^2.
+/// Rare units of accelerometer columns, which are never recommended: the name and the size in m/s^2.
 const RARE_ACCEL_UNITS: [(&str, f64); 3] = [("mmps2", 1e-3), ("ftps2", 0.3048), ("ug", STANDARD_GRAVITY_MPS2 / 1e6)];
 /// Usual units of gyroscope columns, largest first: the name, the size in rad/s, and the name in messages.
 const GYRO_UNITS: [(&str, f64, &str); 3] =
     [("radps", 1.0, "rad/s"), ("dps", DEGREE, "deg/s"), ("mdps", DEGREE / 1000.0, "mdeg/s")];
-/// Rare units, which columns may have but which are not recommended.
+/// Rare units of gyroscope columns, which are never recommended: the name, the size in rad/s, and the name in messages.
 const RARE_GYRO_UNITS: [(&str, f64, &str); 5] = [
     ("mradps", 1e-3, "mrad/s"),
     ("dpmin", DEGREE / 60.0, "deg/min"),
@@ -51,6 +51,7 @@ const RARE_GYRO_UNITS: [(&str, f64, &str); 5] = [
 /// One degree, rad.
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 /// Median norm |f| of the specific force, in the unit of the columns, above which the numbers can only be raw counts.
+/// In usual units, the largest number for 1 g is 1000 (mg).
 const COUNTS: f64 = 1500.0;
 /// Median norm |f| of the specific force, m/s^2. A smaller median shows that gravity was removed from the readings.
 const WITHOUT_GRAVITY_MPS2: f64 = 0.5;
@@ -110,8 +111,7 @@ impl Lengths {
     }
 }
 
-/// Checks that need rests: the units, from the norm of the specific force and the angular rate at rest, and the sign of
-/// gravity.
+/// Checks that need rests: the units (from specific force and angular rate at rest), and the sign of gravity.
 ///
 /// `rests` are ranges of sample indices; ranges outside the recording are ignored. Codes: `accel_units`, `gyro_units`,
 /// `gravity_sign`. Findings of [`super::check_columns`] are not repeated.

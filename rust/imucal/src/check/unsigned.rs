@@ -20,10 +20,10 @@ const BITS: std::ops::RangeInclusive<u32> = 8..=32;
 const END: f64 = 0.125;
 /// A finding is reported only for at least this number of jumps. Fewer jumps may be single wrong samples.
 const FEWEST_JUMPS: u64 = 3;
-/// A finding is reported only if the unsigned counts have at least this many times as many jumps as the same counts
-/// read as signed numbers.
+/// A finding is reported only if (jumps of the counts read as unsigned numbers) / (jumps of the same counts read as
+/// signed numbers) is at least this value.
 const LEFT: u64 = 10;
-/// Number of samples that are processed together. So many samples fit into the processor's cache.
+/// Number of samples that are processed together. This number of samples fits into the processor's cache.
 const PART: usize = 256;
 
 /// Runs only the check for the finding `counts_unsigned`. No other check is needed for data that are corrected but not
@@ -130,8 +130,8 @@ mod tests {
     use super::super::example::Columns;
     use super::*;
 
-    /// The example recording with unsigned gyroscope counts. The count `zero` corresponds to zero rate, and the counts
-    /// wrap around after `numbers` values.
+    /// The synthetic recording [`Columns::tumbling`] with unsigned gyroscope counts. The count `zero` corresponds to
+    /// zero rate, and the counts wrap around after `numbers` values.
     fn unsigned(zero: f64, numbers: f64) -> Columns {
         let mut columns = Columns::tumbling();
         let scale = numbers / 8.0;

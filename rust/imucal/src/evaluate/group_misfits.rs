@@ -189,8 +189,9 @@ fn with_scale(triad: &Triad<f64>, axis: usize) -> Option<Triad<f64>> {
 /// few disturbed rests or moves are excluded, for example rests that were detected in a slow part of a move.
 fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     let chi2: Vec<f64> = z.chunks_exact(size).map(|own| own.iter().map(|z| z * z).sum()).collect();
-    // For noise, the median of chi2 is 0.455 with one residual and 1.386 with two. Dividing the values of chi2 by
-    // `scale` ensures that no rest or move is excluded if all of them scatter equally.
+    // For noise, the median of chi2 is 0.455 with one residual and 1.386 with two. `scale` is the ratio of the measured
+    // median to this value. If all rests or moves scatter equally, but more than noise, dividing chi2 by `scale`
+    // prevents their exclusion.
     let expected = if size == 1 { 0.455 } else { 1.386 };
     let scale = (median(&mut chi2.clone()) / expected).max(1.0);
     let mut order: Vec<usize> = (0..chi2.len()).collect();
@@ -204,8 +205,8 @@ fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
 /// Relative error of the scale of one axis that control recordings must be able to show. It is larger than the scale
 /// errors of most uncalibrated sensors. A single move about the axis is sufficient to show so large an error.
 const TESTED_SCALE: f64 = 0.05;
-/// A change of the residuals is visible if the norm of the changes, each divided by the standard deviation of the
-/// residual, is larger than this value.
+/// A change of the residuals is visible if the norm of the changes is larger than this value. Each change is divided by
+/// the standard deviation of its residual due to noise.
 const VISIBLE: f64 = 5.0;
 /// If the p-value of the residuals is above this limit, noise explains them. Otherwise, the uncertainty of the
 /// calibration is also taken into account.

@@ -8,8 +8,8 @@ use crate::recording::Recording;
 use crate::verdict::{GroupMisfit, POOR_CHI2_PER_DOF, Reason, RecordingSet, UncorrectedSamples};
 
 /// A gyroscope is judged only if noise causes at most this standard deviation of the gravity direction after a move,
-/// deg. With a larger value, noise would hide relevant errors of scale and alignment. With consumer sensors, it is
-/// about 0.1 deg.
+/// deg. With a larger value, noise would hide relevant errors of scale and alignment. With consumer sensors, this
+/// standard deviation is about 0.1 deg.
 const MAX_DIRECTION_SIGMA_DEG: f64 = 5.0;
 /// Largest plausible rate, deg/s. A calibration that gives higher corrected rates must have wrong units. The limit is
 /// the range of the fastest MEMS gyroscopes on the market (ADXRS649).
@@ -42,8 +42,8 @@ impl Figures {
 
     /// As [`Self::reason`], for control recordings. The verdict is `incomplete` instead of `poor` under three
     /// conditions. First, the residuals are large compared with noise alone, even without outliers
-    /// (`kept_chi2_per_dof`). Second, noise and the uncertainty of the calibration together explain them (`groups`).
-    /// Third, the rms direction error is at most [`MAX_DIRECTION_SIGMA_DEG`].
+    /// (`kept_chi2_per_dof`). Second, noise and the uncertainty of the calibration together explain the residuals
+    /// (`groups`). Third, the rms direction error is at most [`MAX_DIRECTION_SIGMA_DEG`].
     pub(super) fn reason_beside(
         &self,
         kept_chi2_per_dof: f64,

@@ -18,8 +18,8 @@ use crate::verdict::{GroupMisfit, ResidualGroup};
 /// count as worse.
 const SAME: f64 = 0.005;
 /// The prediction of unseen data counts as worse if chi2 per degree of freedom increases by more than this fraction. A
-/// smaller increase counts only if it is significant (see [`SIGNIFICANT`]). The fraction is larger if the unseen data
-/// contain so few rests and moves that noise can cause such an increase.
+/// smaller increase counts only if it is significant (see [`SIGNIFICANT`]). If the unseen data contain few rests and
+/// moves, noise can cause a larger increase, and the threshold is raised accordingly.
 const MAY_BE_CHANCE: f64 = 0.1;
 /// An effect with a log Bayes factor below this number of nats is accepted only if it improves the prediction of unseen
 /// data. 8 nats are odds of 3000 to 1.
@@ -83,8 +83,9 @@ pub enum Refusal {
         /// Error message of the fit.
         error: String,
     },
-    /// Unseen data are predicted worse with the effect than without it. Or the effect does not improve the prediction
-    /// although it must, because its evidence is small or it is a function of time.
+    /// Unseen data are predicted worse with the effect than without it. The variant is also used if the effect does not
+    /// improve the prediction although an improvement is required. It is required of effects with little evidence and
+    /// of effects that are functions of time.
     PredictsWorse {
         /// Name of the effect.
         name: String,
@@ -100,13 +101,14 @@ pub enum Refusal {
         /// p-value of the effect's parameters under the hypothesis that they are zero.
         p_value: f64,
     },
-    /// The effect `gyro_time_offset` is not accepted, because a filter of the gyroscope also smooths its output.
+    /// The effect `gyro_time_offset` (delay of the gyroscope) is not accepted, because a filter not only delays but
+    /// also smooths the output of the gyroscope.
     NotOnlyDelayed {
         /// Name of the effect.
         name: String,
-        /// Mean delay of the filter, s, with the impulse response of the filter as weight.
+        /// Mean delay of the filter, weighted by the impulse response of the filter, s.
         tau_s: f64,
-        /// Half of the variance of the delay, s^2, with the impulse response of the filter as weight; zero for a pure
+        /// Half of the variance of the delay, weighted by the impulse response of the filter, s^2; zero for a pure
         /// delay.
         k_s2: f64,
         /// Standard deviation of `k_s2`, s^2.
@@ -136,10 +138,10 @@ pub struct EffectShare {
     /// Name of the effect.
     pub name: String,
     /// Share of the excess chi2 that this effect removes: decrease / excess, for each kind of unseen residual. The
-    /// excess is chi2 without effects minus its expected value from noise. The decrease is the change of chi2 when this
-    /// effect is added to the effects accepted before it. The kinds are norms at rest, gravity directions after moves,
-    /// and mean rates at rest. `None` if chi2 of the kind without effects is below 1.5 times its expected value, or if
-    /// the kind is not evaluated.
+    /// excess is chi2 without effects minus its expected value from noise. The decrease of chi2 is that caused by
+    /// adding this effect to the effects accepted before it. The three kinds are norms of the specific force at rest,
+    /// gravity directions after moves, and mean angular rates at rest. `None` if chi2 of the kind without effects is
+    /// below 1.5 times its expected value, or if the kind is not evaluated.
     pub closed: [Option<f64>; 3],
 }
 
@@ -195,9 +197,9 @@ impl Fits<'_> {
             };
             let removed = fit.removed(&accepted.fit);
             let is_confirmed = match OF_TIME.contains(&name.as_str()) {
-                // In one recording, a random walk of the bias may resemble a function of time with any amount of
-                // evidence. In unseen data, the walk takes another course, and the function of time does not improve
-                // the prediction.
+                // A random walk of the bias in one recording may resemble a function of time, however large the
+                // evidence for this function is. In unseen data, the random walk takes another course, so the function
+                // of time does not improve the prediction.
                 true => removed.significance_of_all > LEAST_IMPROVEMENT,
                 false => !must_improve(name) || removed.significance > LEAST_IMPROVEMENT,
             };
@@ -222,8 +224,8 @@ impl Fits<'_> {
         self.without_smoothing(accepted)
     }
 
-    /// Share of the excess chi2 of unseen data that each accepted effect removes. The necessary fits were usually
-    /// already made when the effects were accepted.
+    /// Share of the excess chi2 (chi2 beyond noise) of unseen data that each accepted effect removes. Fits that were
+    /// made when the effects were accepted are reused.
     pub(super) fn shares(&mut self, before: &Rc<Fit>, path: &[String]) -> Result<Vec<EffectShare>, Error> {
         let sums = |fit: &Fit| fit.unseen_items().map(|items| items.into_iter().flatten().sum::<f64>());
         let counts = before.unseen_items().map(|items| items.into_iter().flatten().count());
@@ -244,8 +246,9 @@ impl Fits<'_> {
     }
 
     /// Removes, one after the other, accepted effects whose parameters do not differ significantly from zero. The
-    /// temperature effect of a bias is not removed if the temperature lag of the same bias is accepted, because the
-    /// time constant of the lag would otherwise be biased.
+    /// temperature effect of a bias is kept if the temperature lag of the same bias (a delayed response of the bias to
+    /// temperature) is accepted. Without the temperature effect, the estimated time constant of the lag would be
+    /// biased.
     fn significant(&mut self, mut accepted: Accepted) -> Result<Accepted, Error> {
         loop {
             let tested = accepted.path.iter().filter(|name| !is_temperature_of_lag(name, accepted.path.iter()));
@@ -292,8 +295,8 @@ impl Fit {
         terms.iter().map(|(_, chi2)| chi2).sum::<f64>() / count.max(1) as f64
     }
 
-    /// The figure of merit on unseen data that improves most from this fit to the fit `after`. The improvement is the
-    /// value of this fit divided by the value of the fit `after`.
+    /// The figure of merit on unseen data that improves most from this fit to the fit `after`. The improvement of a
+    /// figure is its value for this fit divided by its value for the fit `after`.
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
             // If no effect was accepted, both fits are the same fit. chi2 is then computed with the biases of the
@@ -376,7 +379,7 @@ impl Fit {
     }
 
     /// Decrease of chi2 of unseen data from the fit `before` to this fit. The standard deviation of the decrease is
-    /// estimated from the changes of chi2 of the single rests and moves.
+    /// estimated from the changes of chi2 of the individual rests and moves.
     pub(super) fn removed(&self, before: &Self) -> Removed {
         let mut removed = Removed { share: 0.0, significance: 0.0, significance_of_all: 0.0 };
         let (mut sum_of_all, mut variance_of_all) = (0.0, 0.0);
@@ -402,8 +405,8 @@ impl Fit {
 
     /// p-value of the residuals of unseen data under the hypothesis that sensor noise and the uncertainty of the
     /// calibration are the only errors. It is the smallest p-value of all kinds of residuals, corrected for the number
-    /// of kinds (Bonferroni). If `is_as_recorded` is true, a change of the biases between calibration and control
-    /// recordings counts as an error.
+    /// of kinds (Bonferroni). If `is_as_recorded` is true, the residuals include the errors from a change of the biases
+    /// between calibration and control recordings.
     pub(super) fn unseen_chance(&self, is_as_recorded: bool) -> f64 {
         if let Some(control) = &self.control {
             let evaluation = if is_as_recorded { &control.evaluation } else { control.judged() };
@@ -435,8 +438,9 @@ impl Fit {
         groups.iter().filter(|own| JUDGED.contains(&own.group) && own.exceeds_noise()).collect()
     }
 
-    /// chi2 of each rest, of each move, and of the mean angular rate at each rest, for the unseen data (control
-    /// recordings, or held-out rests and moves).
+    /// chi2 of the force norm at each rest, of the gravity direction after each move, and of the mean angular rate at
+    /// each rest, for the unseen data (control recordings, or held-out rests and moves). Without control recordings,
+    /// the list of the angular rates is empty.
     fn unseen_items(&self) -> [Vec<Option<f64>>; 3] {
         let of = |errors: &mut dyn Iterator<Item = f64>, sigmas: &mut dyn Iterator<Item = f64>| {
             let chi2 = |(error, sigma): (f64, f64)| {

@@ -45,8 +45,8 @@ const SMALLEST_JITTER: f64 = -3.0;
 /// Number of trial standard deviations of the time-stamp jitter, equally spaced on a logarithmic scale.
 const JITTERS: usize = 60;
 
-/// Faults of the clock of each recording. If no recording has such a fault, the recordings are tested for excess noise
-/// inside moves instead. `outcome` is a calibration of these recordings without effects.
+/// Tests the time stamps of each recording for errors. If no recording has such errors, tests the recordings for excess
+/// noise inside moves instead. `outcome` is a calibration of these recordings without effects.
 pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<'_>]) -> Vec<Finding> {
     let differences: Vec<Differences> =
         (0..recordings.len()).map(|k| Differences::of(outcome, recordings, k)).collect();
@@ -64,7 +64,7 @@ pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<
 }
 
 /// Fourth differences of the angular rates inside the moves of one recording, for all three axes. They are scaled so
-/// that white noise keeps its standard deviation.
+/// that white noise has the same standard deviation in the fourth differences as in the rates.
 struct Differences {
     /// Fourth differences of the angular rate, without outliers, divided by sigma. Sigma is the root sum of squares of
     /// the standard deviation of fourth differences at rest and of the rounding error in a move.
@@ -112,8 +112,8 @@ impl Differences {
     /// Reports time stamps that differ from the true sampling instants. This fault is detected if evenly spaced
     /// sampling instants explain the angular rates better than the time stamps do.
     fn stamp_fault(&self, recording: &Recording<'_>) -> Option<Finding> {
-        // The change of each fourth difference that uneven sampling at the recorded time stamps would cause, in
-        // standard deviations of the noise.
+        // If the samples were taken at the recorded, uneven time stamps, each fourth difference would change by this
+        // value, in standard deviations of the noise.
         let late: Vec<f64> = self.slopes.iter().zip(&self.stamps_s).map(|(slope, stamp)| slope * stamp).collect();
         if late.is_empty() || mean_square(&late) < HARMLESS {
             return None;
@@ -221,8 +221,8 @@ impl<'a> Rates<'a> {
     }
 
     /// Angular acceleration: mean of the central differences of the angular rate at the five samples of a fourth
-    /// difference, rad/s^2. Central differences that do not exist, near the first and the last sample of the recording,
-    /// count as zero.
+    /// difference, rad/s^2. Central differences at the first two and the last two samples of the recording count as
+    /// zero.
     fn smooth_slope(&self, first: usize) -> Vector3<f64> {
         let last = self.recording.len() - 1;
         let centres = (first..first + APART).filter(|k| (REACH..=last - REACH).contains(k));

@@ -11,7 +11,8 @@ use crate::numerics::instructions::Instructions;
 use crate::numerics::symmetric::SymmetricMatrix;
 
 /// Gram matrices of the Jacobian columns of a model and of many candidate effects. Only products with at least one
-/// model column are stored. [`Common::weighing`] adds the products of two columns of the same candidate.
+/// model column are stored. [`Common::weighing`] adds the products of two columns of the same candidate, and the
+/// products of these columns with the residual.
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
     /// For each group of residuals: the Gram matrix of the normalised columns (see [`Gram::sizes`]), without the
@@ -19,8 +20,9 @@ pub(crate) struct Common<'a> {
     parts: Vec<SymmetricMatrix>,
 }
 
-/// The normal matrix after elimination of the model's parameters, for given noise scales s_g^2 of the residual groups.
-/// Only the rows of the model's parameters are computed, because these rows are needed for every candidate.
+/// The normal matrix after elimination of the model's parameters, for given noise scales s_g^2 (chi2 per degree of
+/// freedom) of the residual groups. Only the rows of the model's parameters are computed, because these rows are needed
+/// for every candidate.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
     /// `whole` is the sum over the groups of Gram matrix / noise scale, plus the prior precisions of the model. `sums`

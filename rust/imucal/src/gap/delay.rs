@@ -24,8 +24,8 @@ use crate::correct::angular_acceleration;
 use crate::error::Error;
 use crate::recording::Recording;
 
-/// Name, in the fit, of the effect that describes smoothing: the gyroscope error `k w''`, where `w''` is the second
-/// derivative of the angular rate.
+/// Name of the effect that is added to the fit to describe smoothing. It is the gyroscope error `k w''`, where `w''` is
+/// the second derivative of the angular rate.
 const SMOOTHING: &str = "gyro_smoothing";
 /// Threshold of |k| in standard deviations of k. The output of the gyroscope counts as smoothed if |k| exceeds both
 /// this threshold and the threshold [`LEAST_SHARE`].

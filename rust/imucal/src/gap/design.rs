@@ -59,7 +59,7 @@ pub(crate) struct Rows {
     /// For each end of a move and each rest: the body axis from which two directions perpendicular to gravity are
     /// constructed, see [`axes_of`].
     axes: Vec<usize>,
-    /// Whether the columns include those of generic hypotheses (unknown variations of a bias or scale).
+    /// Whether the Jacobian includes columns of generic hypotheses (unknown variations of a bias or scale).
     has_variations: bool,
 }
 
@@ -192,8 +192,8 @@ pub(super) fn axes_of(linear: &Linear) -> Vec<usize> {
 }
 
 impl Design {
-    /// For each effect and each of its trial time constants, the candidate of the form with the most parameters. The
-    /// columns of a smaller form are part of the columns of this form.
+    /// The candidates in the form with the most parameters: one for each effect and each of its trial time constants.
+    /// The columns of a smaller form are part of the columns of this form.
     pub(crate) fn full_forms(&self) -> impl Iterator<Item = &Candidate> {
         let is_part = |own: &Range<usize>, other: &Range<usize>| own.start == other.start && own.end < other.end;
         let is_full =
@@ -204,8 +204,8 @@ impl Design {
     /// This design with some candidates moved into the model, and with the residuals of the new model. `None` if this
     /// design has no candidate for an effect of the new model, or if the residuals of the two models cannot be compared
     /// row by row (see [`axes_of`]). The Jacobian of the old model is reused. Its relative error is about the size of
-    /// the effects relative to the signals, typically at most 1 %. The new residuals are exact, so this error does not
-    /// change the optimum.
+    /// the effects relative to the signals, typically at most 1 %. The new residuals are computed exactly at the fitted
+    /// parameters of the new model.
     pub(crate) fn joined(
         &self,
         prepared: &Prepared<'_>,
@@ -247,8 +247,8 @@ impl Design {
         left
     }
 
-    /// Gram matrices of the groups of residuals. The specific-force residuals inside moves form one group for each
-    /// recording. The second result contains the indices of these groups.
+    /// Gram matrices of the groups of residuals. The specific-force residuals inside the moves of each recording form a
+    /// group of their own. The second result contains the indices of these groups.
     pub(crate) fn insides_apart(&self, prepared: &Prepared<'_>) -> (Cow<'_, Gram>, Range<usize>) {
         if prepared.recordings.len() == 1 {
             let gram = match self.candidates.is_empty() {
@@ -269,8 +269,7 @@ impl Design {
         (Cow::Owned(Gram::of(&all, &groups)), first..first + prepared.recordings.len())
     }
 
-    /// Residuals and Jacobian columns for cross-validation. Each fold of the cross-validation holds out some rests and
-    /// moves.
+    /// Residuals and Jacobian columns for a cross-validation in which each fold holds out some rests and moves.
     pub(crate) fn held(&self) -> Held<'_> {
         let Rows { groups, items, has_variations, .. } = &*self.rows;
         Held {

@@ -11,8 +11,8 @@ pub(crate) const FALSE_ALARM: f64 = 0.003;
 /// Probability of detection that defines the detection limit.
 const POWER: f64 = 0.9;
 
-/// First upper bound of the non-centrality of chi2 in the search for the detection limit, dimensionless. The bound is
-/// doubled until an effect of this non-centrality is detected with the probability [`POWER`].
+/// The search for the detection limit starts with this upper bound of the non-centrality of chi2 (dimensionless). The
+/// bound is doubled until an effect of this non-centrality is detected with the probability [`POWER`].
 const FIRST: f64 = 16.0;
 /// Largest upper bound of the non-centrality, at which the doubling ends. A larger value is not needed, because no
 /// effect has so many parameters.

@@ -14,9 +14,8 @@ pub(super) const NAME: &str = "earth_rate";
 /// Threshold of two tests, in standard deviations sigma of the estimated rate w. The estimate agrees with the Earth's
 /// rate W if |w - W| <= SURE x sigma. The Earth's rate is detectable if W >= SURE x sigma.
 const SURE: f64 = 3.0;
-/// The standard deviation of the rate in the search may be larger or smaller than in the final fit, by up to this
-/// factor. The two standard deviations differ because the search assumes constant biases, whereas the final fit
-/// estimates slowly varying biases.
+/// The standard deviations of the rate in the search and in the final fit may differ by up to this factor. They differ
+/// because the search assumes constant biases, whereas the final fit estimates slowly varying biases.
 const SLACK: f64 = 2.0;
 
 /// Whether an estimated rate agrees with the Earth's rate, and is so accurate that the Earth's rate is detectable.
@@ -45,8 +44,8 @@ impl Stage {
         let rate = Mat::from_fn(own.len(), 1, |k, _| member.values[k]);
         let size = rate.norm_l2();
         let sigma = (rate.transpose() * covariance * &rate)[(0, 0)].sqrt() / size;
-        // A standard deviation of NaN proves nothing. In this case the function returns `None`, and the rate is tested
-        // after the final fit.
+        // If the standard deviation is NaN, the test is not possible. The function then returns `None`, and the rate is
+        // tested after the final fit.
         (!sigma.is_nan() && !may_be(size, sigma, SLACK)).then_some((size, sigma))
     }
 }

@@ -22,8 +22,8 @@ use std::ops::Range;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
-/// For each residual group: the Gram matrix `[J r]^T [J r]`, with the Jacobian J and the residual r, and the number of
-/// rows.
+/// For each residual group: the Gram matrix `[J r]^T [J r]` of the Jacobian J and the residual r, and the number of
+/// residuals.
 #[derive(Clone)]
 pub(crate) struct Gram {
     pub(crate) sums: Vec<Mat<f64>>,

@@ -121,8 +121,8 @@ pub fn find_gap(
     gap_options: &GapOptions<'_>,
 ) -> Result<Gap, Error> {
     let refused = |faults| Ok(Gap { verdict: Verdict::DataFault, faults, analysis: None });
-    // The start of the first fit is reported before the checks and the start values below, because both count as part
-    // of this fit.
+    // The first fit is reported here, because the checks and the computation of start values below count as part of
+    // this fit.
     gap_options.report(Progress::Fit { effects: &[] })?;
     let checked = match Checked::try_new(recordings, options) {
         Err(Error::Data(faults)) => return refused(faults),
@@ -212,8 +212,8 @@ impl Fits<'_> {
         Ok((search, earth, accepted))
     }
 
-    /// The result of the search. If `earth_rate` is selected and its estimate is not the Earth's rate, the search is
-    /// repeated without `earth_rate`.
+    /// Returns `search` if `earth_rate` is not selected or may be the Earth's rate. Otherwise, repeats the search
+    /// without `earth_rate` and returns the new result.
     fn without_other_rates(
         &mut self,
         before: &Rc<Fit>,
@@ -231,8 +231,8 @@ impl Fits<'_> {
     }
 
     /// Repeats a search with fewer candidates. For the removed candidates, the scores and detection limits of the first
-    /// search are kept. The hand-motion test is not repeated: fewer candidates may explain less of the residuals inside
-    /// moves, so a new test could attribute these residuals to hand motion.
+    /// search are kept. If the first search detected hand motion, the hand-motion test is not repeated, because fewer
+    /// candidates cannot explain more of the residuals inside moves. Otherwise, the test is repeated.
     fn search_again(&mut self, before: &Fit, choices: &[EffectChoice], first: Search) -> Result<Search, Error> {
         let mut again = self.search(before, choices, first.is_hand_moved)?;
         let is_missing = |name: &str| again.smallest_visible.iter().all(|(own, ..)| own != name);
@@ -358,7 +358,7 @@ impl Fits<'_> {
                 let estimate = match self.with(&instead) {
                     Ok(fit) => fit.outcome.effects.iter().find(|own| own.name == *rival).cloned(),
                     Err(error @ Error::Caller(_)) => return Err(error),
-                    // The fit with the rival failed, so its parameters are unknown.
+                    // The fit with the rival failed, so the parameters of the rival are unknown.
                     Err(_) => None,
                 };
                 found.push(RivalFit { name: name.clone(), rival: rival.clone(), estimate });
@@ -369,8 +369,8 @@ impl Fits<'_> {
 }
 
 impl Fit {
-    /// Magnitude of `earth_rate` in this fit and its standard deviation, rad/s; `None` if the effect is not in the
-    /// model.
+    /// Magnitude of the rate `earth_rate` in this fit, and the standard deviation of the magnitude, rad/s. `None` if
+    /// the model does not have this effect.
     fn earth_rate(&self) -> Option<NotTheEarth> {
         let TermEstimate { values, parameter_names, .. } =
             self.outcome.effects.iter().find(|effect| effect.name == earth::NAME)?;

@@ -149,8 +149,8 @@ impl<'a> ForwardSearch<'a> {
         let of_catalogue = |term: &Term<'_>| Some(EffectChoice { effect: term.effect()?, parameters: term.linear });
         let members = terms.all.iter().filter_map(of_catalogue);
         let scored = |choice: &EffectChoice| match choice.effect.has_need(Need::TemperatureHistory) {
-            // The form with the fewest parameters suffices to find the effect. The search selects the form after it has
-            // added the effect to the model.
+            // The form with the fewest parameters (for example linear instead of quadratic) suffices to find the
+            // effect. The search selects the form after it has added the effect to the model.
             true => EffectChoice::plain(choice.effect),
             false => *choice,
         };

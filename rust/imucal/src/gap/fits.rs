@@ -59,7 +59,7 @@ impl Control {
     }
 }
 
-/// All fits made so far during a search, and the recordings that they use.
+/// The recordings and options of a search, and all fits made so far.
 pub(super) struct Fits<'a> {
     pub(super) checked: &'a Checked<'a>,
     pub(super) control: &'a [Recording<'a>],
@@ -122,8 +122,8 @@ impl<'a> Fits<'a> {
             let is_finite = |recording: &Recording<'_>| {
                 recording.temperature_degc.is_none_or(|degc| degc.iter().all(|value| value.is_finite()))
             };
-            // The evaluation of the model without effects on the control recordings succeeded. The effects are
-            // therefore the cause of the failure.
+            // The control recordings could be evaluated with the model without effects. The effects are therefore the
+            // cause of the failure.
             let effects_fail = !names.is_empty() && self.control.iter().all(is_finite);
             return Err(if effects_fail { Error::Fit(words) } else { Error::Input(words) });
         }
@@ -187,8 +187,9 @@ impl<'a> Fits<'a> {
         let rate_chi2 = rate_chi2(&outcome.calibration, &evaluation, self.control, corrected.as_deref());
         let is_corrected = corrected.is_some();
         let sets = [self.checked.recordings(), self.control];
-        // A change of the biases between sessions is considered only if the fit without effects also shows it. If only
-        // a fit with effects shows a change, a wrong effect may have caused it.
+        // A change of the biases between the calibration and the control recordings is considered only if the fit
+        // without effects also shows a change. If only a fit with effects shows a change, a wrong effect may be the
+        // cause.
         let first = self.made.first().and_then(|fit| fit.control.as_ref());
         let step = match first.is_none_or(|control| control.step.is_some()) {
             true => SessionStep::find(outcome, &evaluation, is_corrected, sets),

@@ -60,11 +60,11 @@ pub fn search(
     })
 }
 
-/// Whitened residuals of the model without effects, and their Jacobian. Other methods of model selection can be
-/// compared with [`search`] on this input. `is_hand_moved` is the result of an earlier search
-/// ([`Search::is_hand_moved`]). If it is `None`, the recordings are tested for hand motion here. The result of this
-/// test depends on the candidates, and it determines which residuals are used. Linearisations with different candidates
-/// are therefore certain to contain the same residuals only if `is_hand_moved` is given.
+/// Computes the whitened residuals of the model without effects, and their Jacobian. They serve as input of other
+/// methods of model selection, which can then be compared with [`search`]. `is_hand_moved` is the result of an earlier
+/// search ([`Search::is_hand_moved`]). If it is `None`, the recordings are tested for hand motion here. The result of
+/// this test depends on the candidates, and it determines which residuals are used. To obtain the same residuals for
+/// different candidates, pass a value instead of `None`.
 ///
 /// # Errors
 /// The errors are those of [`search`].
@@ -113,8 +113,8 @@ pub fn smallest_visible(
     })
 }
 
-/// Calls `work` with the start of a search: the model without effects, and the effects that are excluded because the
-/// recordings lack the data that these effects require.
+/// Calls `work` with the initial state of a search: the model without effects, and the effects that are excluded
+/// because the recordings lack the data that these effects require.
 fn at_start<T>(
     checked: &Checked<'_>,
     candidates: &[EffectChoice],
@@ -296,8 +296,8 @@ impl<'a> ForwardSearch<'a> {
         let Judgement { scores, blind, visible } = first;
         let mut ranking: Vec<Score> = scores.into_iter().map(|judged| judged.score).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
-        // The detection limits of effects that are not in the final model are relative to this model. The limits of
-        // effects in the final model are relative to the model without effects.
+        // The detection limit of an effect that is not in the final model applies to an addition to this model. The
+        // limit of an effect in the final model applies to an addition to the model without effects.
         let mut smallest_visible = last.map(|last| last.visible).unwrap_or_default();
         for entry in visible {
             if !smallest_visible.iter().any(|(name, ..)| *name == entry.0) {

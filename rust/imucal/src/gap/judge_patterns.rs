@@ -17,10 +17,10 @@ use crate::joint::{Kinds, Prepared, Terms};
 
 impl ForwardSearch<'_> {
     /// Evaluates generic hypotheses (unknown variations of a bias or scale) in a model without effects and in a model
-    /// with the selected effects. The evaluation uses the residuals at the rests and of the gravity directions after
-    /// the moves. If the search uses accelerometer samples inside moves, the evaluation is repeated with these samples.
-    /// The second result reports a contradiction, which is a significant difference between the effects estimated with
-    /// and without the stand's angles. It is `None` if there is no significant difference.
+    /// with the selected effects. The evaluation uses the residuals at the rests and the residuals of the gravity
+    /// directions after the moves. If the search uses accelerometer samples inside moves, the evaluation is repeated
+    /// with these samples. The second result reports a significant difference between the effects estimated with and
+    /// without the stand's angles. It is `None` if there is no significant difference.
     pub(super) fn patterns(
         &mut self,
         prepared: &Prepared<'_>,
@@ -33,8 +33,8 @@ impl ForwardSearch<'_> {
         for in_motion in [false, true].into_iter().filter(|in_motion| kinds.in_motion || !in_motion) {
             self.kinds = Kinds { in_motion, encoders: false };
             // Accelerometer samples inside moves determine the gyroscope scale more accurately than the gravity
-            // directions after the moves alone. If such samples are used, hypotheses about the gyroscope scale are
-            // tested only with them.
+            // directions after the moves alone. If the search uses such samples, hypotheses about the gyroscope scale
+            // are therefore tested only in the evaluation with these samples.
             let is_selected = |block: Block| in_motion || !kinds.in_motion || block != Block::GyroscopeScale;
             let found = self.pattern(prepared, triads, open, &stage.members, is_selected);
             self.kinds = kinds;

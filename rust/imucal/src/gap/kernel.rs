@@ -1,8 +1,8 @@
 //! Covariance kernels of generic hypotheses. A generic hypothesis is a variation of a sensor parameter (bias or scale)
 //! that no effect of the catalogue describes. The kernel is the covariance of this variation (docs/model.md (24)).
 
-/// Covariance of a parameter's deviations at two times. Each kernel is a function of one quantity, for example of the
-/// temperatures at the two times.
+/// Covariance of a parameter's deviations at two times. It is computed from the values of a quantity, for example the
+/// temperature, at the two times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
     /// Deviations follow a random walk in time.

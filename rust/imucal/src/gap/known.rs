@@ -7,7 +7,8 @@ use super::evidence::Gram;
 use super::products::{Part, Rows, cross, square};
 use crate::numerics::stats::dot;
 
-/// Jacobian columns and residuals of a design, divided into groups of residual rows, and the Gram matrix of each group.
+/// Jacobian columns and residuals of a design (a linearised model), divided into groups of residual rows, and the Gram
+/// matrix of each group.
 pub(crate) struct Known<'a> {
     /// For each group: the indices of its rows, the columns at these rows, and the residuals at these rows.
     groups: Vec<(Rows, Part<'a>, Vec<f64>)>,

@@ -19,10 +19,11 @@ use crate::rests::moves::Move;
 
 /// Interval between the times inside moves at which hypotheses are evaluated, in blocks of samples (about 40 ms each).
 /// The constant applies if accelerometer samples inside moves are not used. Otherwise, hypotheses are evaluated in
-/// every block. The interval is short enough, because biases vary slowly.
+/// every block. Five blocks (0.2 s) are a sufficiently short interval, because biases vary slowly.
 const EVERY: usize = 5;
-/// Minimum angular rate about an axis, rad/s, that determines the sense of rotation about the axis. At lower rates, the
-/// sense of the last rotation is kept. The value is larger than the noise of a consumer gyroscope.
+/// Minimum angular rate about an axis, rad/s, at which the sign of the rate determines the sense of rotation about the
+/// axis. At lower rates, the sense of the last rotation is kept. The limit is above the noise of a consumer gyroscope,
+/// so noise does not change the sense.
 const LEAST_RATE_RADPS: f64 = 0.05;
 
 /// Maximum number of epochs (rests and moves, see [`Epoch`]). The computing time grows with the third power of this
@@ -86,7 +87,8 @@ impl<'a> Setting<'a> {
         for (k, numbers) in self.moments.used.iter().zip(at_rests.chunks_exact(width)) {
             rests[k * width..][..width].copy_from_slice(numbers);
         }
-        // If the specific force inside moves is not used, only gyroscope hypotheses have columns inside moves.
+        // If the specific force inside moves is not used, errors inside moves change the residuals only through the
+        // angular rate. Columns inside moves are then needed only for gyroscope hypotheses.
         let on_the_way = sensor == Sensor::Gyroscope || self.linear.sees_inside();
         let of_move = |k| if on_the_way { hypothesis.columns(&self.moments, Place::Move(k)) } else { Vec::new() };
         let field = Field { sensor, width, rests, moves: (0..self.segments.len()).map(of_move).collect() };

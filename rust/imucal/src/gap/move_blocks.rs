@@ -185,9 +185,9 @@ fn edges(time_s: &[f64], span: &MoveReport) -> Vec<usize> {
     edges
 }
 
-/// Two rotations. The first is the rotation from the body frame at sample `last` to the body frame at sample `first`.
-/// The second is the mean, by the trapezoidal rule, of the rotations from the body frame at each sample to the body
-/// frame at sample `first`.
+/// Computes two rotations. The first rotation is from the body frame at sample `last` to the body frame at sample
+/// `first`. The second rotation is the mean, by the trapezoidal rule, of the rotations from the body frame at each
+/// sample to the body frame at sample `first`.
 fn rotation_over(recording: &Recording<'_>, first: usize, last: usize) -> (UnitQuaternion<f64>, Matrix3<f64>) {
     let mut integrator = Integrator::new();
     let (mut area, mut before) = (Matrix3::zeros(), Matrix3::identity());
@@ -214,7 +214,8 @@ mod tests {
     use super::*;
     use crate::rests::moves::Move;
 
-    /// A simulated move in which the rotation axis and the rate vary. `error` is added to the rate.
+    /// Simulates a move in which the rotation axis and the rate vary, and divides it into blocks. `error` is added to
+    /// the rate.
     fn blocks(error: impl Fn(f64, &Vector3<f64>) -> Vector3<f64>) -> MoveBlocks {
         let time_s: Vec<f64> = (0..401).map(|k| f64::from(k) * 5e-3).collect();
         let rate = |t: f64| Vector3::new(1.2 * t, 0.8 - t, 0.5 * (2.0 * t).sin());

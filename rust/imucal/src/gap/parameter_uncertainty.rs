@@ -21,7 +21,7 @@ use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording, Samples};
 pub(super) const WINDOW_S: f64 = 1.0;
 /// Lower bound of the estimated size of an effect, as a fraction of the typical size of this effect.
 const LEAST_SIZE: f64 = 0.01;
-/// Number of fixed-point iterations that estimate the size of an effect. The iteration converges in fewer steps.
+/// Number of fixed-point iterations that estimate the size of an effect. It is larger than needed for convergence.
 const SIZE_ITERATIONS: usize = 30;
 /// Step of the numerical derivative with respect to a time constant, as a share of the time constant.
 const SHAPE_STEP: f64 = 0.01;
@@ -306,8 +306,8 @@ fn states(corrected: &Recording<'_>) -> Vec<State<f64>> {
     (0..corrected.len()).map(state).collect()
 }
 
-/// Six-component change of the corrected signals. One sensor's signal changes by `change`, and the components of the
-/// other sensor are zero.
+/// Change of the corrected signals if the signal of `sensor` changes by `change` and the signal of the other sensor
+/// does not change.
 fn signals(change: Vector3<f64>, sensor: Sensor) -> Signals {
     let [x, y, z] = change.into();
     match sensor {

@@ -26,8 +26,8 @@ const LEAD: f64 = 3.0;
 /// effects, is above this number of nats. 8 nats are odds of 3000 to 1.
 const LEAST: f64 = 8.0;
 /// The evidence of a hypothesis is computed exactly only if an approximate computation shows an increase of the log
-/// evidence by more than this number of nats. The approximation uses the noise scales of the model without the
-/// hypothesis.
+/// evidence by more than this number of nats. The approximation uses the noise scales (chi2 per degree of freedom of
+/// each kind of residual) of the model without the hypothesis.
 const LEAST_GAIN: f64 = 2.0;
 /// A generic hypothesis is reported in addition to the selected effects only if its log Bayes factor is above this
 /// number of nats.
@@ -53,8 +53,8 @@ pub(super) struct BestGeneric {
     pub(super) width: f64,
     /// Decrease of chi2 if the hypothesis is added to the model.
     chi2: f64,
-    /// Index of each rest, and the deviation of the parameter on each axis at the rest, SI units. For a hypothesis
-    /// about moves: index of the rest before each move, and the deviation inside the move.
+    /// For each rest: its index, and the deviation of the parameter on each axis, SI units. For a hypothesis about
+    /// moves, one entry for each move: the index of the rest before the move, and the deviation inside the move.
     wrong: Vec<(usize, Vector3<f64>)>,
 }
 
@@ -78,8 +78,9 @@ impl<'a> Judge<'a> {
         let own = (model.len()..model.len() + width).map(|place| (place, typical));
         let weighing = Weighing::new(&gram, model, own.collect());
         let swept = weighing.sweep(&before.scales)?;
-        // The evidence is first computed with the noise scales s_g^2 of the model. A hypothesis that hardly increases
-        // this evidence is not significant at its own (smaller) noise scales either.
+        // The evidence is first computed with the noise scales s_g^2 (chi2 per degree of freedom) of the model without
+        // the hypothesis. If the hypothesis hardly increases this evidence, it is not significant at the smaller noise
+        // scales of the model with the hypothesis either.
         let (mut best, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > LEAST_GAIN)?;
         let (mut evidence, swept) = weighing.evidence(best, swept)?;
         // A hypothesis that explains a large part of the residuals reduces the noise scales. With smaller noise scales,

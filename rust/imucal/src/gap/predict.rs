@@ -54,7 +54,7 @@ impl Gain {
     }
 }
 
-/// Residuals and Jacobian from which the folds of the cross-validation are formed.
+/// Residuals and Jacobian, which are divided into the folds of a cross-validation.
 pub(crate) struct Held<'a> {
     /// Jacobian of a design, one column for each parameter, without the residual.
     pub(crate) columns: &'a Mat<f64>,
@@ -77,8 +77,8 @@ impl Held<'_> {
         Some(Gain::of(&self.log_densities(without)?, &self.log_densities(with)?))
     }
 
-    /// Log predictive density of each rest and move, predicted by a fit to the folds that do not contain the rest or
-    /// move.
+    /// Log predictive density of the residuals of each rest and move. It is computed with a fit to the folds that do
+    /// not contain the rest or move.
     pub(crate) fn log_densities(&self, (columns, scales): (&[Column], &[f64])) -> Option<Vec<Option<f64>>> {
         let n = columns.len();
         let scale_of = |group: usize| {
@@ -144,8 +144,9 @@ mod tests {
 
     const ROWS: usize = 60;
 
-    /// Gain of a model with a sine and a constant, relative to a model with only the constant. The residuals are noise
-    /// plus `size` times the sine. `spike` is added to one row.
+    /// Simulates residuals (noise plus `size` times a sine), and returns the gain of a model with the sine and a
+    /// constant relative to a model with only the constant. In one row, `spike` is added to the sine and 3 x `spike` to
+    /// the residual.
     fn gain_of(size: f64, spike: f64) -> Gain {
         let noise = |i: usize| ((i * 7919 + 13) % 97) as f64 / 97.0 * 3.4 - 1.7;
         let columns = Mat::from_fn(ROWS, 3, |i, j| match j {
@@ -167,15 +168,16 @@ mod tests {
     #[test]
     fn what_is_there_predicts_and_what_is_not_costs_half_a_nat_or_so() {
         let there = gain_of(2.0, 0.0);
-        // The expected gain is about a quarter of the sum of squares of a sine with the amplitude 2 over 60 rows, which
-        // is `2^2 * 60 / 2`.
+        // Without the sine in the model, the noise scale is about 3: the noise variance 1 plus the mean square 2 of a
+        // sine with the amplitude 2. With the sine, the noise scale is 1. Each of the 60 rows therefore gains about 1/2
+        // ln 3 nats, together 33 nats.
         assert!(there.is_sure() && (30.0..90.0).contains(&there.nats), "{there:?}");
         let absent = gain_of(0.0, 0.0);
         assert!(!absent.is_sure() && (-2.0..1.0).contains(&absent.nats), "{absent:?}");
     }
 
-    /// Gain of an effect of size `size` if the bias oscillates slowly. Both models contain the constant and a random
-    /// walk.
+    /// Simulates residuals with an effect of size `size` and a slowly oscillating bias, and returns the gain of the
+    /// effect. The models with and without the effect both contain a constant and a random walk.
     fn gain_beside_a_swing(size: f64, has_variations: bool) -> Gain {
         const STEPS: usize = ROWS - 1;
         let noise = |i: usize| ((i * 7919 + 13) % 97) as f64 / 97.0 * 3.4 - 1.7;

@@ -81,7 +81,7 @@ pub struct UserCorrection<'a> {
     pub fields: &'a [UserField<'a>],
 }
 
-/// Means over consecutive intervals of 0.1 s of a recording.
+/// A recording, averaged over consecutive intervals of 0.1 s.
 #[derive(Clone, Debug)]
 pub struct BriefMeans {
     /// Number of samples in each mean. An incomplete last interval is omitted.
@@ -126,8 +126,8 @@ impl BriefMeans {
     }
 }
 
-/// Sum with small rounding errors. The mean time of some samples can coincide with the edge of a one-second window, and
-/// a larger rounding error would assign these samples to the wrong window.
+/// Sum with small rounding errors. The mean time of an interval can coincide with the edge of a one-second window. A
+/// larger rounding error of this mean would assign the interval to the wrong window.
 fn sum(values: &[f64]) -> f64 {
     values.split_first().map_or(0.0, |(first, others)| first + pairwise_sum(others))
 }
@@ -271,7 +271,8 @@ fn noise_mean_squares(after: &Outcome) -> [f64; 2] {
     ]
 }
 
-/// Error statistics of one signal, angular rate or specific force, on the given recordings.
+/// Noise, error covariances and signal changes from which the error of one signal (angular rate or specific force) is
+/// predicted.
 struct Signal<'a> {
     /// Mean squared noise of a one-second average.
     noise: f64,
@@ -324,8 +325,8 @@ impl Signal<'_> {
         Ok(PredictedError { before, after, factor: before / after, factor_low, factor_high })
     }
 
-    /// Mean square of a sum of two signals. The first is the signal change due to the parameter errors `errors`. The
-    /// second is `difference` (0 or 1) x the difference between the signals corrected by the two calibrations.
+    /// Mean square of the sum of two terms. The first term is the signal change due to the parameter errors `errors`.
+    /// The second term is `difference` (0 or 1) x the difference between the signals corrected by the two calibrations.
     fn square(&self, errors: &[f64], difference: f64) -> f64 {
         let at = |i: usize| errors.get(i).copied().unwrap_or(difference);
         let all = 0..=errors.len();

@@ -22,7 +22,7 @@ pub(super) struct Rows {
     runs: Vec<Range<usize>>,
 }
 
-/// The rows of one group of residuals in a matrix: the rows `rows` of `columns`.
+/// The rows of one group of residuals. They are the rows `rows` of the matrix `columns`.
 pub(super) struct Part<'a> {
     columns: Cow<'a, Mat<f64>>,
     rows: Range<usize>,

@@ -29,7 +29,7 @@ use crate::rests::noise_density::variance_by_axis;
 const LEAST_DENSITY: [f64; 2] = [1e-5, 1e-6];
 
 /// Lower bound of 1 - u_i^2, where u is the direction up and i a body axis. The variance of a direction residual on
-/// axis i is proportional to 1 - u_i^2. Without this bound, the variance would be zero if axis i is vertical, because a
+/// axis i is proportional to 1 - u_i^2. If axis i is vertical, the variance without this bound would be zero, because a
 /// rotation about gravity does not change the direction of gravity.
 const LEAST_VISIBLE_SHARE: f64 = 1e-4;
 
@@ -42,9 +42,9 @@ pub(super) struct Channel {
     pub(super) values: Vec<f64>,
     /// Standard deviation of each residual from sensor noise, in the unit of the kind.
     pub(super) sigma: Vec<f64>,
-    /// Number of rests or moves that contribute residuals. Inside a move, each block of 40 ms contributes a force
-    /// residual. The residuals of a move are not independent, because the attitude error of the move affects all of
-    /// them. The moves are therefore counted instead of the blocks.
+    /// Number of rests or moves that contribute residuals. Force residuals inside moves are counted by move, although
+    /// each block of 40 ms contributes one residual. The residuals of one move are not independent, because the same
+    /// attitude error affects all of them.
     pub(super) items: usize,
     /// Quantities on which the residuals may depend (regressors). For each regressor: one row for each residual, with
     /// the components of the quantity.
@@ -290,8 +290,8 @@ fn direction_sigma(span: &MoveReport, noise: &Noise, gravity_mps2: f64) -> f64 {
     (noise.gyroscope.norm_squared() / 3.0 * span.duration_s + ends).sqrt()
 }
 
-/// Whether the residuals of a rest or move are examined: the fit used the rest or move, or excluded it only as an
-/// outlier.
+/// Whether the residuals of a rest or move are examined. They are examined if the fit used the rest or move, or
+/// excluded it as an outlier.
 fn is_examined(excluded: Option<&str>) -> bool {
     excluded.is_none_or(|reason| reason.starts_with("contradicts"))
 }

@@ -23,15 +23,16 @@ const RIVAL_NATS: f64 = 3.0;
 /// Maximum p-value of an effect, from the likelihood ratio of the models with and without the effect. An effect with a
 /// larger p-value is superfluous and is removed.
 const SUPERFLUOUS: f64 = 1e-3;
-/// A temperature lag is fitted a second time if the best trial value and the estimate of its time constant differ by
-/// more than a factor of 2: |ln(trial value / estimate)| > FAR. The second fit starts at the trial value.
+/// A temperature lag is fitted a second time if the best trial value of its time constant and the estimate of this time
+/// constant differ by more than a factor of 2: |ln(trial value / estimate)| > FAR. The second fit starts at the trial
+/// value.
 const FAR: f64 = 0.7;
 /// If the largest log posterior odds (log Bayes factor + log prior odds) are above this number of nats, candidates are
 /// compared by nonlinear fits instead of scores, because the linearisation errors of the scores of such large effects
 /// exceed the differences between candidates.
 const VERY_MUCH: f64 = 2000.0;
-/// Only candidates whose log posterior odds are above CLOSE x the largest log posterior odds are fitted for the
-/// comparison that [`VERY_MUCH`] describes.
+/// For the comparison by nonlinear fits (see [`VERY_MUCH`]), only candidates whose log posterior odds are above CLOSE x
+/// the largest log posterior odds are fitted.
 const CLOSE: f64 = 0.9;
 
 impl Judged {
@@ -113,7 +114,7 @@ impl ForwardSearch<'_> {
     /// by less than [`RIVAL_NATS`] become rivals. A temperature lag is also fitted from a second start value of its
     /// time constant, because the best time constant may change when effects are added after the lag. If a temperature
     /// lag is not distinguishable from an effect of the rate of change of temperature, the alias with the largest
-    /// posterior odds replaces it. Returns whether an effect was replaced.
+    /// posterior odds replaces the lag, even if the odds of the lag are larger. Returns whether an effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,

@@ -28,10 +28,10 @@ const NO_PRIOR: f64 = 1e4;
 /// A direction in parameter space is observable if a change of the parameters by one typical size in this direction
 /// changes chi2 by at least this value. A change by a hundred typical sizes then changes chi2 by at least 1.
 const LEAST_CHANGE: f64 = LEAST_CHANGE_PARTLY * LEAST_CHANGE_PARTLY;
-/// Sensor noise explains the residuals of a group if the p-value of their chi2 is above this value. If noise explains
-/// all groups, cross-validation is skipped.
+/// Sensor noise explains the residuals of a group (kind of residual) if the p-value of their chi2 is above this value.
+/// If noise explains all groups, cross-validation is skipped.
 const NOISE_CHANCE: f64 = 0.01;
-/// p-value below which the scatter of residuals at rests is significant.
+/// The scatter of residuals at rests is significant if its p-value is below this value.
 const SCATTER_CHANCE: f64 = 1e-6;
 /// The scatter of the residuals at rests is reported only if their standard deviation is larger than WIDE x their
 /// standard deviation from white noise. Coloured noise and bias instability may cause ratios up to this value.
@@ -114,8 +114,8 @@ struct Look {
     /// Number of observable directions in the space of the candidate's parameters. The noise variances are not scaled
     /// (all noise scales s_g^2 are one).
     dof: usize,
-    /// Sum of changes of chi2, one for each parameter of the candidate. Each is the change of chi2 if only this
-    /// parameter changes, by its typical size.
+    /// Sum, over the parameters of the candidate, of the change of chi2 that occurs if only this parameter changes, by
+    /// its typical size.
     trace: f64,
     judged: Option<Judged>,
 }
@@ -201,9 +201,9 @@ impl Candidate {
     }
 }
 
-/// For each candidate: the residuals that remain if the unit has this effect at its typical size, the model lacks it,
-/// and the model's parameters are refitted. For an effect with a time constant, the result is for the trial value at
-/// which the refit removes the smallest share of chi2.
+/// For each candidate: the residuals that remain after a refit of the model's parameters if the unit has this effect at
+/// its typical size and the model lacks the effect. For an effect with a time constant, the result is for the trial
+/// value at which the refit removes the smallest share of chi2.
 pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
     const NAMES: [&str; 11] = [
         "rest_norm",
@@ -288,8 +288,8 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scatteri
     let gram = &stage.design.gram;
     let is_meant = |sensor: Sensor, scale: f64, before: f64| {
         if sensor == Sensor::Encoder && !stage.sensors.contains(&sensor) {
-            // Residuals relative to the stand contain no coloured noise. Only the linearisation error of encoder
-            // effects is therefore tolerated.
+            // Residuals relative to the stand contain no coloured noise, so the limit [`WIDE`] is not applied. Only an
+            // excess that linearisation errors of the selected effects may cause is tolerated.
             return stage.sensors.is_empty() || scale - 1.0 > REMAINDER * (before - 1.0);
         }
         let beside = stage.sensors.is_empty() || (stage.sensors.contains(&sensor) && scale > REMAINDER * before);

@@ -51,7 +51,7 @@ pub struct SessionStep {
 }
 
 /// Change of the biases of one sensor, and the covariance of this change. The field `scatter` is the standard
-/// deviation, from rest to rest, of the residuals that the change leaves.
+/// deviation, from rest to rest, of the residuals after subtraction of the change.
 struct Change {
     value: Vector3<f64>,
     covariance: Matrix3<f64>,
@@ -114,7 +114,7 @@ impl SessionStep {
         [self.accelerometer_mps2, self.gyroscope_radps].map(|change| change.unwrap_or_default().into())
     }
 
-    /// The given calibration, in which the biases are replaced by those that the sensors had in the control recordings.
+    /// The given calibration with the biases that the sensors had in the control recordings.
     pub(super) fn calibration(&self, calibration: &Calibration<f64>) -> Option<Calibration<f64>> {
         let [force, rate] = self.changes();
         let moved = |triad: &Triad<f64>, change: Vector3<f64>| {

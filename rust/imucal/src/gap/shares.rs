@@ -1,5 +1,5 @@
 //! Eigenfunctions of covariance kernels, evaluated at rests and inside moves. A generic hypothesis assumes that a bias
-//! or scale varies, and a kernel describes the variation (docs/model.md (24)).
+//! or scale varies, and a kernel is the covariance of this variation (docs/model.md (24)).
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -72,9 +72,9 @@ const MOST_WAVES: usize = 20;
 const MOST: usize = 12;
 
 impl Shares {
-    /// Computes the eigenfunctions of a kernel. If `in_moves` is true, the kernel is evaluated in the middle of the
-    /// moves, otherwise at the rests. `None` if the kernel is constant over these times, or if there are too few times
-    /// or temperatures.
+    /// Computes the eigenfunctions of a kernel from its values in the middle of the moves if `in_moves` is true,
+    /// otherwise from its values at the rests. `None` if the kernel is constant over these times, or if there are too
+    /// few times or temperatures.
     pub(super) fn new(kernel: Kernel, in_moves: bool, moments: &Moments) -> Option<Self> {
         let points: Vec<Moment> = if in_moves {
             moments.moves.iter().filter_map(|way| way.get(way.len() / 2)).copied().collect()

@@ -37,7 +37,7 @@ impl Stage {
         Self { design: Arc::new(self.design.without(|own| own == name)), ..self.clone() }
     }
 
-    /// The fitted parameters as start values for later fits with the same effects.
+    /// The fitted parameters, for use as start values of later fits with the same effects.
     pub(super) fn warm_start(&self) -> WarmStart {
         WarmStart::new(&self.model, self.places.iter().map(|(name, place)| (name.clone(), place.len())).collect())
     }

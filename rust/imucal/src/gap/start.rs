@@ -25,8 +25,8 @@ const HAND: f64 = 10.0;
 /// arm and a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
 /// If effects that depend on the angular acceleration leave more than this share of the variance unexplained, a delay
-/// of the gyroscope is not considered as the cause. The linearised delay of a third of the duration of a move, or less,
-/// leaves a smaller share.
+/// of the gyroscope is not considered as the cause. If the cause is a delay of at most a third of the duration of a
+/// move, the linearised delay leaves a smaller share unexplained.
 const BEYOND_A_DELAY: f64 = 0.5;
 /// Standard deviation of the prior of the gyroscope's delay in the test for hand motion, in multiples of the typical
 /// delay.

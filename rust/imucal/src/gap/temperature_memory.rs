@@ -59,8 +59,9 @@ pub(super) fn log_prior_odds_of_member(members: &[Member], k: usize) -> f64 {
     if is_temperature_of_history(members, k) { PRIOR_NATS } else { log_prior_odds(&members[k].name) }
 }
 
-/// Maximum p-value at which the effect `members[k]` stays in a model with all effects in `members`. `usual` is the
-/// maximum p-value of effects without a partner.
+/// Maximum p-value at which the effect `members[k]` stays in a model with all effects in `members`. It is
+/// [`PARTNER_CHANCE`] for the temperature effect of a bias if `members` contains the temperature-history effect of the
+/// same bias, and `usual` otherwise.
 pub(super) fn largest_chance(members: &[Member], k: usize, usual: f64) -> f64 {
     if is_temperature_of_history(members, k) { PARTNER_CHANCE } else { usual }
 }
@@ -133,8 +134,9 @@ impl ForwardSearch<'_> {
         Some((own, score))
     }
 
-    /// The model with the candidate `pick`, whose partner is not yet in the model. `None` if `pick` does not increase
-    /// the evidence, or if adding the partner to this model does not improve the prediction of held-out data.
+    /// The model with the candidate `pick` in addition. `None` if `pick` does not increase the evidence, or if no
+    /// partner of `pick` is significant in this model and improves the prediction of held-out data. Partners are the
+    /// temperature effect and a temperature-history effect of the same bias.
     pub(super) fn with_partner(
         &self,
         prepared: &Prepared<'_>,
@@ -158,8 +160,8 @@ impl ForwardSearch<'_> {
         (is_predictive && next.evidence.log > stage.evidence.log).then_some(next)
     }
 
-    /// The trial time constant, s, with the largest evidence for a temperature lag on the sensor of effect `k` of the
-    /// model. The lag is added to the model without effect `k`.
+    /// For a temperature lag on the sensor of effect `k` of the model: the trial time constant with the largest
+    /// evidence, s. The lag is scored as an addition to the model without effect `k`.
     pub(super) fn best_lag_s(
         &self,
         prepared: &Prepared<'_>,

@@ -153,7 +153,8 @@ impl Observed {
         }
     }
 
-    /// Rms of the deviation on each axis, from a fit with an independent prior for each epoch.
+    /// Rms of the deviation on each axis. The deviations are estimated by a fit in which the deviation of each epoch
+    /// has an independent prior.
     fn rms(&self) -> Option<[f64; 3]> {
         let n = self.epochs.len();
         let x = self.most_likely(1.0)?;
@@ -247,8 +248,8 @@ impl Observed {
         Some(White { factor, most_likely, log })
     }
 
-    /// Information about the time course of a deviation that also scatters from epoch to epoch. `scatter` is the
-    /// standard deviation of this scatter.
+    /// Eliminates the white scatter of the deviation from epoch to epoch, and returns the remaining information about
+    /// the time course. `scatter` is the standard deviation of this scatter.
     fn scattered(&self, scatter: f64) -> Option<Scattered> {
         let White { factor, most_likely, log } = self.white([scatter; 3])?;
         // White scatter adds w^2 I to the covariance Lambda^-1 of the deviations. Lambda is `self.information`, w is
@@ -264,8 +265,8 @@ fn log_determinant(factor: faer::MatRef<'_, f64>) -> f64 {
     2.0 * (0..factor.nrows()).map(|i| factor[(i, i)].ln()).sum::<f64>()
 }
 
-/// Three lists of start values for the states. The deviations are projected on their principal direction. A threshold,
-/// which differs between the lists, divides the projections into the states 0 and 1.
+/// Returns three lists of start values for the states of the epochs. The deviations are projected on their principal
+/// direction, and a threshold divides the projections into the states 0 and 1. Each list uses another threshold.
 fn starts_of(x: &[f64]) -> Vec<Vec<f64>> {
     let n = x.len() / 3;
     let at = |k: usize| Vector3::new(x[k], x[n + k], x[2 * n + k]);
@@ -288,7 +289,7 @@ struct White {
     log: f64,
 }
 
-/// Information about the time course of a deviation, after its white scatter is eliminated.
+/// Information about the time course of a deviation after elimination of the white scatter from epoch to epoch.
 struct Scattered {
     information: Mat<f64>,
     slope: Vec<f64>,
@@ -380,14 +381,16 @@ mod tests {
 
     const EPOCHS: usize = 60;
     const STEP_S: f64 = 5.0;
-    /// Noise of the deviation in an epoch, in multiples of the typical deviation of the parameter.
+    /// Standard deviation of the noise in the simulated observation of one epoch, in multiples of the typical deviation
+    /// of the parameter.
     const NOISE: f64 = 0.15;
 
     fn normal(random: &mut ChaCha8Rng) -> f64 {
         random.sample(StandardNormal)
     }
 
-    /// Information of the residuals about the deviation `x` in epochs of 5 s. The mean of the deviation is not known.
+    /// Simulates noisy observations of the deviation `x` in epochs of 5 s, and returns the log likelihood of `x`. The
+    /// mean of the deviation is unknown.
     fn observed(x: impl Fn(usize) -> [f64; 3], random: &mut ChaCha8Rng) -> Observed {
         let epochs = (0..EPOCHS).map(|k| Epoch { recording: 0, time_s: (k as f64 + 0.5) * STEP_S }).collect();
         let weight = NOISE.powi(-2);

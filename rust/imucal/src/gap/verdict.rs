@@ -1,4 +1,4 @@
-//! Derivation of a search's verdict from its fits and tests.
+//! Derives the verdict (the conclusion of a search) from the fits and tests of the search.
 //!
 //! ```text
 //! data_fault        faults of the data explain the residuals, may explain them, or affect too many samples
@@ -28,17 +28,17 @@ const CERTAIN_NATS: f64 = 8.0;
 /// used). If they remove a smaller share, unseen data contradict the effects. The limit applies if the fit with the
 /// effects is poor, or if residuals of unseen data exceed noise.
 const LEAST_REMOVED: f64 = 0.1;
-/// Threshold of three tests: a share of chi2 of unseen data. First, if residuals at rest scatter more than noise, the
-/// effects are confirmed only if they remove at least this share of chi2 from one kind of residuals. Second, if the
-/// effects remove at least this share, the residuals that remain do not limit the use of the calibration. Third, a
-/// change of the biases between sessions explains the residuals if a model with this change has a chi2 that is smaller
-/// by more than this share.
+/// Threshold of three tests, as a share of chi2 of unseen data (data that no fit used). First, if residuals at rest
+/// scatter more than noise, the effects are confirmed only if they remove at least this share of chi2 from one kind of
+/// residuals. Second, if the effects remove at least this share, the residuals that remain do not limit the use of the
+/// calibration. Third, a change of the biases between sessions explains the residuals if a model with this change has a
+/// chi2 that is smaller by more than this share.
 const MOST_REMOVED: f64 = 0.5;
 /// Decrease of chi2 of unseen data, in standard deviations of the decrease. A larger decrease confirms the effects even
 /// if they remove a smaller share of chi2 than [`LEAST_REMOVED`]. This criterion is not used if the fit is poor, or if
 /// residuals at rest scatter more than noise.
 const SIGNIFICANT: f64 = 4.0;
-/// Codes of findings that prevent conclusions about effects.
+/// Codes of findings (faults of the data) that prevent conclusions about effects.
 const FAULTS: [&str; 8] = [
     "noise_grows_in_motion",
     "gyro_saturation",
@@ -266,7 +266,8 @@ impl Fit {
     }
 }
 
-/// Whether the fault affects so few samples (see [`FEW_PERCENT`]) that it does not disturb the fit.
+/// Whether the share of samples that the fault affects is below the limit in [`FEW_PERCENT`], so that the fault does
+/// not disturb the fit.
 fn are_few(fault: &Finding) -> bool {
     let limit = FEW_PERCENT.iter().find(|(code, _)| *code == fault.code).map_or(0.0, |(_, limit)| *limit);
     fault.severity == Severity::Warning && fault.value < limit

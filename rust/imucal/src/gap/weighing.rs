@@ -32,9 +32,9 @@ pub(crate) use left::Left;
 /// Maximum number of rounds of an iteration that alternately estimates the noise scales and the parameters. If the
 /// iteration does not converge, the result of the last round is used.
 const SCALE_ROUNDS: usize = 20;
-/// The iteration ends if an update of the noise scales increases the log evidence by less than this number of nats.
-/// Another fit of the parameters at the updated noise scales would increase the log evidence by at most 3 % of this
-/// threshold.
+/// The iteration over noise scales and parameters ends if an update of the noise scales increases the log evidence by
+/// less than this number of nats. Another fit of the parameters at the updated noise scales would increase the log
+/// evidence by at most 3 % of this threshold.
 const FORESEEN: f64 = 0.05;
 
 /// An additional column: its index in the Gram matrices, and the typical size of its parameter.

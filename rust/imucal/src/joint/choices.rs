@@ -3,7 +3,7 @@
 
 use imucal_core::effects::{Effect, Need, Sensor};
 
-/// An effect of the catalogue to be estimated.
+/// An effect of the catalogue that a fit estimates.
 #[derive(Clone, Copy, Debug)]
 pub struct EffectChoice {
     /// Entry of the effect in the catalogue.
@@ -19,8 +19,8 @@ impl EffectChoice {
         Self { effect, parameters: effect.plain }
     }
 
-    /// The effect as a candidate of a search. An effect of the temperature has its full form, because the search
-    /// selects the degree of its polynomial. Any other effect has its plain form.
+    /// The effect as a candidate of a search for effects. An effect of the temperature has its full form, because the
+    /// search selects the degree of its polynomial. Any other effect has its plain form.
     pub fn candidate(effect: &'static Effect<f64>) -> Self {
         if effect.needs.contains(&Need::Temperature) { Self::full(effect) } else { Self::plain(effect) }
     }
@@ -65,8 +65,8 @@ impl Kinds {
         }
     }
 
-    /// Whether the fit uses residuals inside the moves: of the specific force, or of the attitude relative to the
-    /// stand.
+    /// Whether the fit uses residuals inside the moves. These are residuals of the specific force, or of the attitude
+    /// relative to the stand.
     pub(super) fn look_inside(self) -> bool {
         self.in_motion || self.encoders
     }

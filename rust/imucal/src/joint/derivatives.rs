@@ -17,8 +17,9 @@ use crate::simulate::motion::Motion;
 use crate::simulate::tumble::{HandMoves, Tumble};
 use crate::simulate::{Faults, RandomMoves, Setup, Temperature, Unit};
 
-/// Calls `work` with the inputs of a fit. The fit estimates `effects` in their full forms (with all parameters) and one
-/// user-defined effect. All effects are zero, and each time constant has its typical value.
+/// Simulates a run without noise and calls `work` with the inputs of a fit to this run. The fit estimates `effects` in
+/// their full forms (with all parameters) and one user-defined effect. The start values of all effects are zero, and
+/// each time constant starts at its typical value.
 fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, Vec<f64>)) {
     let run = Run::new(&RandomMoves { moves: 12, hold_s: 1.5, ..RandomMoves::default() }, rate_hz, &EffectSet::none());
     let wave = |time_s: &f64| [0.0, 1.0, 2.0].map(|phase| (3.0 * time_s + phase).sin());
@@ -40,7 +41,7 @@ fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepare
     .unwrap();
 }
 
-/// The derivatives with respect to the base parameters are correct for a hand-held unit.
+/// The derivatives with respect to the base parameters are correct for a simulated hand-held unit.
 #[test]
 fn derivatives_in_a_hand_meet_central_differences() {
     let moves = HandMoves { poses: 15, tremor_rad: 0.05_f64.to_radians(), ..HandMoves::default() };
@@ -85,8 +86,8 @@ fn errors(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Vec<f64
     let at = |p: usize, step: f64| {
         let mut changed = parameters.to_vec();
         changed[p] += step;
-        // The residuals are linearised again here. For nearby parameters, the problem would return a first-order update
-        // with unchanged derivatives.
+        // The residuals are linearised again here. For nearby parameters, `problem.whitened` would return a first-order
+        // update with unchanged derivatives.
         problem.whiten(&problem.prepared.linearise(terms, &changed).unwrap()).0
     };
     let typical: Vec<f64> = terms.all.iter().flat_map(Term::typical).collect();
@@ -118,7 +119,7 @@ fn check(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64], tolerance: 
 /// Effects that are tested with all kinds of residuals.
 const FEW: [&str; 4] = ["gyro_g_sensitivity", "earth_rate", "accel_scale_temperature", "accel_bias_warmup"];
 
-/// If all effects are zero, the derivatives are exact, except those of the attitudes inside moves relative to the
+/// If all effects are zero, the derivatives are accurate, except those of the attitudes inside moves relative to the
 /// stand. These derivatives are evaluated at the attitude of the stand in the middle of a 40 ms block.
 #[test]
 fn derivatives_meet_central_differences() {
@@ -158,7 +159,7 @@ fn derivatives_meet_central_differences() {
 }
 
 /// The residuals inside moves can be whitened move by move, or together with all other residuals in one matrix. Both
-/// ways give the same values, also after a first-order update of the linearisation.
+/// methods give the same values, also after a first-order update of the linearisation.
 #[test]
 fn what_stands_apart_is_whitened_alike() {
     let kinds = Kinds { in_motion: true, encoders: false };

@@ -39,7 +39,7 @@ use directions::directions;
 /// Step of the central differences with respect to stand parameters and motor angles, rad. The relative error of a
 /// difference quotient is about the square of the step, 1e-8.
 const STEP_RAD: f64 = 1e-4;
-/// A change of an encoder reading up to this size counts as a rounding error of the stored numbers, rad. The count
+/// A change of an encoder reading by up to this angle, rad, counts as a rounding error of the stored numbers. The count
 /// (resolution) of any real encoder is far larger.
 const LEAST_COUNT_RAD: f64 = 1e-11;
 /// Number of fixed-point iterations that correct the encoder readings. The effects on the encoders depend on the true

@@ -33,9 +33,9 @@ use super::problem::Joint;
 use crate::cancellation::checkpoint;
 use crate::rests::moves::{Move, rows_across};
 
-/// Basis functions (columns) of a generic error field of one sensor. Each basis function acts on one body axis. Those
-/// of the x axis come first, then equally many of the y axis, then those of the z axis. Values are in rad/s (gyroscope)
-/// or m/s^2 (accelerometer).
+/// Basis functions (columns) of a generic error field of one sensor. Each basis function acts on one body axis. The
+/// basis functions of the x axis come first, followed by equally many of the y axis and of the z axis. Values are in
+/// rad/s (gyroscope) or m/s^2 (accelerometer).
 pub(crate) struct Field {
     pub(crate) sensor: Sensor,
     /// Number of basis functions.
@@ -80,7 +80,7 @@ impl Field {
     }
 }
 
-/// Segments of each move, integrated without effects. Only every `every`-th segment is kept.
+/// Segments of each move, with the attitude integrated without effects. Only every `every`-th segment is kept.
 pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Vec<MoveSegments> {
     let way = |(index, at_move): (usize, &AtMove)| {
         let route = prepared.route(index, None, &at_move.before, false);
@@ -90,8 +90,9 @@ pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usi
 }
 
 impl Field {
-    /// Attitude change due to each basis function, rad, at the midpoint of each segment of move `k` and at the end of
-    /// the move. Between two midpoints, the field is assumed to be the mean of its values in the two segments.
+    /// Attitude change due to each basis function (with the coefficient 1), rad. It is computed at the midpoint of each
+    /// segment of move `k` and at the end of the move. Between two midpoints, the field is assumed to be the mean of
+    /// its values in the two segments.
     fn turns(&self, k: usize, way: &MoveSegments) -> Planes {
         let count = way.stretches.len();
         let mut turns = Planes::new((0..self.width).collect(), count + 1);
@@ -127,7 +128,7 @@ impl Joint<'_> {
     }
 
     /// Derivatives of the residuals with respect to an error field of the gyroscope. The derivatives of force norms and
-    /// of directions after moves are written to `lines` and are not yet whitened. The derivatives of all other
+    /// of gravity directions after moves are written to `lines` and are not yet whitened. The derivatives of all other
     /// residuals are whitened and written to `all`.
     fn by_rate(&self, linear: &Linear, ways: &[MoveSegments], field: &Field, lines: &mut Mat<f64>, all: &mut Mat<f64>) {
         let (width, gravity_mps2) = (field.width, self.prepared.gravity_mps2);
@@ -169,8 +170,8 @@ impl Joint<'_> {
     }
 
     /// Derivatives of the residuals with respect to an error field of the accelerometer. The derivatives of force norms
-    /// and of directions after moves are written to `lines` and are not yet whitened. The derivatives of all other
-    /// residuals are whitened and written to `all`.
+    /// and of gravity directions after moves are written to `lines` and are not yet whitened. The derivatives of all
+    /// other residuals are whitened and written to `all`.
     fn by_force(
         &self,
         linear: &Linear,
@@ -197,8 +198,8 @@ impl Joint<'_> {
             let Move { from, to, .. } = self.prepared.moves[k];
             let (at_start, at_end) = (field.at_rest(from), field.at_rest(to));
             let inside = Inside::new(pass, &before.up, &self.weights.inside[k], self.prepared.gravity_mps2);
-            // The field acts on the same accelerometer at the rests before and after the move, so it also changes the
-            // gravity directions there.
+            // The field also acts at the rests before and after the move, so it also changes the gravity directions
+            // measured there.
             let level = |up: &Vector3<f64>, d: &Vector3<f64>| d - up * up.dot(d);
             let by_start = inside.directions.map(|d| level(&before.up, &d));
             let by_end = [1, 2].map(|c| level(&after.up, &pass.rotation.tr_mul(&inside.directions[c])));

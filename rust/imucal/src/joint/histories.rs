@@ -67,8 +67,8 @@ impl TemperatureHistories {
         })
     }
 
-    /// The derivatives of the histories with respect to the time constant of the lags, per second.
-    /// They are central differences with the step `step_s`.
+    /// Derivatives of the histories with respect to the time constant of the lags, per second. They are central
+    /// differences with the step `step_s`.
     pub(super) fn derivative(recordings: &[Recording<'_>], tau_s: f64, step_s: f64) -> Self {
         let memory = TemperatureMemory::with_time_constants(Some(tau_s + step_s), Some(tau_s - step_s));
         Self::map(recordings, memory, |history| {
@@ -98,8 +98,8 @@ impl TemperatureHistories {
     /// unknown.
     pub(super) fn at(&self, Sample { recording, index, count }: Sample) -> Option<TemperatureHistory<f64>> {
         let nodes = self.0.get(recording)?.as_ref()?;
-        // The samples are divided into equal sections of at most one stride. The result is the mean of the values at
-        // the centres of the sections.
+        // The samples are divided into equal sections that are at most as long as the distance between two nodes. The
+        // result is the mean of the values at the centres of the sections.
         let points = count.div_ceil(nodes.stride).max(1);
         let place = |point: usize| index as f64 + (point as f64 + 0.5) * count as f64 / points as f64 - 0.5;
         let mut mean = nodes.at(place(0));
@@ -121,7 +121,7 @@ impl Nodes {
     }
 }
 
-/// Number of samples between two nodes.
+/// Number of samples from one node (stored value of the history) to the next.
 fn stride_of(recording: &Recording<'_>) -> usize {
     let [first_s, last_s] = recording.span_s();
     let intervals = recording.len().saturating_sub(1);
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn the_history_of_a_fit_is_that_of_the_correction() {
-        // The rate is 500 Hz, so that two nodes are ten samples apart.
+        // The sampling rate is 500 Hz, so that neighbouring nodes are ten samples apart.
         let time_s: Vec<f64> = (0..30_000).map(|k| 100.0 + 0.002 * f64::from(k)).collect();
         let degc: Vec<f64> = time_s.iter().map(|t| 25.0 + 20.0 * (t / 10.0).sin()).collect();
         let zeros = vec![[0.0; 3]; time_s.len()];

@@ -8,8 +8,8 @@
 //! f is the specific force, and R is the rotation from the body frame at a sample to the body frame at the start of the
 //! move. mean_j is the mean over block j of 40 ms, and z_j is the residual of this block along the unit vector d. g is
 //! local gravity, and u is the unit vector up at the start of the move. x_j is the part of z_j that is due to the error
-//! of the attitude relative to gravity. It is a random walk and the state of the Kalman filter. `white` is the noise of
-//! the mean force.
+//! of the attitude relative to gravity. x_j is a random walk and is the state of the Kalman filter. `white` is the
+//! noise of the mean force.
 //!
 //! The direction d is along gravity or along one of two directions perpendicular to it. The component along gravity
 //! contains no random walk, because an attitude error does not change it to first order. The perpendicular components
@@ -33,10 +33,10 @@ use crate::rests::moves::across;
 use blocks::{Derivatives, IntoColumns, IntoLanes};
 
 /// Contributions of the gravity directions at both ends of a move to the derivatives of the move's residuals with
-/// respect to one parameter, m/s^2. `start` contains the contribution of the direction at the start along each of the
-/// three directions d. It is added to the derivatives of every residual. `end` contains the contribution of the
-/// direction at the end, rotated to the start, along the two directions perpendicular to gravity. It is added to the
-/// derivatives of the last two residuals.
+/// respect to one parameter, m/s^2. `start` contains the contribution of the gravity direction at the start along each
+/// of the three directions d. It is added to the derivatives of every residual. `end` contains the contribution of the
+/// gravity direction at the end, rotated to the start, along the two directions perpendicular to gravity. It is added
+/// to the derivatives of the last two residuals.
 pub(super) struct Edges {
     pub(super) start: [f64; 3],
     pub(super) end: [f64; 2],
@@ -46,7 +46,7 @@ pub(super) struct Edges {
 pub(super) struct Rows<'a> {
     target: Target<'a>,
     next: usize,
-    /// Number of values already written in each row of the current move. Only `Target::Lanes` uses it.
+    /// Number of values already written in each row of the current move. It is used only if the target is [`Lanes`].
     place: usize,
 }
 
@@ -106,8 +106,8 @@ impl<'a> Rows<'a> {
         self.next
     }
 
-    /// Writes all whitened rows of a move. The first columns are the derivatives with respect to all parameters, and
-    /// the last column is the residual.
+    /// Writes all whitened residuals of a move, one row per residual. The first columns are the derivatives with
+    /// respect to all parameters, and the last column is the residual.
     pub(super) fn write_move(&mut self, at_move: &AtMove, noise: &InsideNoise, gravity_mps2: f64) {
         let AtMove { pass, before, after } = at_move;
         let inside = Inside::new(pass, &before.up, noise, gravity_mps2);

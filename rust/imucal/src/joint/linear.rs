@@ -64,16 +64,16 @@ pub(crate) struct Linear {
     pub(crate) moves: Arc<Vec<AtMove>>,
     /// Index and gravity direction of each rest that the fit uses.
     pub(super) directions: Vec<(usize, Arc<EndDirection>)>,
-    /// Change of the parameters since the samples of the moves were last integrated; empty if the parameters have not
-    /// changed. The residuals inside the moves are corrected to first order: their derivatives times this change are
-    /// added.
+    /// Change of the parameters since the samples of the moves were last integrated; empty if they have not changed, or
+    /// if the fit does not use the force inside the moves. To first order, the residuals inside the moves are corrected
+    /// by the product of their derivatives and this change.
     pub(super) change: Vec<f64>,
     kinds: Kinds,
 }
 
 /// Row ranges of three groups of residuals in the whitened matrices: forces inside the moves, gravity directions
-/// relative to the stand, and attitudes relative to the stand. The rows of force norms, directions after moves and mean
-/// rates come first.
+/// relative to the stand, and attitudes relative to the stand. The rows of force norms, gravity directions after moves
+/// and mean rates come first.
 pub(crate) struct Groups {
     pub(crate) inside: Range<usize>,
     pub(crate) stand_rests: Range<usize>,
@@ -102,8 +102,8 @@ impl Linear {
         moved
     }
 
-    /// Number of residuals of three kinds: force norms, directions after moves, and mean rates. Their rows precede all
-    /// others.
+    /// Number of residuals of three kinds: force norms, gravity directions after moves, and mean rates. Their rows
+    /// precede all other rows.
     pub(crate) fn head_rows(&self) -> usize {
         self.lines.len() + 3 * self.rates.len()
     }
@@ -143,8 +143,8 @@ impl Linear {
         found
     }
 
-    /// Kind of each row of the whitened residuals, as an index: 0 for force norms, 1 for directions after moves, 2 to 4
-    /// for mean rates about x, y and z. The other kinds are [`INSIDE`], [`STAND_RESTS`], [`STAND_MOVES`],
+    /// Kind of each row of the whitened residuals, as an index: 0 for force norms, 1 for gravity directions after
+    /// moves, 2 to 4 for mean rates about x, y and z. The other kinds are [`INSIDE`], [`STAND_RESTS`], [`STAND_MOVES`],
     /// [`EPOCH_NORMS`], [`EPOCH_STEPS`] and [`EPOCH_RATES`].
     pub(crate) fn groups_of_rows(&self) -> Vec<usize> {
         let groups = self.groups();
@@ -171,17 +171,17 @@ pub(crate) const STAND_RESTS: usize = 6;
 /// angles.
 pub(crate) const STAND_MOVES: usize = 7;
 /// Index of a kind of residuals: force norms at the second and later epochs (parts) of long rests. They are a separate
-/// kind. All epochs of a rest have the same attitude, so their norms scatter only due to noise and the drift of the
-/// biases. The norms of different rests also contain model errors that depend on the attitude.
+/// kind because they scatter less. All epochs of a rest have the same attitude, so their norms scatter only due to
+/// noise and bias drift. The norms of different rests also contain model errors that depend on the attitude.
 pub(crate) const EPOCH_NORMS: usize = 8;
 /// Index of a kind of residuals: changes of the gravity direction between the epochs (parts) of a long rest.
 pub(crate) const EPOCH_STEPS: usize = 9;
 /// Index of a kind of residuals: mean rates at the second and later epochs (parts) of long rests, all axes.
 pub(crate) const EPOCH_RATES: usize = 10;
 
-/// Computing time per sample for the integration over a move with effects or with blocks (short intervals over which
-/// the force is averaged). It is given in multiples of the computing time per sample for preintegration, which is used
-/// without effects and without blocks. The number of threads is computed from the total computing time.
+/// Computing time per sample of the integration over a move with effects or with blocks (short intervals over which the
+/// force is averaged), relative to that of preintegration, which is used without effects and without blocks. The number
+/// of threads is computed from the total computing time.
 const COST: usize = 30;
 
 impl Prepared<'_> {
@@ -197,9 +197,9 @@ impl Prepared<'_> {
             let route = Route { preintegrated, ..self.route(index, attitude, &before, has_blocks) };
             AtMove { pass: route.pass(&model, &evaluated), before, after }
         };
-        // If all effects are zero, the rotations of all moves are integrated first, which is fast. They give the
-        // attitude at every rest. The complete integration of the moves, which needs these attitudes, then runs in
-        // parallel.
+        // If all effects are zero, only the rotations of all moves are integrated first, which is fast. The rotations
+        // give the attitude at every rest. The complete integration of the moves, which needs these attitudes, then
+        // runs in parallel.
         let goes_ahead = evaluated.adds_nothing();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
@@ -308,10 +308,10 @@ impl Prepared<'_> {
         let mut by_bias = -Matrix3::identity();
         let mut turned_by_effects = vec![Vector3::zeros(); terms.count];
         if let Some((PropagatedMean { mean_s, .. }, error)) = propagated.as_ref().zip(bias_error) {
-            // At a hand-held rest, a mean rotation rate was subtracted from the mean rate. It was computed from the
-            // gravity directions at the two ends of the rest, which were propagated with an assumed gyroscope bias. The
-            // residual therefore depends on the difference between the bias of the model and the assumed bias (model.md
-            // (27)).
+            // At a hand-held rest, the mean rotation rate of the hand was subtracted from the mean rate. It was
+            // computed from the gravity directions at the two ends of the rest, which were propagated with an assumed
+            // gyroscope bias. The residual therefore depends on the difference between the bias of the model and the
+            // assumed bias (model.md (27)).
             let across = Matrix3::identity() - up * up.transpose();
             let turned = sensitivity * across * (2.0 * mean_s / (rest.end_s - rest.start_s));
             residual += turned * error.value;
@@ -344,7 +344,7 @@ impl Prepared<'_> {
 }
 
 /// Residuals of the force inside the moves at given parameters, with their derivatives. The residuals of a move are
-/// whitened only when a caller requests them (`look`).
+/// whitened only when a caller requests them with [`Insides::look`].
 pub(crate) struct Insides {
     linear: Arc<Linear>,
     noise: Vec<InsideNoise>,

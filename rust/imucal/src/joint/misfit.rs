@@ -5,10 +5,10 @@
 //! ```
 //!
 //! r are the residuals, P is the matrix of equation (25) of model.md for all N residuals, and n is the number of fitted
-//! parameters. The chi2 of a rest or of a move is d of this equation: the decrease of chi2 if the residuals of this
+//! parameters. The chi2 of a rest or of a move is d of equation (25): the decrease of chi2 if the residuals of this
 //! rest or move are excluded. The residuals of a rest are those of its force norm and of its mean rates about the three
-//! axes. The decrease has a chi2 distribution for any leverage of the rest or move. The weights contain only sensor
-//! noise, and standard deviations are not increased for excess scatter.
+//! axes. If noise explains the residuals, d has a chi2 distribution for any leverage of the rest or move. The weights
+//! contain only sensor noise, and standard deviations are not increased for excess scatter.
 
 mod groups;
 
@@ -159,18 +159,18 @@ struct Parts {
     size: Vec<f64>,
     /// Indices of the Jacobian columns that are not zero.
     kept: Vec<usize>,
-    /// Whitened residuals of force norms at rests, directions after moves, and mean rates at rests. Their errors are
-    /// correlated before whitening. The first columns are the columns of the Jacobian, scaled to length one. The last
-    /// column contains the residuals.
+    /// Whitened residuals of force norms at rests, gravity directions after moves, and mean rates at rests. Their
+    /// errors are correlated before whitening. The first columns are the columns of the Jacobian, scaled to length one.
+    /// The last column contains the residuals.
     shared: Mat<f64>,
     /// For each rest or move: Gram matrix `[J r]^T [J r]` of its independent residuals, which are the residuals
     /// inside moves and the residuals relative to the stand. J and r are their whitened Jacobian and residuals.
     others: Vec<(Source, Mat<f64>)>,
     /// Gram matrix `[J r]^T [J r]` of the residuals of the priors.
     given: Mat<f64>,
-    /// For each possible error of a force norm, of a direction after a move, of a mean rate, or of a component of a
-    /// mean force: the change of the whitened residuals due to a unit error. The change is stored as the index of its
-    /// first nonzero entry and the entries from there on.
+    /// For each possible error of a force norm, of a gravity direction after a move, of a mean rate, or of a component
+    /// of a mean force: the change of the whitened residuals due to a unit error. The change is stored as the index of
+    /// its first nonzero entry and the entries from there on.
     units: Vec<(usize, Vec<f64>)>,
 }
 
@@ -210,7 +210,7 @@ impl Parts {
 
     /// Change of the parameters in a fit without some of the residuals; `None` if this fit does not determine all
     /// parameters. Residuals with independent errors are omitted if `is_out` is true for their rest or move. Force
-    /// norms, directions after moves and mean rates have errors in common with other residuals, so they are not
+    /// norms, gravity directions after moves and mean rates have errors in common with other residuals, so they are not
     /// omitted. Instead, such a residual is held out by a free parameter for its error, because a residual with an
     /// unknown error has no influence on the fit. `columns` are the indices of these errors in `units`.
     fn without(&self, columns: &[usize], is_out: impl Fn(Source) -> bool) -> Option<Vec<f64>> {
@@ -251,7 +251,7 @@ impl Parts {
 }
 
 /// Vector with one entry per residual, of which only consecutive entries from index `first` on are nonzero. The nonzero
-/// entries of few vectors overlap, because only neighbouring residuals are correlated.
+/// ranges of two vectors rarely overlap, because only neighbouring residuals are correlated.
 struct Stretch {
     first: usize,
     values: Vec<f64>,

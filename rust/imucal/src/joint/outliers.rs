@@ -13,7 +13,7 @@
 //! a chi2 distribution for any correlation of the residuals. Its degrees of freedom equal the number of columns of A. C
 //! contains only sensor noise. If all residuals of a kind have excess scatter, their d are divided by a common scale,
 //! which is computed from the median of d. An item is a rest or a move. The item with the smallest p-value is excluded,
-//! and the others are tested again, until no p-value is below `SIGNIFICANCE`.
+//! and all other items are tested again, until no p-value is below `SIGNIFICANCE`.
 
 #[cfg(test)]
 mod tests;
@@ -41,11 +41,11 @@ use crate::two_stage::observability::{FARTHEST, LARGEST_SHIFT, REST_ERROR_MPS2};
 /// Significance level. An item with a smaller p-value is excluded. With 400 tests (three for each of 100 rests, one for
 /// each of 100 moves), the probability is 0.4 % that any item of a run without outliers is excluded.
 const SIGNIFICANCE: f64 = 1e-5;
-/// A linear combination of columns of A is tested only if 1 - h is above this limit, for its leverage h (model.md
-/// (25)). 1 - h is the share of the variance along the combination that remains in the residuals after the fit.
+/// A linear combination of columns of A (error patterns, model.md (25)) is tested only if 1 - h is above this limit,
+/// where h is its leverage. 1 - h is the share of the variance along it that remains in the residuals after the fit.
 const MIN_RESIDUAL_SHARE: f64 = 0.05;
-/// Column k of the scaled Jacobian is linearly dependent on the other columns if |R_kk| is at most this limit, for R of
-/// the QR decomposition. The limit is far above rounding errors.
+/// Limit of the diagonal entry R_kk in the QR decomposition of the scaled Jacobian. If |R_kk| is at most this limit,
+/// column k is linearly dependent on the other columns. The limit is far above rounding errors.
 const LINEAR_DEPENDENCE: f64 = 1e-9;
 /// The residual of a prior is tested only if 1 - h is above this limit, for the leverage h of the residual. With a
 /// smaller 1 - h, rounding errors dominate the standardised residual.
@@ -170,9 +170,9 @@ pub(crate) fn outliers(
 
 /// Rests whose norm the other rests do not predict, for example the only rest of a box-shaped unit on one of its faces.
 /// Because only the moves predict this norm, its decrease d of chi2 is divided by the larger of the scales of norms and
-/// moves. The leverages are those of the design matrix of model.md (12). This matrix has one row for each rest, with
-/// the derivatives of the norm divided by the model error of a rest. It also has one row for each parameter, for a
-/// prior of the parameter about its nominal value.
+/// moves. Such a rest has a leverage above 0.95 in the design matrix of model.md (12). This matrix has one row for each
+/// rest: the derivatives of the norm divided by the model error of a rest. It also has one row for each parameter, for
+/// a prior of the parameter about its nominal value.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear
@@ -202,8 +202,8 @@ fn log_p_value(misfit: f64, freedom: usize) -> f64 {
     if p > 1e-200 { p.ln() } else { (half - 1.0) * x.ln() - x - ln_gamma(half) }
 }
 
-/// Groups of columns of A that are tested together. There is one column for each residual (force norms, directions
-/// after moves, mean rates), then three columns for the mean force of each rest.
+/// Groups of columns of A (error patterns) that are tested together. There is one column for each residual (force
+/// norms, gravity directions after moves, mean rates), then three columns for the mean force of each rest.
 fn groups(linear: &Linear) -> Vec<Group> {
     let lines = &linear.lines;
     let mut groups: Vec<Group> =
@@ -235,8 +235,8 @@ fn groups(linear: &Linear) -> Vec<Group> {
 }
 
 /// Changes of the whitened residuals due to a unit error of the mean force, for each rest and axis. `units` are the
-/// changes due to a unit error of each force norm and each direction after a move. A change is stored as the index of
-/// its first nonzero entry and the entries from there on.
+/// changes due to a unit error of each force norm and each gravity direction after a move. A change is stored as the
+/// index of its first nonzero entry and the entries from there on.
 pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
     let of_axis = |rest: usize, axis: usize| {
         let lines = linear.lines.iter().zip(units);
@@ -273,7 +273,7 @@ pub(super) struct LeaveOut {
     /// Columns of `L^-1 A` (model.md (25)), where L is the Cholesky factor of the residual covariance C. Each is stored
     /// as the index of its first nonzero row and the values from that row on.
     columns: Vec<(usize, Vec<f64>)>,
-    /// Orthonormal basis of the columns of the whitened Jacobian, one vector per dimension.
+    /// Orthonormal basis of the columns of the whitened Jacobian and of the excluded entries of `columns`.
     basis: Vec<Vec<f64>>,
     /// For each entry of `columns`: its dot products with the basis vectors.
     seen: Vec<Vec<f64>>,
@@ -322,14 +322,14 @@ impl LeaveOut {
         (free > MIN_JUDGED).then(|| (self.residuals[row] / free.sqrt(), free))
     }
 
-    /// chi2 of all residuals, and its number of degrees of freedom.
+    /// chi2 of all residuals that are not excluded, and its number of degrees of freedom.
     pub(super) fn whole(&self) -> (f64, usize) {
         (dot(&self.residuals, &self.residuals), self.residuals.len().saturating_sub(self.basis.len()))
     }
 
-    /// Decrease d of chi2 if the residuals may change freely along these columns of A. The second value is the
-    /// degrees of freedom of d. Directions along which the fit reproduces any error (leverage near one) cannot be
-    /// tested and are not counted.
+    /// Decrease d of chi2 if the residuals may change freely along these columns of A (error patterns). The second
+    /// value is the number of degrees of freedom of d. Directions along which the fit reproduces any error (leverage
+    /// near one) cannot be tested and are not counted.
     pub(super) fn misfit(&self, columns: &[usize]) -> (f64, usize) {
         let n = columns.len();
         if n == 0 {

@@ -2,7 +2,8 @@
 //! move.
 //!
 //! R(t) rotates vectors from the body frame at time t to the body frame at the start of the move. A small change of the
-//! parameters changes R(t) to exp(turn(t)) R(t). Here turn(t) is the attitude error in the body frame at the start.
+//! parameters changes R(t) to exp(turn(t)) R(t). Here turn(t) is the attitude error in the body frame at the start of
+//! the move.
 //!
 //! ```text
 //! w = v - sum Phi theta,   v = T^-1 (m - b),   R <- R exp(h s(w) + h^2/12 (w_0 x w_1))
@@ -62,8 +63,9 @@ pub(crate) const BLOCK_S: f64 = 0.04;
 pub(crate) struct Pass {
     /// Rotation of the body frame from the end of the move to its start: `v_start = rotation * v_end`.
     pub(crate) rotation: Matrix3<f64>,
-    /// Derivative of the attitude at the end with respect to every parameter, rad per unit of the parameter, as a
-    /// rotation vector in the body frame at the start. It is zero for the parameters of the accelerometer.
+    /// Derivative of the attitude at the end of the move with respect to every parameter, rad per unit of the
+    /// parameter. It is a rotation vector in the body frame at the start of the move. It is zero for the parameters of
+    /// the accelerometer.
     pub(crate) turn: Vec<Vector3<f64>>,
     /// Blocks (short intervals with a mean force) inside the move; empty unless requested.
     pub(crate) blocks: Vec<Block>,

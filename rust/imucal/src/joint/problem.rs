@@ -62,7 +62,7 @@ impl<'a> Joint<'a> {
         Self::with(prepared, terms, linear, weights)
     }
 
-    /// The problem with the weights and priors with which the fit `fit` ended.
+    /// The problem with the final weights and priors of the fit `fit`.
     pub(crate) fn of_fit(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, fit: &JointFit) -> Result<Self, Error> {
         let mut problem = Self::with(prepared, terms, Arc::clone(&fit.linear), fit.weights.clone())?;
         problem.hold(fit.priors.clone());
@@ -125,7 +125,7 @@ impl<'a> Joint<'a> {
         Ok(self.weights.excess(self.prepared, &linear, found, kept))
     }
 
-    /// Sets the weights that correspond to a given excess of the residuals over noise, at the parameters `found`.
+    /// Sets the weights for a given excess of the residuals over noise, at the parameters of the fit `found`.
     pub(super) fn weigh_with(&mut self, found: &Solution, excess: &Widening) -> Result<(), Error> {
         let linear = self.linear(&found.parameters)?;
         self.weights = Weights::with(self.prepared, self.terms, &linear, excess);
@@ -147,8 +147,8 @@ impl<'a> Joint<'a> {
         self.rows += self.shapes.len();
     }
 
-    /// Adapts the widths of the priors to the estimated parameters. Returns whether any width changed by more than
-    /// 10 %.
+    /// Adapts the widths (standard deviations) of the priors to the estimated parameters. Returns whether any width
+    /// changed by more than 10 %.
     pub(crate) fn widen(&mut self, found: &Solution) -> bool {
         if self.priors.is_empty() {
             return false;
@@ -169,9 +169,9 @@ impl<'a> Joint<'a> {
         (entries.iter().map(|e| e * e).sum::<f64>() / 3.0).sqrt()
     }
 
-    /// Whitened derivatives with respect to a separate bias at each rest, with three columns per rest. The first matrix
-    /// is for the gyroscope, the second for the accelerometer. The gyroscope bias in a move is the mean of the biases
-    /// at the two adjacent rests. The rows are those of force norms, directions after moves and mean rates.
+    /// Whitened derivatives of force norms, gravity directions after moves and mean rates with respect to a separate
+    /// bias at each rest, three columns per rest. The first matrix is for the gyroscope, the second for the
+    /// accelerometer. The gyroscope bias in a move is the mean of the biases at the two adjacent rests.
     fn by_biases_of_rests(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let (head, count) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let rows = linear.head_rows();
@@ -218,9 +218,9 @@ impl<'a> Joint<'a> {
         }
     }
 
-    /// Columns of L^-1, where L is the Cholesky factor of the covariance of force norms, directions after moves and
-    /// mean rates. Column k is the change of the whitened residuals due to a unit error of the k-th of these residuals.
-    /// A column is stored as the index of its first nonzero row and the values from that row on.
+    /// Columns of L^-1, where L is the Cholesky factor of the covariance of force norms, gravity directions after moves
+    /// and mean rates. Column k is the change of the whitened residuals due to a unit error of the k-th of these
+    /// residuals. A column is stored as the index of its first nonzero row and the values from that row on.
     pub(crate) fn whitened_units(&self, linear: &Linear) -> Vec<(usize, Vec<f64>)> {
         let head = linear.lines.len();
         let lines = (0..head).map(|row| (row, self.weights.whitening.unit(row)));
@@ -252,8 +252,8 @@ impl<'a> Joint<'a> {
     }
 
     /// Whitened residuals and Jacobian without priors, stored row by row. The residual is the last column. If the fit
-    /// uses the force inside the moves and no stand, the second result contains the residuals of this force. They are
-    /// whitened when they are requested.
+    /// uses the force inside the moves and no stand, the residuals of this force are in the second result instead. They
+    /// are whitened only when they are requested.
     pub(crate) fn whiten_apart(&self, linear: &Arc<Linear>) -> (Lanes, Option<Insides>) {
         let rows = self.whiten_rows(linear);
         if self.terms.kinds.encoders || !self.terms.kinds.in_motion {
@@ -263,8 +263,8 @@ impl<'a> Joint<'a> {
         (rows, Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2))
     }
 
-    /// Whitened rows of force norms at rests, gravity directions after moves, and mean rates at rests. With encoders,
-    /// the rows inside the moves and the rows relative to the stand follow.
+    /// Whitened residuals of force norms at rests, gravity directions after moves, and mean rates at rests, with their
+    /// derivatives. With encoders, the residuals inside the moves and relative to the stand follow.
     fn whiten_rows(&self, linear: &Linear) -> Lanes {
         let n = self.terms.total();
         let (head, groups) = (linear.lines.len(), linear.groups());
@@ -304,7 +304,7 @@ impl<'a> Joint<'a> {
         rows
     }
 
-    /// All whitened rows in one matrix. The residual is the last column.
+    /// Whitened Jacobian of all residuals and priors in one matrix. The last column contains the residuals.
     fn whiten_together(&self, linear: &Linear) -> Mat<f64> {
         let n = self.terms.total();
         let (rows, mut all) = (self.whiten_rows(linear), Mat::zeros(self.rows, n + 1));
@@ -351,8 +351,8 @@ impl<'a> Joint<'a> {
 
 impl Joint<'_> {
     /// Computes the residuals relative to the stand and the residuals of the force inside the moves. `push` receives
-    /// each row with its standard deviation. The standard deviation is 1 for rows inside moves, which are already
-    /// whitened.
+    /// each residual with its derivatives, and its standard deviation. The standard deviation is 1 for residuals inside
+    /// moves, which are already whitened.
     fn stand_rows(&self, encoders: &Encoders, linear: &Linear, mut push: impl FnMut(About, &[f64], f64)) {
         let (prepared, terms, model) = (self.prepared, self.terms, &linear.model);
         let stand = StandModel::of(&model.stand);

@@ -3,7 +3,8 @@
 //!
 //! The true rate at rest is zero, so the force does not depend on the effects on the rate. The force is computed first,
 //! by fixed-point iteration with the effects on the force. The effects on the rate are then evaluated once. No
-//! catalogue effect on the force depends on the attitude, which a test of the catalogue verifies.
+//! catalogue effect on the force depends on the attitude, so the force can be computed before the attitude. A test
+//! verifies this property of the catalogue.
 
 use std::sync::Arc;
 
@@ -35,7 +36,7 @@ pub(super) struct Rate {
     pub(super) columns: Vec<Vector3<f64>>,
 }
 
-/// Mean forces at all rests, and the rates that the effects add there, at given parameters.
+/// For given parameters: the mean force at every rest, and the mean rate that the effects add at every rest.
 pub(super) struct Rests<'a> {
     prepared: &'a Prepared<'a>,
     model: &'a Model,
@@ -87,7 +88,7 @@ impl<'a> Rests<'a> {
         rests
     }
 
-    /// Rate that the effects add, averaged over those rests of a recording that the fit uses.
+    /// Rate that the effects add, averaged over the rests of a recording that the fit uses.
     fn mean_rate(&self, recording: usize) -> Rate {
         let (own, _) = self.prepared.rests_of(recording);
         let mut mean = Rate { added: Vector3::zeros(), columns: vec![Vector3::zeros(); self.on_rate.count] };
@@ -101,12 +102,12 @@ impl<'a> Rests<'a> {
 
     /// Gyroscope bias of the model at a hand-held rest minus the bias with which the samples were rotated to the ends
     /// of the rest (propagated); `None` for a rest without tremor. m_k is the mean rate of rest k, m is the mean rate
-    /// of all rests, and `shrunk` is the shrinkage of the bias, from 0 to 1 (model.md (27)). The propagation used the
-    /// bias `m + (1 - shrunk) (m_k - m)`.
+    /// over all rests of the recording, and `shrunk` is the shrinkage of the bias, from 0 to 1 (model.md (27)). The
+    /// propagation used the bias `m + (1 - shrunk) (m_k - m)`.
     ///
-    /// The bias of the model contains the rate that the effects add. If effects cause the difference m_k - m, the bias
-    /// of the propagation lacks two parts of this difference. The first part is `shrunk (m_k - m)`. The second part was
-    /// mistaken for a rotation of the hand, because m_k was computed with the bias m.
+    /// The bias of the model contains the rate that the effects add: e_k at rest k, and e on average over the rests.
+    /// The bias of the propagation lacks two parts of e_k - e. The first part is `shrunk (e_k - e)`. The second part is
+    /// missing in m_k, because it was mistaken for a rotation of the hand when m_k was computed with the bias m.
     pub(super) fn bias_error(&self, k: usize) -> Option<BiasError> {
         let UnitRest { recording, rest, propagated, .. } = &self.prepared.rests[k];
         let PropagatedMean { mean_s, bias, shrunk } = propagated.as_ref()?;

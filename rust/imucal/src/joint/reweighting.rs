@@ -11,8 +11,8 @@ use super::weights::{FACTORS, WIDENINGS, Widened, Widening};
 use crate::error::Error;
 use crate::numerics::lsq::Solution;
 
-/// Number of fits after which the weights are extrapolated. Weights from the first fits are not extrapolated, because
-/// they are preliminary. Most runs converge within two or three further fits without extrapolation.
+/// The weights are extrapolated only after this number of fits, because the weights from the first fits are
+/// preliminary. Most runs converge within five fits.
 const EXTRAPOLATE_AFTER: usize = 3;
 /// Limit of the extrapolation of the logarithm of an excess, in multiples of the last change of this logarithm. If each
 /// change is r times the previous change, all further changes add up to r / (1 - r) times the last change. This is 10
@@ -22,7 +22,8 @@ const LARGEST_STEP: f64 = 10.0;
 /// State of the iteration over the weights.
 #[derive(Default)]
 pub(super) struct Reweighting {
-    /// For each set of weights used so far: the kinds of residuals whose standard deviations it increases.
+    /// For each set of weights used so far: the kinds of residuals whose standard deviations are larger than those from
+    /// noise.
     widened: Vec<Widened>,
     /// Kinds of residuals whose standard deviations are increased even if their excess is not significant.
     kept: Option<Widened>,

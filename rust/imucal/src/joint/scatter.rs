@@ -6,7 +6,7 @@
 //!
 //! r are the residuals of the mean rates of the rests on one axis. The noise of different rests is independent, and its
 //! covariance N is diagonal. The excess scatter is modelled by a covariance s C that is added to N. C is an assumed
-//! covariance matrix of the excess at all rests. It need be known only up to a factor, because the factor s is
+//! covariance matrix of the excess at all rests. It needs to be known only up to a factor, because the factor s is
 //! estimated. C is either the identity or the covariance that bias instability causes. Lambda contains the eigenvalues
 //! lambda_i of `N^-1/2 C N^-1/2`, and Q its eigenvectors. The factor s is chosen so that chi2 equals its degrees of
 //! freedom `free` (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). Each candidate matrix C, with its own s, gives the
@@ -16,7 +16,8 @@ use faer::Mat;
 
 use crate::numerics::fit_report::significance_limit;
 
-/// Squared whitened residuals z_i^2 of the mean rates on one axis, and the eigenvalues lambda_i.
+/// Squared whitened residuals z_i^2 of the mean rates on one axis, and the eigenvalues lambda_i (see the start of this
+/// file).
 pub(super) struct Scatter {
     squares: Vec<f64>,
     lambda: Vec<f64>,

@@ -1,5 +1,5 @@
-//! True rate and force, for effects that depend on the true values. The true values are computed from the corrected
-//! readings by fixed-point iteration (model.md (16)).
+//! Computes the true rate and force, on which many effects depend. The computation is a fixed-point iteration that
+//! starts from the readings corrected for sensitivity and bias (model.md (16)).
 
 use std::ops::Range;
 

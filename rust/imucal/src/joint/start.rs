@@ -1,4 +1,4 @@
-//! Start values of joint fits.
+//! Start values and priors of joint fits.
 
 use faer::Mat;
 use imucal_core::sensor::Triad;
@@ -9,7 +9,7 @@ use super::prepared::Prepared;
 use super::terms::{Term, Terms};
 use crate::parameters::STAND_PARAMETERS;
 
-/// Sensor models and effects at the end of an earlier fit. Fits with the same effects start from them. A warm start
+/// Sensor models and effects at the end of an earlier fit, from which fits with the same effects start. A warm start
 /// saves iterations and does not change the result.
 #[derive(Clone, Debug)]
 pub struct WarmStart {
@@ -104,9 +104,9 @@ pub(crate) struct Prior {
 }
 
 impl Prior {
-    /// Updates the width of the prior from the estimated parameters and their covariance. Repeated updates maximise the
-    /// evidence (marginal likelihood, model.md (23)). If the data hardly determine the effect, the width stays
-    /// unchanged.
+    /// Updates the width (standard deviation) of the prior from the estimated parameters and their covariance. Repeated
+    /// updates maximise the evidence (marginal likelihood, model.md (23)). If the data hardly determine the effect, the
+    /// width stays unchanged.
     pub(super) fn widen(&mut self, parameters: &[f64], covariance: &Mat<f64>) {
         let (mut square, mut seen) = (0.0, 0.0);
         for (k, typical) in self.typical.iter().enumerate() {

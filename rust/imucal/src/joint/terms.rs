@@ -22,7 +22,7 @@ use crate::error::Error;
 use crate::parameters::{BASE, STAND_PARAMETERS};
 use crate::recording::Recording;
 
-/// Step of the central difference with respect to a shape parameter, as a fraction of the value of the parameter. The
+/// Step of the central difference with respect to a shape parameter (time constant), as a fraction of its value. The
 /// relative error of the derivative is about the square of this step.
 const SHAPE_STEP: f64 = 1e-4;
 
@@ -37,8 +37,8 @@ pub(crate) struct Term<'a> {
     pub(crate) first: usize,
     /// Whether the fit may use a prior if the recordings do not determine all parameters of the effect.
     pub(crate) partly: bool,
-    /// Temperature histories at the time constant of this term; `None` before [`Terms::with_histories`], and if the
-    /// term does not depend on them.
+    /// Temperature histories at the time constant of this term; `None` before [`Terms::with_histories`] is called, and
+    /// if the term does not depend on them.
     pub(super) histories: Option<TemperatureHistories>,
     /// Derivatives of the temperature histories with respect to the time constant, if it is estimated.
     pub(super) by_time_constant: Option<TemperatureHistories>,
@@ -47,7 +47,7 @@ pub(crate) struct Term<'a> {
 #[derive(Clone, Debug)]
 pub(super) enum Kind<'a> {
     Catalogue(&'static Effect<f64>),
-    /// Catalogue effect with a fixed shape parameter.
+    /// Catalogue effect with a fixed shape parameter (time constant).
     Frozen(&'static Effect<f64>, f64),
     User(&'a UserField<'a>),
 }
@@ -68,7 +68,7 @@ impl Term<'_> {
         }
     }
 
-    /// Value of a shape parameter that is fixed; `None` if the effect has no shape parameter or if it is estimated.
+    /// Value of the fixed shape parameter (time constant); `None` if it is estimated or if the effect has none.
     pub(crate) fn frozen_shape(&self) -> Option<f64> {
         match self.kind {
             Kind::Frozen(_, shape) => Some(shape),
@@ -163,7 +163,7 @@ impl Term<'_> {
         }
     }
 
-    /// Typical size of each parameter in a MEMS sensor. The shape parameter is last.
+    /// Typical size of each parameter in a MEMS sensor. The shape parameter (time constant) is last.
     pub(crate) fn typical(&self) -> Vec<f64> {
         match self.kind {
             Kind::User(field) => field.typical.clone(),
@@ -228,8 +228,8 @@ impl<'a> Terms<'a> {
         Ok(terms)
     }
 
-    /// Adds a catalogue effect with a fixed shape parameter. One effect may be added several times with different
-    /// values of its shape parameter.
+    /// Adds a catalogue effect with a fixed shape parameter (time constant). One effect may be added several times with
+    /// different values of its shape parameter.
     pub(crate) fn push_frozen(&mut self, effect: &'static Effect<f64>, shape: f64) -> Result<(), Error> {
         self.push(Kind::Frozen(effect, shape), effect.sensor, effect.plain)
     }
@@ -256,7 +256,7 @@ impl<'a> Terms<'a> {
     }
 
     /// Buffer for the derivatives of the sensor readings with respect to the parameters of all terms. Each term writes
-    /// the derivatives of its full form. Those beyond its estimated parameters are overwritten by the next term.
+    /// the derivatives of its full form. Derivatives beyond its estimated parameters are overwritten by the next term.
     pub(super) fn room(&self) -> Vec<Vector3<f64>> {
         vec![Vector3::zeros(); self.count + MAX_PARAMETERS]
     }
@@ -270,7 +270,7 @@ impl<'a> Terms<'a> {
         }
     }
 
-    /// Total contribution of the terms that act on `sensor`: rad/s, m/s^2, or rad for encoders.
+    /// Total contribution of the terms that act on `sensor` (gyroscope: rad/s, accelerometer: m/s^2, encoders: rad).
     #[inline]
     pub(super) fn sum_of(&self, sensor: Sensor, values: &[f64], columns: &[Vector3<f64>]) -> Vector3<f64> {
         let mut sum = Vector3::zeros();

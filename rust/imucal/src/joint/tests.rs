@@ -1,4 +1,5 @@
-//! Tests that an effect in simulated data without noise is either estimated correctly or refused with the reason.
+//! Tests of the joint fit with simulated data. An effect in data without noise must be either estimated correctly or
+//! refused with the reason. A coarsely quantised accelerometer axis must not prevent a good fit.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::effects::{Effect, EffectSet, EffectValues, State, Surroundings};
@@ -77,8 +78,8 @@ impl Run {
     }
 }
 
-/// Samples of random moves and rests on the stand with one effect, at 1 kHz. The motion is the gyroscope program of the
-/// paper cited in docs/model.md.
+/// Simulates samples of random moves and rests on the stand with one effect, at 1 kHz. The motion is the gyroscope
+/// program of the paper cited in docs/model.md.
 fn run(values: &EffectValues<f64>) -> Run {
     let mut effects = EffectSet::none();
     effects.push(*values).unwrap();
@@ -148,8 +149,8 @@ fn an_effect_needs_its_columns() {
     }
 }
 
-/// Changes one accelerometer axis of simulated runs, and requires that the joint fit converges, that it does not
-/// increase the standard deviations far above the noise, and that the estimates agree with the truth.
+/// Simulates runs, changes one accelerometer axis, and requires three properties of the joint fit: it converges, it
+/// does not increase the standard deviations far above the noise, and its estimates agree with the truth.
 fn require_good_with_one_changed_axis(change: impl Fn(&mut Simulation, usize)) {
     let unit = Unit::paper();
     let triad = |sensor: &crate::simulate::Sensor| Triad::try_new(sensor.sensitivity, sensor.bias).unwrap();

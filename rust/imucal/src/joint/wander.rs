@@ -17,9 +17,10 @@ use faer::Mat;
 
 use crate::error::Error;
 
-/// Maximum number of force norms, directions after moves and mean rates for which the full covariance is factorised.
-/// The time of the factorisation grows with the third power of this number. If a fit has more of these residuals,
-/// errors that are correlated between rests are neglected, and a unit's profile with varying biases is refused.
+/// Maximum number of residuals (force norms, gravity directions after moves and mean rates) for which the full
+/// covariance is factorised. The time of the factorisation grows with the third power of this number. If a fit has more
+/// of these residuals, errors that are correlated between rests are neglected, and a unit's profile with varying biases
+/// is refused.
 pub(super) const MOST_ROWS: usize = 6000;
 
 /// Model of the bias variation between rests.
@@ -88,7 +89,7 @@ impl BiasWander {
         self.bias_instability[axis] > 0.0 || self.random_walk[axis] > 0.0
     }
 
-    /// Covariance function of the bias of one axis at the time lag `lag_s`, integrated twice with respect to the lag.
+    /// Covariance function of the bias of one axis, integrated twice with respect to the time lag, at the lag `lag_s`.
     fn integrated(&self, axis: usize, lag_s: f64) -> f64 {
         let lag_s = lag_s.abs();
         if lag_s == 0.0 {

@@ -132,7 +132,7 @@ impl Weights {
     }
 
     /// Bias instability of the gyroscope, estimated from the mean rates, raw units. Zero if it is not significant, or
-    /// if it is known from the profile.
+    /// if it is known from the unit's profile.
     pub(crate) fn bias_instability(&self) -> [f64; 3] {
         self.widening.bias_instability
     }
@@ -186,9 +186,9 @@ fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: 
             let ends: f64 = prepared.ends[k].iter().map(|end| end.own_variance).sum();
             let own = walk * walk + ends + FINEST_RAD * FINEST_RAD;
             if m.is_within_rest(prepared.rests) {
-                // The move from one epoch to the next has an error from the mean forces of both epochs. These forces
-                // scatter by `scales.epochs` times their noise. The noise is already among the common errors (see
-                // `share`), so only the additional variance is added here.
+                // The move from one epoch (part of a long rest) to the next has an error from the mean forces of both
+                // epochs. These forces scatter by `scales.epochs` times their noise. The noise is already among the
+                // common errors (see `share`), so only the additional variance is added here.
                 let means: f64 = prepared.ends[k].iter().map(|end| end.shared_variance).sum();
                 return own + means * (scales.epochs * scales.epochs - 1.0);
             }
@@ -197,7 +197,7 @@ fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: 
     }
 }
 
-/// Noise variances inside each move, in SI units.
+/// Noise variances of the residuals inside each move, in SI units.
 fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<InsideNoise> {
     prepared
         .moves

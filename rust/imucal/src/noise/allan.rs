@@ -16,14 +16,14 @@ use crate::numerics::workers::in_order;
 /// Number of second differences in a block. A block is processed for all averaging times before the next block, so that
 /// its data stay in the processor's cache.
 const BLOCK: usize = 4096;
-/// Number of blocks in a job. The results of the jobs are added in a fixed order, so the sum does not depend on the
-/// number of threads.
+/// Number of blocks in a job. The results of the jobs are added in a fixed order. The sum, including its rounding
+/// error, therefore does not depend on the number of threads.
 const BLOCKS_PER_JOB: usize = 64;
 /// Number of partial sums in [`block_sum`], which fill the vector registers.
 const LANES: usize = 8;
 
-/// Averaging times 1, 2, 4, 8, ... up to half of the record, in samples. `samples` is the length of the record. With
-/// this limit, there are at least two means.
+/// Averaging times 1, 2, 4, 8, ... in samples, up to half of `samples`, the length of the record. Because of this
+/// limit, the record contains at least two means.
 pub fn octave_factors(samples: usize) -> Vec<usize> {
     std::iter::successors(Some(1), |&m: &usize| m.checked_mul(2))
         .take_while(|m| m.saturating_mul(2) <= samples)
@@ -31,7 +31,7 @@ pub fn octave_factors(samples: usize) -> Vec<usize> {
 }
 
 /// Averaging times in samples, about four per octave: 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 13, 16, ..., up to half of
-/// `samples`. This number of points is sufficient to show the slopes in an Allan plot.
+/// `samples`. Four points per octave are sufficient to show the slopes in an Allan plot.
 pub fn quarter_octave_factors(samples: usize) -> Vec<usize> {
     let mut factors: Vec<usize> = octave_factors(samples)
         .into_iter()

@@ -15,16 +15,17 @@ use crate::noise::allan::{overlapping_deviations, quarter_octave_factors};
 use crate::recording::Samples;
 
 /// The noise model does not fit if the measured power in an octave deviates from the power of the model by more than
-/// this number of standard deviations. The false alarm rate per octave is about 1e-6.
+/// this number of standard deviations. Noise that agrees with the model exceeds this number with a probability of about
+/// 1e-6 per octave.
 pub(super) const MISFIT: f64 = 5.0;
 /// Quantisation noise is included in the model if it increases 2 ln L by more than this value, where L is the
 /// likelihood. If the record contains no quantisation noise, the probability of such an increase is 0.001.
 const QUANTISATION_GAIN: f64 = 10.83;
-/// Numbers of octaves to omit below half the sampling rate if a filter has changed the noise there. The numbers are
-/// tried in this order. The spectrum is computed in stages of five octaves. Missing power at high frequencies changes
-/// all powers of a stage, because a window of 32 values has wide side lobes. Therefore one or two complete stages are
-/// omitted (5 or 10 octaves). The first octave of the next stage is also omitted, because its values are means of
-/// filtered noise.
+/// Numbers of octaves, directly below half the sampling rate, to omit from the fit if a filter has changed the noise
+/// there. The numbers are tried in this order. The spectrum is computed in stages of five octaves. Missing power at
+/// high frequencies changes all powers of a stage, because a window of 32 values has wide side lobes. Therefore one or
+/// two complete stages are omitted (5 or 10 octaves). The first octave of the next stage is also omitted, because its
+/// values are means of filtered noise.
 const FILTERED: [u32; 2] = [6, 11];
 /// The white noise is estimated only if the size of a count is at most this multiple of the standard deviation of a
 /// sample. This standard deviation contains white noise and rounding. With larger counts, rounding errors depend on the
@@ -42,7 +43,7 @@ pub struct Estimate {
     pub std: Option<f64>,
     /// Lower end of the 95 % confidence band; zero if there is no value.
     pub low: f64,
-    /// Upper end of the 95 % confidence band. If `value` is `None`, it is an upper limit of the parameter. It is
+    /// Upper end of the 95 % confidence band. If `value` is `None`, this end is an upper limit of the parameter. It is
     /// infinite for a constant axis.
     pub high: f64,
 }
@@ -75,7 +76,8 @@ pub struct AxisNoise {
     pub random_walk: Estimate,
     /// Coefficient Q of the quantisation noise of an integrated output, v s.
     pub quantisation: Estimate,
-    /// Size of a count of the converter, v. It is the smallest step between samples, and zero for a constant axis.
+    /// Size of a count of the converter, v. It equals the smallest step between samples, and it is zero for a constant
+    /// axis.
     pub lsb: f64,
     /// Whether white noise and rounding together have a standard deviation of less than half a count per sample.
     pub is_below_lsb: bool,
@@ -126,9 +128,9 @@ impl AxisNoise {
                 (true, _) => estimate.bounded(0.0),
             }
         });
-        // A drift increases the deviation of the powers from the noise model. `Model::of` may then omit so many octaves
-        // that the drift cannot be detected. The search for drifts therefore omits at most the smaller number in
-        // `FILTERED`.
+        // A drift increases the deviation of the powers from the noise model. `Model::of` may therefore omit so many
+        // octaves that the drift cannot be detected. The search for drifts therefore omits at most the smaller number
+        // in `FILTERED`.
         let filtered = model.filtered.min(FILTERED[0]);
         let noise = NoiseModel { kinds: model.kinds, rounding: model.rounding, filtered };
         let components = match blocks {
@@ -153,7 +155,7 @@ impl AxisNoise {
 impl Estimate {
     /// The estimate without its value, for an axis whose noise is below a count, so that a value would be meaningless.
     /// The upper end of the confidence band becomes sqrt(high^2 + least^2). For white noise, `least` is the noise
-    /// density of the rounding error; for other kinds of noise it is zero.
+    /// density of the rounding error. For other kinds of noise, `least` is zero.
     fn bounded(self, least: f64) -> Self {
         Self { value: None, std: None, low: 0.0, high: self.high.hypot(least) }
     }
@@ -166,15 +168,15 @@ struct Model {
     kinds: [bool; KINDS],
     /// Variance of the error of a sample due to rounding to counts.
     rounding: f64,
-    /// Number of octaves, below half the sampling rate, that the fit omits.
+    /// Number of octaves, directly below half the sampling rate, that the fit omits.
     filtered: u32,
     misfit: f64,
 }
 
 impl Model {
-    /// Model with white noise, bias instability and random walk. Quantisation is included if it is significant. If the
-    /// model deviates from the power of an octave, the highest octaves are omitted, provided that the model then agrees
-    /// with all other octaves.
+    /// Model with white noise, bias instability and random walk. Quantisation noise is included if it is significant.
+    /// If the model deviates from the measured power in an octave, the highest octaves are omitted, provided that the
+    /// model then agrees with all remaining octaves.
     fn of(powers: &[Power], rounding: f64) -> Self {
         let whole = Self::above(powers, rounding, 0);
         if whole.misfit.abs() <= MISFIT {

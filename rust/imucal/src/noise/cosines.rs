@@ -8,7 +8,7 @@
 //! A window consists of W consecutive values y, and z_j is its cosine transform. The z_j of a window are exactly
 //! independent for white noise, for a random walk, and for block means of these two. A Fourier transform does not have
 //! this property, because the difference between the two ends of a random walk leaks into all frequencies. For flicker
-//! noise, the z_j are only nearly independent, but their variances, which are computed here, are exact.
+//! noise, the z_j are only nearly independent, but the variances of the z_j that are computed here are exact.
 //!
 //! A long record is processed in stages. The first stage has windows of 32 samples. The next stage has windows of 32
 //! means of the first stage, and so on. The last stage is a single window with fewer than 2048 values. In every stage
@@ -24,8 +24,8 @@ const WINDOW: usize = 32;
 const HALF: usize = WINDOW / 2;
 /// A record of fewer values than this is transformed as one window, which is the last stage.
 const LAST_WINDOW: usize = 2048;
-/// After this number of windows, the transform tests whether the calculation was cancelled. This number of windows
-/// takes less than a millisecond.
+/// After this number of windows, the transform tests whether the calculation was cancelled. Transforming this number of
+/// windows takes less than a millisecond.
 const WINDOWS_PER_CHECKPOINT: usize = 1024;
 /// Relative width of the frequency bands over which the powers of the last window are averaged.
 const POOLED_SHARE: f64 = 0.03;
@@ -49,7 +49,7 @@ impl Power {
     }
 }
 
-/// The stages of the cosine transform of a record of given length, with the expected powers of each stage.
+/// The stages of the cosine transform of a record of given length. Each stage has its expected powers.
 pub(super) struct Layout {
     stages: Vec<Stage>,
 }
@@ -177,8 +177,8 @@ fn squared_cosines(window: &[f64]) -> Vec<f64> {
 
 /// Cosines sqrt(2 / W) cos(pi j (t + 1/2) / W) of the transform of a window of W = 32 values. The first index is the
 /// position t in the first half of the window. The second index is k, for j = 2 k + 2 in `even` and j = 2 k + 1 in
-/// `odd`. For even j, the transform uses the sum of the first half and the mirrored second half. For odd j, it uses
-/// their difference.
+/// `odd`. For even j, the transform uses the sum of the first half and the mirrored second half. For odd j, the
+/// transform uses the difference of the two halves.
 struct Tables {
     even: [[f64; HALF]; HALF],
     odd: [[f64; HALF]; HALF],
@@ -259,7 +259,7 @@ mod tests {
     #[test]
     fn powers_of_a_random_walk_are_those_of_its_steps() {
         // By summation by parts, z_j of a random walk = (sine sum of its steps) / (2 sin(pi j / 2W)). The steps are
-        // independent, so the powers of the z_j can be computed from them.
+        // independent with variance one, so the sine sum also has variance one.
         let width = 100;
         for (j, power) in expected_powers(1.0, width).iter().enumerate() {
             let sine = 2.0 * (PI * (j + 1) as f64 / (2.0 * width as f64)).sin();
@@ -290,8 +290,8 @@ mod tests {
             let square: f64 = values.map(|v| (v - mean) * (v - mean)).sum();
             let mut weighted = 0.0;
             for power in &powers {
-                // White noise with unit variance per sample has the variance 1 / length per value. After division by
-                // this expected power, all stages can be compared.
+                // White noise with unit variance per sample has the variance 1 / length per value. Each power is
+                // therefore divided by this expected power before the stages are added.
                 weighted += power.value * power.dof / power.expected[WHITE];
             }
             assert!((weighted / square - 1.0).abs() < 1e-9, "{samples}: {weighted} {square}");

@@ -5,15 +5,15 @@
 //! z_j = sum over components of a_c s_cj + noise,     noise ~ N(0, mu_j(theta)),     j = 1 to W - 1
 //! ```
 //!
-//! z is the cosine transform of W block means. Its elements are uncorrelated for white noise and for a random walk. a_c
-//! is the amplitude of component c, s_cj is the cosine transform of its shape, and mu_j is the expected power for the
-//! noise parameters theta. A component is a step at a time, a ramp between two times, or an exponential approach to a
-//! final value (warm-up). A step has the power spectrum of a random walk. However, the time of a step determines the
-//! signs of its cosines, whereas the signs of the cosines of a random walk are random. Components are added one at a
-//! time. The next component is the one with the largest difference gain - penalty. The gain is the increase of 2 ln L,
-//! where L is the likelihood. The penalty accounts for the number of trial shapes. After each addition, all amplitudes
-//! and the noise parameters are estimated again. The search ends if gain - penalty < 16, because noise then explains
-//! the remaining changes of the mean.
+//! z is the cosine transform of W block means. The elements z_j are uncorrelated for white noise and for a random walk.
+//! a_c is the amplitude of component c, s_cj is the cosine transform of its shape, and mu_j is the expected power for
+//! the noise parameters theta. A component is a step at a time, a ramp between two times, or an exponential approach to
+//! a final value (warm-up). A step has the power spectrum of a random walk. However, the time of a step determines the
+//! signs of its z_j, whereas the z_j of a random walk have random signs. Components are added one at a time. The next
+//! component is the one with the largest value of gain - penalty. The gain is the increase of 2 ln L, where L is the
+//! likelihood. The penalty accounts for the number of shapes that are tried. After each addition, all amplitudes and
+//! the noise parameters are estimated again. The search ends if gain - penalty < 16, because noise then explains the
+//! remaining changes of the mean.
 
 mod search;
 
@@ -25,9 +25,10 @@ use super::cosines::expected_powers;
 use super::power_law::{KINDS, PerKind};
 
 /// Maximum number of blocks into which a record is divided. More blocks would make the time of a step more accurate,
-/// but the computing time grows with the square of their number.
+/// but the computing time grows with the square of the number of blocks.
 const MAX_BLOCKS: usize = 1024;
-/// Minimum number of blocks. With fewer blocks, steps cannot be distinguished from noise, so they are not searched for.
+/// Minimum number of blocks. With fewer blocks, steps cannot be distinguished from noise, so steps are not searched
+/// for.
 const MIN_BLOCKS: usize = 64;
 /// Time constants of a warm-up that the search tries, as multiples of the duration of the record. The last one is so
 /// long that the mean changes at a constant rate.
@@ -39,7 +40,7 @@ const LINEAR: f64 = 1e3;
 /// up so fast.
 pub(super) const ABRUPT_S: f64 = 10.0;
 /// Maximum duration of a change that counts as a step, in blocks. The blocks cannot resolve such a short change. The
-/// longer of this duration and `ABRUPT_S` is used.
+/// longer of the two durations, this one and `ABRUPT_S`, is used.
 const ABRUPT_BLOCKS: usize = 2;
 
 /// Shape of a component (a step or a drift of the mean).

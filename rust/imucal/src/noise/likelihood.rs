@@ -24,7 +24,8 @@ use super::power_law::{KINDS, PerKind, dot};
 const BAND: f64 = 3.841_458_820_694_124;
 /// Maximum number of iterations of Fisher scoring.
 const ITERATIONS: usize = 60;
-/// Maximum number of bisections for the end of a band, and maximum number of times that a scoring step is halved.
+/// Maximum number of bisections for the end of a band. It is also the maximum number of times that a step of Fisher
+/// scoring is halved.
 const HALVINGS: usize = 40;
 
 /// The likelihood of a noise model for the power spectrum of one axis.
@@ -53,7 +54,7 @@ pub(super) struct Band {
 /// Permitted values of the noise parameters when the likelihood is maximised.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Domain {
-    /// Parameters are not negative, because they are power densities.
+    /// Parameters must not be negative, because they are power densities.
     Physical,
     /// Parameters can be negative as long as the expected value of every power is positive.
     Free,
@@ -79,7 +80,7 @@ impl Likelihood<'_> {
     }
 
     /// Deviation of the selected powers from the model with the parameters `theta`, in standard deviations. The sum of
-    /// dof x power / expected power has a chi-square distribution. It is converted to a standard normal variable
+    /// dof x power / expected power has a chi-square distribution. This sum is converted to a standard normal variable
     /// (Wilson and Hilferty).
     pub(super) fn excess(&self, theta: &PerKind, of: impl Fn(&Power) -> bool) -> f64 {
         let (mut chi2, mut dof) = (0.0, 0.0);
@@ -93,10 +94,10 @@ impl Likelihood<'_> {
 
     /// 95 % confidence band of the parameter of noise kind `kind`.
     ///
-    /// The result is the union of two bands. In the first, the parameters of the other kinds of noise are limited to
-    /// values >= 0. In the second, these parameters may be negative. The second band is needed if another kind of noise
-    /// is absent, so that its true parameter is zero. The limit prevents a negative estimate of this parameter, so the
-    /// first band is too narrow.
+    /// The result is the union of two bands. In the first band, the parameters of the other kinds of noise are limited
+    /// to values >= 0. In the second band, these parameters may be negative. The second band is needed if another kind
+    /// of noise is absent, so that its true parameter is zero. The limit prevents a negative estimate of this
+    /// parameter, so the first band is too narrow.
     pub(super) fn band(&self, best: &Fit, kind: usize) -> Band {
         let std = self.standard_deviations(&best.theta);
         let free = self.maximize(best.theta, None, Domain::Free);
@@ -219,8 +220,8 @@ impl Likelihood<'_> {
 
 /// Fisher information of the estimated parameters, scaled so that all diagonal entries are one, and the scale factors.
 /// Scaling is needed because the parameter of a random walk is smaller than the parameter of white noise by ten orders
-/// of magnitude. The rows and columns of parameters that are not estimated (`free` is false) are those of the identity
-/// matrix.
+/// of magnitude. In the rows and columns of parameters that are not estimated (`free` is false), the matrix equals the
+/// identity matrix.
 fn scaled(matrix: &Matrix4<f64>, free: &[bool; KINDS]) -> (Matrix4<f64>, Vector4<f64>) {
     let scale = Vector4::from_fn(|k, _| if matrix[(k, k)] > 0.0 { matrix[(k, k)].sqrt().recip() } else { 1.0 });
     let scaled = Matrix4::from_fn(|i, j| match (free[i] && free[j], i == j) {

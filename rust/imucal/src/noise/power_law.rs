@@ -1,8 +1,8 @@
 //! Second-order statistics of each kind of noise: `docs/model.md` (30).
 //!
 //! Let x be the samples at a sampling rate of one, and p their cumulative sums. In general, p has no stationary
-//! covariance, but its second differences have one. The function s(k) takes the place of the covariance of p: with
-//! `E p_i p_j = s(i - j)`, the covariances of all second differences of p are correct.
+//! covariance, but the second differences of p have one. The function s(k) replaces the covariance of p: if `E p_i p_j`
+//! is set to `s(i - j)`, the covariances of all second differences of p are correct.
 //!
 //! ```text
 //! white         x = n                       s(k) = -|k| / 2
@@ -32,8 +32,8 @@ pub(super) const QUANTISATION: usize = 3;
 /// One number for each kind of noise, in the order white, flicker, random walk, quantisation.
 pub(super) type PerKind = [f64; KINDS];
 
-/// The function s(k) for each kind of noise with the parameter one. It takes the place of the covariance of two
-/// cumulative sums at a distance of k samples (see the module documentation).
+/// The function s(k) for each kind of noise with the parameter one. It replaces the covariance of two cumulative sums
+/// at a distance of k samples (see the module documentation).
 fn sums_covariance(k: f64) -> PerKind {
     let k = k.abs();
     let j = (k - 1.0).max(0.0);
@@ -89,8 +89,8 @@ pub(super) fn allan_variance(parameters: &PerKind, factor: usize) -> f64 {
 ///
 /// E and Var are the expectation and the variance of the estimated Allan variance, which is computed from n differences
 /// between consecutive means. c_h is the covariance of two of these differences whose indices differ by h. `factor` is
-/// the averaging time in samples. If it is 128 or more, only every (`factor` / 64)-th difference is used. The omitted
-/// differences are so strongly correlated with the used ones that they add no information.
+/// the averaging time in samples. If `factor` is 128 or more, only every (`factor` / 64)-th difference is used. The
+/// omitted differences are so strongly correlated with the used differences that they would add no information.
 pub(super) fn degrees_of_freedom(parameters: &PerKind, factor: usize, samples: usize) -> f64 {
     const PER_WINDOW: usize = 64;
     /// Distance beyond which the differences of consecutive means count as independent, in averaging times. The

@@ -54,8 +54,8 @@ pub struct Departure {
     pub gain: f64,
 }
 
-/// Steps and drifts in the samples `rest` of a recording. `axes` contains the components that were found in each of the
-/// six axes. `block` is the number of samples in a block.
+/// Steps and drifts in the samples `rest` of a recording. `axes` contains the components (steps and drifts) that were
+/// found in each of the six axes. `block` is the number of samples in a block.
 pub(super) fn gather(
     recording: &Recording<'_>,
     rest: &Range<usize>,
@@ -117,7 +117,8 @@ pub(super) fn gather(
 }
 
 /// Index of the first sample after a step near the start of block `first`. All samples up to two blocks from this start
-/// are tried. For the returned sample, the mean before it and the mean after it differ most significantly.
+/// are tried. The function returns the sample for which the mean before the sample and the mean from the sample on
+/// differ most significantly.
 fn sharpened(recording: &Recording<'_>, rest: &Range<usize>, block: usize, first: usize, channel: usize) -> usize {
     let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
     let middle = rest.start + first * block;
@@ -264,7 +265,8 @@ mod tests {
         simulate(&Program::try_new(vec![Step::hold(DURATION_S)]).unwrap(), &unit, RATE_HZ, 9.80665, seed).unwrap()
     }
 
-    /// Identifies the noise of the run, with `change` added to accelerometer x and subtracted from gyroscope z.
+    /// Identifies the noise of the simulated `run`, with `change` added to accelerometer x and subtracted from
+    /// gyroscope z.
     fn noise_with(run: &Simulation, change: impl Fn(f64) -> f64, cut_steps: bool) -> Noise {
         let (mut force, mut rate) = (run.specific_force.clone(), run.angular_rate.clone());
         for (k, time_s) in run.time_s.iter().enumerate() {

@@ -23,7 +23,7 @@ const LOST: f64 = 0.6;
 /// Length of the time window over which the lower envelope E takes the minimum, s. A delay of time stamps that lasts at
 /// most this time does not count as lost samples.
 const WINDOW_S: f64 = 1.0;
-/// Minimum number of samples in the time window of the lower envelope E.
+/// Minimum number of samples in the time window over which the lower envelope E takes the minimum.
 const FEWEST_IN_WINDOW: usize = 16;
 
 /// A part of a recording in which almost no samples are lost or repeated.
@@ -39,15 +39,15 @@ pub(super) struct Stretch {
 }
 
 /// The longest interval in which almost no samples are lost or repeated. `has_repeats` is true if equal consecutive
-/// rows are repeated samples, and false if they are a coincidence.
+/// rows are repeated samples, and false if such rows are a coincidence.
 pub(super) fn longest(recording: &Recording<'_>, has_repeats: bool) -> Stretch {
     let faults = faults(recording, has_repeats);
     let (lost, repeated) = faults.iter().fold((0, 0), |(lost, repeated), fault| match fault.is_lost {
         true => (lost + fault.count, repeated),
         false => (lost, repeated + fault.count),
     });
-    // The faults divide the recording into groups of samples. The longest sequence of consecutive groups with few
-    // faults between them is selected.
+    // The faults divide the recording into groups of samples. The longest sequence of consecutive groups with
+    // sufficiently few faults between them is selected.
     let ends: Vec<usize> = faults.iter().map(|fault| fault.sample).chain([recording.len()]).collect();
     let mut best = 0..0;
     let (mut first, mut inside) = (0, 0);

@@ -40,7 +40,7 @@ pub(super) struct Cursor<'a> {
 
 impl Cursor<'_> {
     fn peek(&self) -> u8 {
-        // The end of the text is read as a zero byte, which no line contains.
+        // The end of the text is read as a zero byte, which no line of a plain table contains.
         self.text.get(self.at).copied().unwrap_or(0)
     }
 
@@ -151,15 +151,15 @@ impl Cursor<'_> {
     }
 }
 
-/// The number that eight decimal digits represent; `None` if not all eight bytes are digits. All eight bytes are
-/// processed together.
+/// The number that eight decimal digits represent; `None` if not all eight bytes are digits. The arithmetic processes
+/// all eight bytes at once.
 fn eight_digits(bytes: [u8; 8]) -> Option<u64> {
     const HIGH: u64 = 0xf0f0_f0f0_f0f0_f0f0;
     const ZEROS: u64 = 0x3030_3030_3030_3030;
     let chunk = u64::from_le_bytes(bytes);
     let is_digits = chunk & HIGH == ZEROS && chunk.wrapping_add(0x0606_0606_0606_0606) & HIGH == ZEROS;
-    // The digits are combined to pairs, and then the four pairs are added with their weights. The first digit is in the
-    // lowest byte.
+    // Neighbouring digits are combined to two-digit numbers, and these four numbers are added with their powers of ten.
+    // The first digit is in the lowest byte.
     let pairs = chunk.wrapping_sub(ZEROS);
     let pairs = pairs.wrapping_mul(10).wrapping_add(pairs >> 8);
     let first_and_third = (pairs & 0x0000_00ff_0000_00ff).wrapping_mul(1_000_000 << 32 | 100);

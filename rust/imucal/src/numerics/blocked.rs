@@ -1,5 +1,5 @@
 //! Cholesky factor, products and triangular systems of large dense matrices, computed block by block. If the user
-//! cancels the calculation, it ends between two blocks.
+//! cancels the calculation, the calculation ends between two blocks.
 
 use faer::linalg::matmul::matmul;
 use faer::reborrow::ReborrowMut;
@@ -72,7 +72,7 @@ mod tests {
     use crate::cancellation::Cancellation;
     use crate::error::Error;
 
-    /// Positive definite matrix of two complete blocks and a part of a third.
+    /// Positive definite matrix whose size is two complete blocks and a part of a third block.
     fn example() -> Mat<f64> {
         let n = 2 * BLOCK + 50;
         Mat::from_fn(n, n, |i, j| {

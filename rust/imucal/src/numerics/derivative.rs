@@ -11,7 +11,7 @@
 //! over box j.
 //!
 //! The noise of the derivative decreases with the power 3/2 of the box width. The truncation error, which depends on
-//! the motion, increases with the fourth power. Several widths are tried. The boxes are widened as long as noise
+//! the motion, increases with the fourth power. Several widths are tried. The boxes are widened as long as noise alone
 //! explains the change of the derivative from one width to the next (after Lepski, Theory of Probability and its
 //! Applications 35, 1991, 454-466). The chosen width is one step below the widest accepted width, which reduces the
 //! truncation error to an eighth. If all widths that are tried are accepted, the widest is chosen.
@@ -28,7 +28,8 @@ use stencil::{BOXES, Stencil, Steps, Sums};
 use crate::numerics::stats::{MEDIAN_SIZE, median};
 
 /// Shortest width of the boxes (averaging intervals) that is tried, s. If the sampling interval is longer, the
-/// narrowest boxes contain one sample. With boxes narrower than this limit, noise exceeds any truncation error.
+/// narrowest boxes contain one sample. With boxes narrower than this limit, the error of the derivative due to noise
+/// exceeds any truncation error.
 const NARROWEST_S: f64 = 2e-3;
 /// Largest width of the boxes (averaging intervals) that is tried, s. With wider boxes, a polynomial of fourth degree
 /// does not describe the motion over five boxes.
@@ -39,8 +40,8 @@ const WIDER: f64 = 1.7;
 /// Minimum number of samples with which the box width is determined from the data. With fewer samples, noise and motion
 /// cannot be separated, and each box has one sample.
 const FEWEST: usize = 4 * BOXES;
-/// The noise is estimated from fourth differences. In long data, only a subset of at least this number of them is used,
-/// which gives the noise with an accuracy of one per cent.
+/// The noise is estimated from fourth differences. In long data, only a subset of at least this number of differences
+/// is used, which gives the noise with an accuracy of one per cent.
 const ENOUGH: usize = 100_000;
 
 /// A rule for the differentiation of data that were sampled at given times.
@@ -53,8 +54,8 @@ pub(crate) struct Derivative<'a> {
     stencil: Stencil,
 }
 
-/// Width of the boxes (averaging intervals) as a number of samples. It is determined when it is first needed, and then
-/// kept.
+/// Width of the boxes (averaging intervals) as a number of samples. The width is determined when it is first needed,
+/// and then kept.
 #[derive(Default)]
 pub(crate) struct Width(OnceLock<usize>);
 
@@ -144,7 +145,7 @@ impl<'a> Derivative<'a> {
 }
 
 /// Standard deviation of the white noise of a sample, for each axis. It is computed from fourth divided differences of
-/// the samples, because smooth motion hardly changes them.
+/// the samples, because smooth motion hardly changes these differences.
 fn noise(steps: Steps, time_s: &[f64], values: &[Vector3<f64>]) -> Vector3<f64> {
     let apart = (values.len() / ENOUGH).max(1);
     let of_even = steps.are_even.then(|| weights_of_noise(&[0.0, 1.0, 2.0, 3.0, 4.0]));

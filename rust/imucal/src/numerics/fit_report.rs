@@ -6,8 +6,8 @@
 //! |P r|^2,   P the projection onto the columns of the Jacobian J of the whitened residuals r
 //! ```
 //!
-//! This decrease does not depend on the units of the parameters. A parameter at a distance of one standard deviation
-//! from its optimum contributes one.
+//! The predicted decrease does not depend on the units of the parameters. A parameter at a distance of one standard
+//! deviation from its optimum contributes one to this decrease.
 
 use faer::Mat;
 
@@ -15,7 +15,8 @@ use crate::numerics::lsq::{Solution, Termination, singular_of_triangle};
 
 /// A fit has converged if the predicted decrease of chi2 is at most this limit. If chi2 / (degrees of freedom) is above
 /// 1, the decrease is first divided by this ratio. At the limit, every parameter of the linear model is within a tenth
-/// of a standard deviation of its optimum. Such a distance increases the rms error of a parameter by half a per cent.
+/// of a standard deviation of its optimum. A distance of a tenth of a standard deviation increases the rms error of a
+/// parameter by half a per cent.
 const LARGEST_DECREASE: f64 = 1e-2;
 
 /// Quality of a fit, and the reason for its end.
@@ -41,8 +42,8 @@ impl FitReport {
     pub(crate) fn of(solution: &Solution) -> Self {
         let degrees_of_freedom = solution.residuals.nrows().saturating_sub(solution.parameters.len());
         // Even without model errors, chi2 / dof scatters about one with a standard deviation of sqrt(2 / dof). If the
-        // standard deviations of the parameters were increased for every value above one, they would be too large on
-        // average.
+        // standard deviations of the parameters were increased for every ratio chi2 / dof above one, they would be too
+        // large on average.
         let reduced = solution.chi2 / degrees_of_freedom.max(1) as f64;
         let predicted_decrease = predicted_decrease(&solution.residuals, &solution.jacobian);
         let passes = predicted_decrease <= LARGEST_DECREASE * reduced.max(1.0);
@@ -58,8 +59,8 @@ impl FitReport {
             termination: match solution.termination {
                 Termination::NotFinite => Termination::NotFinite,
                 _ if passes => Termination::Converged,
-                // The solver ended because the last step was negligible, but the step was so short only because of
-                // strong damping. The gradient shows that the optimum is not reached.
+                // The solver ended because the last step was negligible. However, the step was so short only because of
+                // strong damping, and the gradient test shows that the optimum is not reached.
                 Termination::Converged => Termination::Stalled,
                 other => other,
             },

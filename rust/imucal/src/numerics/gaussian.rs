@@ -30,8 +30,8 @@ fn exp(x: f64) -> f64 {
     /// Lower limit of x, to which smaller x are set. Below about -708, a normal number of double precision cannot
     /// represent 2^n.
     const LEAST: f64 = -700.0;
-    /// 1.5 * 2^52. If a number is added to it, the lowest bits of the sum contain this number rounded to the nearest
-    /// integer.
+    /// 1.5 * 2^52. If a number is added to this constant, the lowest bits of the sum contain the number rounded to the
+    /// nearest integer.
     const ROUNDS: f64 = 6_755_399_441_055_744.0;
     /// ln 2 as the sum of two numbers, which makes r more accurate. The first number has so few digits that its product
     /// with n is exact.

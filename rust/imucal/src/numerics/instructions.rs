@@ -3,8 +3,8 @@
 //!
 //! The environment variable `IMUCAL_VECTOR_BITS` selects another width, so that a test can compare the results of
 //! different processors. `512` selects the width of AVX-512, `256` that of AVX2, and `64` no vectors. The variable is
-//! read once. For `512`, a processor without AVX-512 needs the feature `emulate-avx512`, which makes the library larger
-//! by half.
+//! read once. On a processor without AVX-512, `512` needs the Cargo feature `emulate-avx512`, which makes the library
+//! larger by half.
 
 use std::sync::OnceLock;
 
@@ -86,14 +86,14 @@ fn without_avx512<W: WithSimd>(work: W) -> W::Output {
 #[cfg(all(target_arch = "x86_64", feature = "emulate-avx512"))]
 fn without_avx512<W: WithSimd>(work: W) -> W::Output {
     match pulp::x86::V3::try_new() {
-        // The loops over the arrays are compiled with fused multiply-add instructions. Otherwise, each multiply-add
-        // would be a function call.
+        // The loops over the arrays are compiled with fused multiply-add instructions. Without these instructions, each
+        // multiply-add would be a function call.
         Some(simd) => Simd::vectorize(simd, InArrays(work)),
         None => work.with_simd(pulp::Scalar512b),
     }
 }
 
-/// Runs its work with arrays of eight numbers, whichever instructions are selected.
+/// Wrapper that runs the contained work with arrays of eight numbers, whichever instructions are selected.
 #[cfg(all(target_arch = "x86_64", feature = "emulate-avx512"))]
 struct InArrays<W>(W);
 

@@ -2,10 +2,10 @@
 //! Levenberg-Marquardt method with an analytic Jacobian J.
 //!
 //! The solver implements the `Solver` trait of argmin with faer matrices. The `Executor` of argmin runs the solver, and
-//! limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`. It is computed by QR
+//! limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`. The step is computed by QR
 //! decomposition of `[R; sqrt(lambda) D]`, where R is the triangular factor of J. The diagonal matrix D contains, for
-//! each parameter, the largest norm that its column of J has had so far. The result therefore does not depend on the
-//! units of the parameters.
+//! each parameter, the largest norm that its column of J has had so far. Because of D, the result does not depend on
+//! the units of the parameters.
 
 use argmin::core::{Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use faer::Mat;
@@ -53,8 +53,8 @@ pub(crate) struct Solution {
     pub(crate) chi2: f64,
     /// Number of iterations of the solver.
     pub(crate) iterations: u64,
-    /// Reason for the end of the iterations, as the solver reports it. The gradient test of the fit report has not been
-    /// applied to it.
+    /// Reason for the end of the iterations, as the solver reports it. It does not depend on the gradient test of the
+    /// fit report.
     pub(crate) termination: Termination,
 }
 
@@ -74,13 +74,13 @@ impl Solution {
 
 /// Tolerance of a fit that gives a final result. Such a fit has converged if |D h| <= tolerance x |D p|, where h is the
 /// last step and p the vector of parameters. The diagonal matrix D scales each parameter by the norm of its column of
-/// the Jacobian. If the model describes the data, the remaining error is smaller than the last step by orders of
-/// magnitude.
+/// the Jacobian. If the model describes the data, the remaining distance to the optimum is smaller than the last step
+/// by orders of magnitude.
 pub(crate) const EXACT: f64 = 1e-10;
 /// Tolerance of a fit that only gives a start value: the limit of the relative length |D h| / |D p| of the last step
 /// (see [`EXACT`]).
 pub(crate) const ROUGH: f64 = 1e-3;
-/// Maximum number of iterations of a fit. It is far above the number that a convergent fit needs.
+/// Maximum number of iterations of a fit. A convergent fit needs far fewer iterations.
 pub(crate) const ITERATION_LIMIT: u64 = 200;
 /// Maximum damping lambda. If it is reached, the fit ends as stalled. With a larger value, a step would be smaller than
 /// the rounding errors of the parameters.
@@ -153,7 +153,7 @@ pub(crate) fn leverages(jacobian: &Mat<f64>) -> Vec<f64> {
         return vec![1.0; rows];
     }
     let mut q = Mat::from_fn(rows, own.len(), |i, j| jacobian[(i, own[j])] / norms[own[j]]);
-    // Q is computed as J R^-1. This is several times faster than computing it from the Householder reflectors.
+    // Q is computed as J R^-1. This product is several times faster than computing Q from the Householder reflectors.
     q.qr().thin_R().transpose().solve_lower_triangular_in_place(q.transpose_mut());
     let mut leverages = vec![0.0; rows];
     for j in 0..own.len() {
@@ -185,7 +185,7 @@ pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error>
 }
 
 /// Returns the components of the residuals along the left singular vectors of the Jacobian, and the singular values of
-/// the Jacobian. Its columns are first scaled to unit length. `None` if a value is not finite.
+/// the Jacobian. The columns of the Jacobian are first scaled to unit length. `None` if a value is not finite.
 pub(crate) fn singular_of_triangle(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> Option<(Vec<f64>, Vec<f64>)> {
     let (n, norms) = (jacobian.ncols(), column_norms(jacobian));
     let rows = jacobian.nrows();
@@ -313,8 +313,8 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
         let trial: Vec<f64> = current.iter().zip(&step).map(|(p, h)| p + h).collect();
         if negligible {
             // The residuals are not computed again after this last step. With the tolerance `EXACT`, the step changes
-            // them only by rounding errors. With the tolerance `ROUGH`, the result is only a start value of another
-            // fit.
+            // the residuals only by rounding errors. With the tolerance `ROUGH`, the result is only a start value of
+            // another fit.
             self.termination = Some(Termination::Converged);
             return Ok((state.param(trial).cost(self.chi2), None));
         }

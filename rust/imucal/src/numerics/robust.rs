@@ -1,4 +1,4 @@
-//! Detection of outliers: rests or moves that contradict all others (model.md (14)).
+//! Detection of outliers: rests or moves that contradict all other rests or moves (model.md (14)).
 
 use faer::Mat;
 
@@ -10,15 +10,15 @@ use crate::numerics::stats::{MEDIAN_SIZE, median};
 /// 1.3e-6 (two residuals).
 const LIMIT: f64 = 5.2;
 
-/// Score of each rest or move: the norm of the residuals that it has in a fit without this rest or move. Each residual
-/// is divided by its standard deviation. Each rest or move has `size` consecutive residuals, which are rows of
-/// `residuals` and of `jacobian`.
+/// Score of each rest or move: the norm of its residuals in a fit that excludes this rest or move. Each residual is
+/// divided by its standard deviation. Each rest or move has `size` consecutive residuals, which are rows of `residuals`
+/// and of `jacobian`.
 pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usize) -> Vec<f64> {
     let hat_rows = lsq::leverages(jacobian);
     (0..residuals.nrows() / size)
         .map(|item| {
             let rows = item * size..(item + 1) * size;
-            // If the leverage of a measurement is near one, the fit reproduces any value of this measurement. Its
+            // If the leverage of a measurement is near one, the fit reproduces any value of this measurement. The
             // residual is then no evidence of an outlier and counts as zero.
             rows.map(|row| {
                 let free = (1.0 - hat_rows[row]).max(0.0);
@@ -35,7 +35,7 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
 /// distributed errors), but at least one.
 pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
     // Median of the score for normally distributed errors. With one residual, the score is the absolute value of a
-    // standard normal variable. With two residuals, it is the square root of a chi2 variable with two degrees of
+    // standard normal variable. With two residuals, the score is the square root of a chi2 variable with two degrees of
     // freedom.
     let median_of_clean = if size == 1 { MEDIAN_SIZE } else { 1.177_410_02 };
     let scale = (median(&mut scores.to_vec()) / median_of_clean).max(1.0);

@@ -8,9 +8,9 @@
 //!
 //! p is the estimate, e is the error of prior k in standard deviations, G is the gain `(J^T J)^-1 J^T`, and r are the
 //! whitened residuals. The covariance of a least-squares estimate includes only the first-order change v. The term c
-//! e^2 matters if prior k alone determines a parameter, because the other residuals then do not limit e. For example,
-//! readings in six positions along the sensitive axes do not determine the misalignment. A misalignment m of an axis
-//! then changes its estimated scale by 3/2 m^2. Products of the errors of two priors are neglected.
+//! e^2 matters if prior k alone determines a parameter, because the other residuals then do not reduce the error e. For
+//! example, readings in six positions along the sensitive axes do not determine the misalignment. A misalignment m of
+//! an axis then changes its estimated scale by 3/2 m^2. Products of the errors of two priors are neglected.
 
 use std::ops::Range;
 
@@ -51,8 +51,8 @@ mod tests {
     use super::*;
     use crate::numerics::lsq::{self, Residuals};
 
-    /// Residuals of a problem with two parameters, a scale s and a misalignment m. The data are one reading,
-    /// `s sqrt(1 + m^2)`, and a prior of m.
+    /// Residuals of a problem with two parameters, a scale s and a misalignment m. The data are a simulated reading of
+    /// `s sqrt(1 + m^2)` and a prior of m.
     struct Tilted {
         reading: f64,
         sigma: f64,

@@ -13,7 +13,7 @@ pub fn p_value(statistic: f64, dof: usize) -> f64 {
     p_value_of(statistic, dof as f64)
 }
 
-/// The function [`p_value`] for a number of degrees of freedom that need not be an integer.
+/// Like [`p_value`], but the number of degrees of freedom need not be an integer.
 pub(crate) fn p_value_of(statistic: f64, dof: f64) -> f64 {
     ChiSquared::new(dof).map_or(1.0, |distribution| distribution.sf(statistic.max(0.0)))
 }
@@ -38,16 +38,17 @@ pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
     between(low, smallest(above), position - below as f64)
 }
 
-/// The [`quantile`] of `count` values that are computed when needed, so that not all of them are stored. NaN values are
-/// ignored. `write(k, to)` writes the values with the indices `k`, `k + 1`, ... to the slice `to`.
+/// The [`quantile`] of `count` values. The values are computed when they are needed, so that not all of them are
+/// stored. NaN values are ignored. `write(k, to)` writes the values with the indices `k`, `k + 1`, ... to the slice
+/// `to`.
 ///
-/// An evenly spaced sample of the values gives two limits. The quantile is between them with high probability, so only
-/// the values between them are stored. If the quantile is outside the limits, all values are stored (after Floyd and
-/// Rivest, Communications of the ACM 18, 1975, 165-172).
+/// An evenly spaced sample of the values gives two limits. The quantile is between these limits with high probability,
+/// so only the values between the limits are stored. If the quantile is outside the limits, all values are stored
+/// (after Floyd and Rivest, Communications of the ACM 18, 1975, 165-172).
 pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f64) -> f64 {
-    // For fewer values than this, all values are stored, because this is faster.
+    // If there are fewer values, all values are stored, which is faster.
     const FEWEST: usize = 2000;
-    // For at least this number of values, the limits are so wide that storing all values is almost never necessary.
+    // For at least this number of values, wider limits are used, so that storing all values is almost never necessary.
     const MANY: usize = 100_000;
     let of_all = || {
         let mut all = vec![f64::NAN; count];
@@ -72,7 +73,8 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     // the sample quantile at q - `margin`, and the upper limit that at q + `margin`. `margin` is `off` standard
     // deviations of the share of all values that are below the sample quantile at q. With `off` = 2.5, the quantile is
     // outside the limits in about one case in a hundred. Wider limits are slower on average, because more values
-    // between them are stored. For long records, the limits are wider, because storing all values must be avoided.
+    // between them are stored. For long records, the limits are wider (4 standard deviations), because storing all
+    // values would be expensive.
     let off = if count < MANY { 2.5 } else { 4.0 };
     let last = (sample.len() - 1) as f64;
     let margin = off * (q * (1.0 - q) / sample.len() as f64).sqrt();
@@ -109,9 +111,9 @@ fn smallest(values: &[f64]) -> f64 {
     values.iter().fold(f64::INFINITY, |smallest, &v| if v < smallest { v } else { smallest })
 }
 
-/// Numbers of values below and above two limits, and a list of the values between them. Values equal to a limit are
-/// counted but not stored, because nearly all time steps of a regular clock are equal, and a list of them would be
-/// long.
+/// Numbers of values below and above two limits, and a list of the values between the limits. Values equal to a limit
+/// are counted but not stored. The reason is that nearly all time steps of a regular clock are equal to a limit, and a
+/// list of them would be long.
 struct Census {
     /// Number of values below the lower limit.
     below: usize,

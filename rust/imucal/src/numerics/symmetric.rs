@@ -99,9 +99,9 @@ impl SymmetricMatrix {
     /// A, B and C are the blocks of the matrix at the time of the call. Returns the logarithm of the determinant of A,
     /// or `None` if A is not positive definite.
     ///
-    /// Several blocks may be swept one after the other. A is then the Schur complement that the earlier sweeps have
-    /// left in this block. The sum of the returned logarithms is the logarithm of the determinant of all swept rows and
-    /// columns of the original matrix.
+    /// Several blocks may be swept one after the other. For the second and each later block, A is the Schur complement
+    /// that the earlier sweeps have left in this block. The sum of the returned logarithms is the logarithm of the
+    /// determinant of all swept rows and columns of the original matrix.
     #[inline(always)]
     pub(crate) fn sweep<S: Simd>(&mut self, simd: S, places: Range<usize>) -> Option<f64> {
         let width = self.width;
@@ -130,9 +130,9 @@ impl SymmetricMatrix {
     }
 
     /// Applies a [`sweep`](Self::sweep) of the first `known` rows and columns. The values of these rows after the sweep
-    /// are already known: they are copied from `swept`. `whole` contains the same rows before the sweep, and has more
-    /// columns than this matrix. `places` contains, for each column of this matrix after the first `known` ones, the
-    /// index of the same column in `whole`.
+    /// are already known and are copied from `swept`. `whole` contains these rows before the sweep; it has more columns
+    /// than this matrix. `places` contains, for each column of this matrix after the first `known` ones, the index of
+    /// the same column in `whole`.
     #[inline(always)]
     pub(crate) fn sweep_as<S: Simd>(
         &mut self,
@@ -167,8 +167,8 @@ impl SymmetricMatrix {
             let first = i / S::F64_LANES * S::F64_LANES;
             let row = |of: &Self| i * of.width + first..(i + 1) * of.width;
             let (own, other) = (&self.numbers[row(self)], &other.numbers[row(other)]);
-            // The loop sums over the upper triangle. Each off-diagonal value counts twice, because it also stands below
-            // the diagonal.
+            // The loop sums over the upper triangle. Each off-diagonal value counts twice, because the complete matrix
+            // also contains it below the diagonal.
             on_diagonal[0] += own[i - first] * vector[i] * vector[i];
             on_diagonal[1] += own[i - first] * other[i - first];
             let (own, other) = (S::as_simd_f64s(own).0, S::as_simd_f64s(other).0);
@@ -191,8 +191,8 @@ impl SymmetricMatrix {
     }
 }
 
-/// Accumulates the logarithm of a determinant, which is the product of the pivots. A logarithm takes as long as the
-/// update of a row, so several pivots are multiplied before a logarithm is computed.
+/// Accumulates the logarithm of a determinant, which is the product of the pivots. Computing a logarithm takes as long
+/// as updating a row, so several pivots are multiplied before the logarithm of their product is computed.
 struct LogDeterminant {
     /// Product of the pivots that are not yet contained in `logarithm`.
     product: f64,

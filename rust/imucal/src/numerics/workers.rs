@@ -8,8 +8,8 @@ use std::thread::{self, Thread};
 
 use crate::cancellation::{Cancellation, POLL_INTERVAL, checkpoint};
 
-/// Minimum number of samples for which several threads are used. With fewer samples, starting the threads takes as long
-/// as the work itself.
+/// Minimum number of samples for which several threads are used. With fewer samples, starting the threads would take
+/// about as long as the work itself.
 const WORTH_THREADS: usize = 500_000;
 
 /// Number of threads for a pass over `samples` samples. It is the number of processors, or one if several threads would
@@ -77,7 +77,8 @@ pub(crate) fn share_out<J: Send>(threads: usize, jobs: Vec<J>, work: impl Fn(J) 
     });
 }
 
-/// Marks a worker thread as finished when the thread returns or panics. It also wakes the thread that waits for it.
+/// Marks a worker thread as finished when the thread returns or panics. It also wakes the thread that waits for the
+/// workers.
 struct Done<'a> {
     working: &'a AtomicUsize,
     caller: &'a Thread,

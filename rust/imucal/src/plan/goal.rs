@@ -5,7 +5,7 @@ use faer::Mat;
 use super::predict::{covariance, log_determinant};
 
 /// Order p of the p-norm that combines the ratios variance / target variance of all parameters into one number. The
-/// p-norm approximates the largest ratio, but is smooth.
+/// p-norm approximates the largest ratio, but unlike the largest ratio it is smooth.
 const NORM_ORDER: f64 = 8.0;
 
 /// Goal of an optimal program.

@@ -17,8 +17,8 @@ use nalgebra::Matrix2;
 
 use super::DIRECTION;
 
-/// The filter: the normal matrix (information matrix) of the current gravity direction (first two rows and columns) and
-/// of all parameters.
+/// The filter, whose state is a normal matrix (information matrix). The first two rows and columns belong to the
+/// current gravity direction, and the others to the parameters.
 #[derive(Clone)]
 pub(super) struct InformationFilter {
     width: usize,
@@ -44,9 +44,9 @@ impl InformationFilter {
     }
 
     /// Adds a measurement and multiplies its information by `weight`. `row` contains the derivatives divided by the
-    /// standard deviation of the measurement. If this is the standard deviation of a mean over one second, `weight` is
-    /// the duration of the mean in seconds. The derivatives with respect to the two angles of the gravity direction
-    /// come first, and the derivatives with respect to the parameters follow.
+    /// standard deviation of the measurement. If this standard deviation is that of a mean over one second, `weight` is
+    /// the actual duration of the mean in seconds. The derivatives with respect to the two angles of the gravity
+    /// direction come first, and the derivatives with respect to the parameters follow.
     pub(super) fn add_row(&mut self, row: &[f64], weight: f64) {
         for (i, value) in row.iter().enumerate().filter(|(_, value)| **value != 0.0) {
             let factor = weight * value;
@@ -107,8 +107,8 @@ impl InformationFilter {
     }
 }
 
-/// Inverse of a symmetric 2x2 matrix. The result is zero for a singular matrix, because a singular matrix means that
-/// the filter has no information about the direction yet.
+/// Inverse of a symmetric 2x2 matrix. The result is zero for a singular matrix. A matrix is singular here only if the
+/// filter has no information about the direction yet.
 fn inverse(matrix: &Matrix2<f64>) -> Matrix2<f64> {
     let determinant = matrix.determinant();
     if determinant == 0.0 {
@@ -123,8 +123,8 @@ mod tests {
 
     use super::*;
 
-    /// Elimination of the directions step by step must give the same information as elimination of all directions
-    /// together. The example has three directions and two parameters.
+    /// Elimination of the gravity directions step by step must give the same information as elimination of all
+    /// directions together. The example has three directions and two parameters.
     #[test]
     fn what_is_eliminated_step_by_step_is_what_is_eliminated_at_once() {
         let value = |i: usize| ((i * 37 + 11) as f64).sin();

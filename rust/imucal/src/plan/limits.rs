@@ -21,13 +21,13 @@ pub struct Axis {
     pub max_rate_radps: f64,
     /// Maximum acceleration, rad/s^2.
     pub max_acceleration_radps2: f64,
-    /// Minimum and maximum angle relative to the start, rad, not reduced to one revolution. These limits are due to end
-    /// stops or to the length of the cable. `None` if there is no limit.
+    /// Minimum and maximum angle relative to the start, rad. The angles may exceed a revolution. End stops or the
+    /// length of the cable cause these limits. `None` if there is no limit.
     pub range_rad: Option<[f64; 2]>,
 }
 
-/// A forbidden zone of motor angles. The stand is in the zone if each motor angle is, up to whole revolutions, between
-/// the lower and the upper angle for this motor. A motor with `None` is ignored.
+/// A forbidden zone of motor angles. The stand is in the zone if the angle of each motor, reduced by whole revolutions,
+/// is between the lower and the upper angle for this motor. A motor with `None` is ignored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zone {
     /// Lower and upper angle of each motor, rad; `None` if the zone does not depend on this motor.

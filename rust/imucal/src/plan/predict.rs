@@ -13,10 +13,11 @@ use crate::simulate::Motion;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
     /// Standard deviation of each parameter in SI units, in the order of [`Sensors`]: first the 21 parameters of the
-    /// triads, then the parameters of the effects. A parameter that the motion does not determine has the standard
-    /// deviation of its default prior: a tenth of its size for the triads, and ten times its typical size for the
-    /// effects. The size of a sensitivity is the mean scale, and the size of a bias is the reading at 1 g or at 1
-    /// rad/s. If the user gave a narrower prior, it replaces the default prior.
+    /// triads (three-axis sensors), then the parameters of the effects. A parameter that the motion does not determine
+    /// has the standard deviation of its default prior: a tenth of its size for a parameter of the triads, and ten
+    /// times its typical size for a parameter of an effect. The size of a sensitivity is the mean scale, and the size
+    /// of a bias is the reading at 1 g or at 1 rad/s. If the user gave a narrower prior, this prior replaces the
+    /// default prior.
     pub sigma: Vec<f64>,
     /// Number of rests that are long enough for rest detection.
     pub rests: usize,
@@ -78,8 +79,8 @@ struct RestSpan {
     used_s: f64,
 }
 
-/// The rests that are long enough for rest detection. The time `EDGE_S` is removed from those ends of a rest that are
-/// next to a move.
+/// The rests that are long enough for rest detection. The time `EDGE_S` is removed from each end of a rest that is next
+/// to a move, and `settle_s` is also removed after each move.
 fn rests(motion: &Motion, min_rest_s: f64, settle_s: f64) -> Vec<RestSpan> {
     let duration_s = motion.duration_s();
     let span = |(start_s, end_s): (f64, f64)| {

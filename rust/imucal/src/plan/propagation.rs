@@ -7,7 +7,7 @@ use super::information_filter::{InformationFilter, Propagation};
 use super::sensors::Sensors;
 use crate::simulate::Moment;
 
-/// Time that rest detection removes from each end of a rest, s. The adjacent move becomes longer by this time.
+/// Time that rest detection removes from each end of a rest, s. The move next to this end becomes longer by this time.
 pub(super) const EDGE_S: f64 = 0.01;
 /// Length of a block over which forces during a move are averaged, s. It equals the block length in the joint fit,
 /// which estimates the parameters from a recorded run.
@@ -15,13 +15,13 @@ const BLOCK_S: f64 = 0.04;
 /// Length of the intervals into which a hand-held rest is divided, s. Within an interval, the gravity direction is
 /// treated as constant.
 const HELD_S: f64 = 0.2;
-/// Number of integration steps in a move. With this number, the relative error of the information due to the midpoint
-/// rule is 1e-3.
+/// Number of integration steps in a move. With this number of steps, the midpoint rule causes a relative error of 1e-3
+/// in the information.
 const STEPS: usize = 32;
 
 /// Information from a rest: derivatives of the mean force and of the mean rate with respect to the gravity direction
-/// and the parameters. The derivatives are divided by the standard deviations of the mean force and of the mean rate
-/// over one second.
+/// and the parameters. Each derivative is divided by the standard deviation that its measurement has as a mean over one
+/// second.
 #[derive(Clone)]
 pub(super) struct RestInformation {
     force: [Vec<f64>; 3],
@@ -45,8 +45,9 @@ pub(super) struct MoveInformation {
 #[derive(Clone)]
 struct Section {
     propagation: Propagation,
-    /// Derivatives of the mean force over this section of the move, divided by the standard deviation of the mean. They
-    /// are added to the filter after the propagation over this section. `None` if forces during moves are not used.
+    /// Derivatives of the mean force over this section of the move, divided by the standard deviation of the mean. This
+    /// measurement is added to the filter after the propagation over this section. `None` if forces during moves are
+    /// not used.
     force: Option<[Vec<f64>; 3]>,
 }
 
@@ -68,7 +69,8 @@ impl RestInformation {
 
     /// Adds the information of a rest of `duration_s`, s, to the filter. `rests` is the number of rests of the whole
     /// run. The gyroscope has the same reading at all rests, so the rounding error of the rate is equal at all rests
-    /// and does not average out. The rounding variance of each rest is therefore multiplied by `rests`.
+    /// and does not average out over the rests. To account for this, the rounding variance of each rest is multiplied
+    /// by `rests`.
     pub(super) fn add_to(&self, filter: &mut InformationFilter, duration_s: f64, rests: usize) {
         let Some(half) = &self.half_interval else {
             let [force, rate] = self.rounding;
@@ -140,9 +142,9 @@ impl MoveInformation {
     }
 }
 
-/// Propagation with the gyroscope over consecutive intervals. `parts` contains, for each interval, the motion at its
-/// middle, the time of its middle, s, and its duration, s. `variance` is the variance of the mean gyroscope reading
-/// over one second, (rad/s)^2.
+/// Propagation of the gravity direction with the gyroscope over consecutive intervals. `parts` contains, for each
+/// interval, the motion at its middle, the time of its middle, s, and its duration, s. `variance` is the variance of
+/// the mean gyroscope reading over one second, (rad/s)^2.
 fn propagation_over(
     sensors: &Sensors,
     parts: impl IntoIterator<Item = (Moment, f64, f64)>,

@@ -23,15 +23,15 @@ use crate::simulate::Program;
 /// Numbers of poses of the four random programs from which the search starts. The search can add and remove poses.
 const STARTS: [usize; 4] = [8, 16, 32, 64];
 /// From each of the four random programs, the search tries 1 / `SHARE_OF_START` of all proposals. The remaining
-/// proposals improve the best of the four results.
+/// proposals start from the best of the four results.
 const SHARE_OF_START: usize = 16;
 /// Annealing temperature at the start of the search. The cost of a program is a logarithm, so the temperature has no
 /// unit. An increase of the cost by this temperature is accepted with a probability of about one third.
 const WARM: f64 = 0.006;
-/// Annealing temperature at the end of the search. At this temperature, a program with a higher cost is practically
+/// Annealing temperature at the end of the search. At this temperature, an increase of the cost by 0.001 is practically
 /// never accepted.
 const COLD: f64 = 0.00006;
-/// Number of random poses after which the search for a pose that the stand can reach is given up.
+/// Maximum number of random poses that are tried to find a pose that the stand can reach.
 const ATTEMPTS: usize = 200;
 /// Number of bisection steps in the search for the shortest holds with which a program reaches the goal.
 const HALVINGS: usize = 30;
@@ -118,8 +118,7 @@ struct Annealing<'a> {
 }
 
 impl Annealing<'_> {
-    /// A program with random poses. If the time is too short for the number of poses requested, the program has fewer
-    /// poses.
+    /// A program with random poses. If the time is too short for `poses` poses, the program has fewer poses.
     fn start(&mut self, poses: usize) -> Option<Trial> {
         let mut count = poses.max(FEWEST_POSES);
         loop {
@@ -172,7 +171,7 @@ impl Annealing<'_> {
         best
     }
 
-    /// A changed program; `None` if the stand cannot run it.
+    /// A copy of `trial` with one random change; `None` if the stand cannot run the changed program.
     fn propose(&mut self, trial: &Trial) -> Option<Trial> {
         let count = trial.poses.len();
         // The first pose is the start position of the motors, so it is not changed.
@@ -231,8 +230,8 @@ impl Annealing<'_> {
         }
     }
 
-    /// Multiplies all holds by the smallest common factor with which the program reaches the goal. A hold does not
-    /// become shorter than its minimum duration. Returns the program and whether it reaches the goal.
+    /// Multiplies the durations of all holds by the smallest common factor with which the program reaches the goal. A
+    /// hold does not become shorter than its minimum duration. Returns the program and whether it reaches the goal.
     fn just_enough(&self, trial: Trial) -> (Trial, bool) {
         let scene = self.scene;
         let shortest = scene.shortest_hold_s();

@@ -2,7 +2,7 @@
 //!
 //! The parameters have the order of the joint fit: accelerometer bias (3), accelerometer sensitivity (6, because the
 //! body frame is chosen so that this matrix is symmetric), gyroscope bias (3), gyroscope sensitivity (9, row by row),
-//! and then the parameters of the effects.
+//! and then the parameters of the effects (sensor errors that bias and sensitivity do not describe).
 
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor as Kind, State, Surroundings};
 use nalgebra::{Matrix3, Vector3};
@@ -19,7 +19,7 @@ use crate::two_stage::observability::FARTHEST;
 /// Maximum share of the gyroscope's range that a plan uses. The remaining 5 % are a margin for noise and for overshoot
 /// of the motors.
 const NEAR_RAILS: f64 = 0.95;
-/// If an effect has a time constant, a plan assumes a fixed value for it: this share of the duration of the run.
+/// If an effect has a time constant, a plan assumes that the time constant is this share of the duration of the run.
 const SHAPE_SHARE: f64 = 0.3;
 
 /// Model of a unit for planning: the sensitivities, the white noise, and the effects to be estimated.
@@ -89,7 +89,7 @@ impl Sensors {
     ///
     /// # Errors
     /// [`Error::Input`] for unknown effects, for effects on the encoders, and for temperature effects, because no
-    /// motion makes them observable.
+    /// motion makes temperature effects observable.
     pub fn with_effects(mut self, names: &[String], run_s: f64) -> Result<Self, Error> {
         for name in names {
             let Some(effect) = Effect::<f64>::find(name) else {
@@ -127,7 +127,7 @@ impl Sensors {
     }
 
     /// Name and SI unit of each parameter of the effects. In all lists of parameters, these parameters follow the 21
-    /// parameters of the triads in this order.
+    /// parameters of the triads (three-axis sensors) in this order.
     pub fn effect_parameters(&self) -> Vec<(String, &'static str)> {
         let named = |effect: &&'static Effect<f64>| {
             let name = effect.name;
@@ -151,8 +151,8 @@ impl Sensors {
         let effects =
             self.effects.iter().flat_map(|e| e.parameters[..e.plain].iter().map(|p| p.typical / FARTHEST.powi(2)));
         let widest = base.chain(effects).map(|size| 1.0 / (FARTHEST * size).powi(2));
-        // The priors are linearised at the parameters of a sensor without errors. This is accurate enough, because the
-        // derivatives of the priors hardly depend on the parameters.
+        // The priors are linearised at the parameters of a sensor without errors. This linearisation is accurate
+        // enough, because the derivatives of the priors hardly depend on the parameters.
         let perfect: [f64; BASE] = std::array::from_fn(|p| if [3, 4, 5, 12, 16, 20].contains(&p) { 1.0 } else { 0.0 });
         let held = precisions(&self.held, &perfect).map(|(precision, _)| precision);
         widest.zip(held.into_iter().chain(std::iter::repeat(0.0))).map(|(widest, held)| widest.max(held)).collect()
@@ -164,13 +164,13 @@ impl Sensors {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::AngularAcceleration))
     }
 
-    /// Whether the derivatives of a reading depend on the time since the start of the run, because of an effect.
+    /// Whether an estimated effect makes the derivatives of the readings depend on the time since the start of the run.
     pub(super) fn depend_on_time(&self) -> bool {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::Time))
     }
 
     /// Ratio of the gyroscope reading at this body rate to the usable range of the gyroscope (95 % of its range, minus
-    /// the bias), on the axis with the largest ratio. If the ratio is above 1, the rate is too high for a plan.
+    /// the bias), for the axis with the largest ratio. If the ratio is above 1, the rate is too high for a plan.
     pub(super) fn too_fast(&self, rate: &Vector3<f64>) -> f64 {
         let reading = self.gyroscope * rate;
         let share = |axis: usize| {
@@ -221,7 +221,8 @@ impl Sensors {
     /// Extends a propagation of the gravity direction by an interval of the length `duration_s` with its middle at
     /// `time_s`. The contribution of this interval to the Jacobian C of
     /// [`Propagation`](super::information_filter::Propagation) is added to `by`. Returns, for each of the two angles of
-    /// the direction, the factors with which the noise of the three gyroscope axes enters the rate of the angle.
+    /// the direction, the factors by which the noise of the three gyroscope axes is multiplied in the rate of change of
+    /// the angle.
     pub(super) fn add_propagation(
         &self,
         moment: &Moment,
@@ -248,8 +249,8 @@ impl Sensors {
         seen
     }
 
-    /// For every parameter of the effects on a sensor, calls `take` with the index of the parameter and with the
-    /// derivatives of the rate or force of this sensor with respect to the parameter.
+    /// For every parameter of the effects on a sensor, calls `take` with the index of the parameter and the derivatives
+    /// of the sensor's rate or force with respect to the parameter.
     fn effect_columns(&self, sensor: Kind, moment: &Moment, time_s: f64, mut take: impl FnMut(usize, Vector3<f64>)) {
         let mut place = BASE;
         for effect in &self.effects {

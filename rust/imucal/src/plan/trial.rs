@@ -21,7 +21,7 @@ const LEAST_TURN_RAD: f64 = 0.17;
 /// A planned rest is longer than the minimum duration of a rest by this margin, s. The margin is needed because rest
 /// detection tests short blocks of samples and finds the ends of a rest only with a resolution of one block.
 const SPARE_S: f64 = 0.2;
-/// Number of instants at which the rate during a move is compared with the range of the gyroscope.
+/// Number of instants during a move at which the rate is compared with the range of the gyroscope.
 const RATE_INSTANTS: usize = 24;
 
 /// Inputs of a search, which are the same for all trial programs.
@@ -119,8 +119,8 @@ impl Scene<'_> {
         trial.cost.is_finite().then_some(trial)
     }
 
-    /// Computes the information of all rests and moves again, at the times at which they occur in the program. This is
-    /// needed for effects that depend on time.
+    /// Computes the information of all rests and moves again, at the times at which they occur in the program. This
+    /// repetition is needed for effects that depend on time.
     fn in_time(&self, trial: &mut Trial) -> Option<()> {
         let mut time_s = 0.0;
         for k in 0..trial.poses.len() {
@@ -145,8 +145,8 @@ impl Trial {
     }
 
     /// Changes the holds so that the program takes `duration_s`. Each hold takes `shortest_s` plus a share of the
-    /// remaining time; the ratios between these shares are kept. `None` if the time is too short for the moves and for
-    /// holds of `shortest_s`.
+    /// remaining time. The ratios between the shares of the holds do not change. `None` if the time is too short for
+    /// the moves and for holds of `shortest_s`.
     fn fill(&mut self, duration_s: f64, shortest_s: f64) -> Option<()> {
         let count = self.holds_s.len() as f64;
         let spare_s = duration_s - self.moves_s.iter().sum::<f64>() - shortest_s * count;
@@ -173,8 +173,8 @@ impl Trial {
         filter.information()
     }
 
-    /// The program with hold durations that are multiples of [`TICK_S`]. They are rounded up if `up` is set, and down
-    /// otherwise.
+    /// The program with hold durations that are multiples of [`TICK_S`]. The durations are rounded up if `up` is set,
+    /// and down otherwise.
     pub(super) fn program(&self, up: bool) -> Result<Program, Error> {
         let ticks = |hold_s: f64| if up { whole_ticks(hold_s) } else { (hold_s / TICK_S + 1e-6).floor() * TICK_S };
         let mut steps = vec![Step::hold(ticks(self.holds_s[0]))];

@@ -38,8 +38,8 @@ pub(super) struct Map {
 pub(super) struct Increment {
     pub(super) rotation: UnitQuaternion<f64>,
     /// Four sums over the samples. R is the rotation from the frame at a sample to the frame at the first sample. The
-    /// first sum contains R x weight of the sample in the integration. The others contain R x weight x rate, one for
-    /// each rate component. In the sum for rate component j, only the columns c <= j are valid.
+    /// first sum contains R x weight of the sample in the integration. The other sums contain R x weight x rate, one
+    /// for each rate component. In the sum for rate component j, only the columns c <= j are valid.
     pub(super) sums: [Matrix3<f64>; 4],
     /// Number of processed steps. All lanes process the same number of steps, or the same number of nodes (16 steps).
     /// Some steps at the end of a block may therefore remain unprocessed. Their number is below the number of lanes, or
@@ -67,7 +67,7 @@ impl Increment {
 pub(super) struct Kernel<'a, const CUBIC: bool, const SUMS: bool, const RANGE: usize>(pub(super) Block<'a>);
 
 impl<const CUBIC: bool, const SUMS: bool, const RANGE: usize> WithSimd for Kernel<'_, CUBIC, SUMS, RANGE> {
-    /// `None` if the angle of a step exceeds the range of the polynomials, or if the block has fewer steps than one
+    /// `None` if the angle of a step exceeds the range with the index `RANGE`, or if the block has fewer steps than one
     /// node (16 steps) per lane.
     type Output = Option<Increment>;
 

@@ -27,8 +27,8 @@ const LEAST_TURN_SHARE: f64 = 0.01;
 const BLOCK_S: f64 = 0.1;
 
 /// If the rms change of the gravity direction over [`BLOCK_S`] is below this limit, rad, [`RateFromGravity::explained`]
-/// is not computed. The limit corresponds to a rotation at 6 deg/s. The noise of a consumer accelerometer causes
-/// changes of a quarter of the limit.
+/// is set to 1. The limit corresponds to a rotation at 6 deg/s. White accelerometer noise of the density N = 0.4
+/// mg/sqrt(Hz) (model.md (10)) causes an rms change of 2 N / sqrt(0.1 s) = 0.0025 rad, which is a quarter of the limit.
 const LEAST_CHANGE_RAD: f64 = 0.01;
 
 /// Relation between the measured rates and the rotation of gravity in the body frame.
@@ -127,7 +127,7 @@ fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: 
     }
 }
 
-/// Solves the weighted normal equations for the nine entries of P, which are ordered by rows.
+/// Solves the weighted normal equations for the nine entries of P, in row-major order.
 fn solve(pairs: &[Pair], weights: &[f64], size: f64) -> Option<Matrix3<f64>> {
     // The equation of a pair of blocks is change = [ubar]x P s, with ubar = `pair.up` and s = `pair.turn`. Its design
     // matrix is the Kronecker product of [ubar]x and s^T. The normal matrix of the pair is therefore the Kronecker
@@ -162,8 +162,8 @@ mod tests {
 
     #[test]
     fn finds_scale_sign_and_order_of_the_axes_in_any_unit() {
-        // A slow tumble with a gyroscope in counts. The axes of the gyroscope are rotated: its x axis measures -y, and
-        // its y axis measures x.
+        // Simulates a slow tumble with a gyroscope in counts. The axes of the gyroscope are rotated: its x axis
+        // measures -y, and its y axis measures x.
         let sensitivity = Matrix3::new(0.0, -4000.0, 50.0, 4200.0, 0.0, 0.0, 0.0, 80.0, 4100.0);
         let gyroscope = Triad::try_new(sensitivity, Vector3::new(32000.0, 33000.0, 32500.0)).unwrap();
         let (mut time, mut force, mut rate) = (vec![], Vec::<[f64; 3]>::new(), Vec::<[f64; 3]>::new());

@@ -166,8 +166,8 @@ impl<'a> RateSegment<'a> {
             let block = Block { raw: &raw, stamps_s: stamps_s.map(|s| &s[range]), map: &frame.map };
             let in_lanes = count >= FEW && self.interpolation != Interpolation::UnevenCubic;
             let turned = if in_lanes { self.lanes::<CUBIC, SUMS>(block, &mut angle_range) } else { None };
-            // If the angle of a step exceeds the range of the polynomials, this step and some further steps are
-            // integrated without SIMD. After that, the vectorised integration is tried again.
+            // If the angle of a step exceeds all `ANGLE_RANGES`, this step and some further steps are integrated
+            // without SIMD. After that, the vectorised integration is tried again.
             let alone = at..at + count.min(STEPS_OF_A_LANE);
             all.then(&turned.unwrap_or_else(|| self.scalar_steps::<CUBIC>(gyroscope, &frame, alone)));
         }
@@ -237,8 +237,8 @@ impl<'a> RateSegment<'a> {
         Increment { rotation: outward.inverse() * rotation * outward, sums: [bias, x, y, z], steps: steps.len() }
     }
 
-    /// Two factors that convert the sums of the vectorised integration to SI units. The first converts the sum of the
-    /// rotations R to s. The second converts the sums of R times a component of the rate to rad.
+    /// Two factors that convert the sums of the vectorised integration to SI units. The first factor converts the sum
+    /// of the rotations R to s. The second factor converts the sums of R times a component of the rate to rad.
     fn units_of_sums(&self) -> (f64, f64) {
         match self.sample_times {
             SampleTimes::Even(interval_s) => (interval_s, 6.0),

@@ -7,7 +7,7 @@ use nalgebra::Matrix3;
 use super::rate_segment;
 use super::sums::{BY_ENDS, BY_HALVES, SECOND, STEPS_OF_A_NODE};
 
-/// Inputs of an integration. The time is either a constant step, s, or the time of every sample, s.
+/// Inputs of an integration. `time_s` is either the constant time step, s, or the time of every sample, s.
 pub(super) struct Samples<'a> {
     pub(super) raw: &'a [[f64; 3]],
     pub(super) time_s: Result<f64, &'a [f64]>,
@@ -101,8 +101,8 @@ fn exponential(m: &Square) -> Square {
     sum
 }
 
-/// Rotation, G_x, G_y, G_z and G_b in double-double arithmetic, by the equations in the documentation of
-/// `preintegration`. The first `at_nodes` steps are summed in nodes of 16 steps.
+/// Rotation, G_x, G_y, G_z and G_b in double-double arithmetic, by the equations at the start of `preintegration.rs`.
+/// The first `at_nodes` steps are summed in nodes of 16 steps.
 pub(super) fn reference(path: &Samples<'_>, at_nodes: usize) -> [Square; 5] {
     let Samples { raw, time_s, triad, is_cubic } = path;
     let third = Double::of(1.0 / 3.0) + Double::of(-1.0 / 3.0 * 3.0 + 1.0) * Double::of(1.0 / 3.0);

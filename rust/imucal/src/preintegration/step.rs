@@ -6,10 +6,10 @@
 //! For equal steps and linear interpolation, the samples a0 and a1 at the ends of a step are scaled so that `s = a0 +
 //! a1` and `q = a0 x a1`.
 //!
-//! The quaternion of a step is proportional to `(1, tau(y) p)` with `y = |p|^2`. The polynomial tau(y) approximates
-//! `3 tan(t/2) / t`, where t is the rotation angle of the step. The quaternion `(1, tau(y) p)` is not normalised: its
+//! The quaternion of a step is proportional to `(1, tau(y) p)` with `y = |p|^2`. The polynomial tau(y) approximates `3
+//! tan(t/2) / t`, where t is the rotation angle of the step. The quaternion `(1, tau(y) p)` is not normalised: its
 //! squared norm is `1 / cos^2(t/2)`. Another polynomial in y approximates `cos^2(t/2)` and corrects the norm of
-//! products.
+//! products of such quaternions.
 
 use nalgebra::Vector3;
 use pulp::Simd;
@@ -261,8 +261,7 @@ fn polynomial<S: Simd>(simd: S, coefficients: &[f64], y: Lanes<S>) -> Lanes<S> {
     others.iter().rev().fold(Lanes::splat(simd, highest), |sum, c| sum.mul_add(y, Lanes::splat(simd, *c)))
 }
 
-/// Converts a rotation vector, rad, to its quaternion, and divides the vector part of the quaternion by the scalar
-/// part.
+/// Computes the quaternion of a rotation vector, rad, and returns its vector part divided by its scalar part.
 #[inline(always)]
 pub(super) fn half_turn<S: Simd>(simd: S, turn: Three<S>) -> Three<S> {
     let third = Lanes::splat(simd, 1.0 / 3.0);

@@ -14,7 +14,7 @@
 //! ```
 //!
 //! up to higher powers of x. Integration by parts transforms the sum of `R' w'` over the nodes of a segment into the
-//! sum of `-R w''`, which is the sum of `x^2 R w`. It also gives terms at the ends of the segment, which
+//! sum of `-R w''`, which is the sum of `x^2 R w`. It also gives terms at the ends of the segment, for which
 //! [`end_of_nodes`] corrects. The sum of `R' D` therefore cancels the error of W, and the result is exact up to the
 //! fifth power of x.
 
@@ -22,7 +22,7 @@ use pulp::Simd;
 
 use super::lanes::{Lanes, Three, cross, three};
 
-/// Number of steps in a node.
+/// Number of time steps in a node, a group of steps that is summed together.
 pub(super) const STEPS_OF_A_NODE: usize = 16;
 const N: f64 = STEPS_OF_A_NODE as f64;
 /// Coefficient a of W (see the start of this file): the relative difference between W and n w, divided by the squared
@@ -30,8 +30,8 @@ const N: f64 = STEPS_OF_A_NODE as f64;
 pub(super) const SECOND: f64 = (1.0 + 2.0 / (N * N)) / 24.0;
 /// Ratio b / a of the coefficients a and b of W (see the start of this file).
 const FOURTH: f64 = (1.0 / 1920.0 + 1.0 / (288.0 * N * N) - 1.0 / (720.0 * N * N * N * N)) / SECOND;
-/// D must be `n a w' (1 - (b / a) x^2)`. If D contained only the difference between the sums over the two halves of a
-/// node, this value would take the place of b / a.
+/// D (see the start of this file) must be `n a w' (1 - (b / a) x^2)`. If D contained only the difference between the
+/// sums over the two halves of a node, this value would take the place of b / a.
 const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
 /// This value would take the place of b / a if D contained only the difference between the samples at the two ends of a
 /// node.
@@ -64,7 +64,7 @@ impl<S: Simd> Sample<S> {
     }
 }
 
-/// Quantities of a node from which its contribution to the sums is computed.
+/// Quantities of a node (16 time steps) from which its contribution to the sums is computed.
 pub(super) struct Node<S: Simd> {
     /// Rate of the sample at the start of the node.
     begin: Three<S>,
@@ -80,7 +80,7 @@ pub(super) struct Node<S: Simd> {
 }
 
 impl<S: Simd> Node<S> {
-    /// The first node, which starts at this sample.
+    /// The first node. `begin` is the rate of the sample at its start.
     #[inline(always)]
     pub(super) fn new(simd: S, begin: Three<S>) -> Self {
         let zero = [Lanes::splat(simd, 0.0); 3];

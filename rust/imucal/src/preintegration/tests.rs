@@ -7,8 +7,8 @@ use super::*;
 use imucal_core::integrate::Integrator;
 use pulp::{Simd, WithSimd};
 
-/// A tumbling gyroscope with large scale and misalignment errors, at 100 Hz for 2 s. Returns the times, the raw
-/// samples, and the sensitivity and bias.
+/// Simulates a tumbling gyroscope with large scale and misalignment errors, at 100 Hz for 2 s. Returns the times, the
+/// raw samples, and the sensitivity and bias.
 fn tumble() -> (Vec<f64>, Vec<[f64; 3]>, Triad<f64>) {
     let time: Vec<f64> = (0..200).map(|k| k as f64 * 0.01).collect();
     let sensitivity = Matrix3::new(1.1, 0.05, -0.02, 0.03, 0.9, 0.04, -0.06, 0.01, 1.05);
@@ -167,8 +167,8 @@ impl Samples<'_> {
     }
 }
 
-/// A tumble with `samples` samples and noise, in raw units. The norm of the rate is at most 5.4 rad/s times `speed`,
-/// plus the noise.
+/// Simulates a tumble with noise, and returns `samples` raw samples. The norm of the rate is at most 5.4 rad/s times
+/// `speed`, plus the noise.
 fn shaken(samples: usize, interval_s: f64, speed: f64, noise_rad_per_s: f64) -> Vec<[f64; 3]> {
     let (_, _, triad) = tumble();
     let noise = |k: usize| (k as f64 * 12.9898).sin() * 43758.5453 % 1.0 * noise_rad_per_s;
@@ -220,11 +220,11 @@ fn sums_at_nodes_are_those_of_all_samples() {
         let error = worst(&raw, false);
         assert!(error < 1e-12, "{steps}: {error:e}");
     }
-    // A segment during a rotation at 2.4 rad/s, as in the moves of the benchmark.
+    // A segment during a rotation at up to 2.4 rad/s, as in the moves of the benchmark.
     let error = worst(&shaken(20_001, 1.25e-4, 0.45, 0.0), false);
     assert!(error < 1e-12, "{error:e}");
-    // Segments at 7 rad/s with incomplete lanes. If there is noise, the error must be below 1 % of the change due to
-    // the noise.
+    // Segments with rates of up to 7.5 rad/s and with incomplete lanes. If there is noise, the error must be below 1 %
+    // of the change due to the noise.
     for steps in [127, 128, 200, 1023, 8_005] {
         for is_cubic in [false, true] {
             let raw = |noise| shaken(steps + 1 + 2 * usize::from(is_cubic), 1.25e-4, 1.4, noise);

@@ -22,8 +22,8 @@ const LONGEST_STEP: f64 = 2.5;
 /// Duration of the part of an unsteady (hand-held) rest from which the gravity direction at an end of the rest is
 /// computed, s (model.md (13)). This part is next to the move.
 const SPAN_S: f64 = 1.0;
-/// Number of equal parts into which the last or first second of an unsteady rest is divided. The variance of the
-/// gravity direction is computed from the scatter of the means over these parts (model.md (13)).
+/// Number of equal parts into which the last or first second of an unsteady (hand-held) rest is divided. The variance
+/// of the gravity direction is computed from the scatter of the means over these parts (model.md (13)).
 const TENTHS: usize = 10;
 /// A rest counts as hand-held if the scatter of its rates within 0.1 s exceeds this factor times the noise of the
 /// gyroscope. The factor is above 1 because the estimated noise is uncertain.
@@ -32,7 +32,8 @@ const TREMBLING: f64 = 1.5;
 /// causes larger rates. The limit prevents false detections in recordings without noise.
 const STILL_RADPS: f64 = 1e-3;
 /// Lower bound of the standard deviation of the gravity-direction error after a move, rad. The bound is the size of the
-/// error that the integration of a sampled rate causes. In simulated data without noise, this is the only error.
+/// error that the integration of a sampled rate causes. In simulated data without noise, the residual of a move
+/// contains only this error.
 pub(crate) const FINEST_RAD: f64 = 2e-5;
 
 /// A move: the samples from the last sample of a rest to the first sample of the next rest.
@@ -67,8 +68,8 @@ pub(crate) struct Ends {
 }
 
 impl Ends {
-    /// The projection matrix E of model.md (7). Its two rows are orthonormal and perpendicular to the direction of
-    /// gravity after the move.
+    /// The projection matrix E of model.md (7). Its two rows are orthonormal vectors that are perpendicular to the
+    /// direction of gravity after the move.
     pub(crate) fn across(&self) -> Matrix2x3<f64> {
         rows_across(&self.after)
     }
@@ -88,8 +89,9 @@ pub(crate) fn across(up: &Vector3<f64>) -> [Vector3<f64>; 2] {
 }
 
 /// Index of the coordinate axis from which [`across`] constructs the perpendicular vectors. It is the first axis that
-/// is far from parallel to `up`, so a small change of `up` rarely changes the axis. The axis of the smallest component
-/// of `up` would be a worse choice: if two components are near zero, noise decides which of them is the smallest.
+/// is far from parallel to `up`, so a small change of `up` rarely changes the choice. The axis with the smallest
+/// component of `up` would be a worse choice: if two components are near zero, noise decides which component is the
+/// smallest.
 pub(crate) fn axis_aside(up: &Vector3<f64>) -> usize {
     /// The component of `up` along the chosen axis must be below this limit in absolute value. A unit vector always has
     /// such an axis, because its smallest component is at most 0.58.
@@ -132,8 +134,8 @@ pub(crate) fn saturated_stretches(recordings: &[Recording<'_>], findings: &[Find
     recordings.iter().map(|recording| if found { saturated_samples(recording) } else { Vec::new() }).collect()
 }
 
-/// The moves between consecutive usable rests, and the intervals between such rests that cannot be used because samples
-/// in them are missing or saturated.
+/// The moves between consecutive usable rests, and the intervals between usable rests that are not usable as moves
+/// because samples are missing or saturated.
 pub(crate) fn between(
     recordings: &[Recording<'_>],
     rests: &[UnitRest],
@@ -183,21 +185,21 @@ pub(crate) struct Directions<'a> {
 pub(crate) struct End {
     /// Reading of the accelerometer at this end of the move, raw units.
     pub(crate) raw: Vector3<f64>,
-    /// Whether the reading is the mean over the whole rest, as for a rest on a rigid support. Otherwise, the reading
-    /// holds only for one end of the rest.
+    /// Whether the reading is the mean over the whole rest, as for a rest on a rigid support. Otherwise, the reading is
+    /// valid only at one end of the rest, because the attitude changes during the rest.
     pub(crate) steady: bool,
     /// First part of the variance, rad^2: noise of the mean over the whole rest. The move on the other side of this
     /// rest has a residual that depends on the same mean, and so does the residual of the norm of the mean force. The
     /// errors of all these residuals are therefore correlated.
     pub(crate) shared_variance: f64,
-    /// Second part of the variance, rad^2: noise that only the residual of this move contains.
+    /// Second part of the variance, rad^2: noise that is contained only in the residual of this move.
     pub(crate) own_variance: f64,
 }
 
 impl Directions<'_> {
     /// For each move: the gravity directions at both ends, with the standard deviation of the move's residual. The
     /// second result is, for each move, the standard deviation of the residual without the noise of the means over
-    /// rests, rad. It contains only errors that are independent between moves.
+    /// rests, rad. This standard deviation includes only errors that are independent between moves.
     pub(crate) fn ends_of(&self, moves: &[Move]) -> (Vec<Ends>, Vec<f64>) {
         moves
             .iter()

@@ -1,4 +1,4 @@
-//! Check whether the noise densities and the biases at the rests have values that no real sensor has. If the unit is
+//! Checks whether the noise densities and the biases at the rests have values that no real sensor has. If the unit is
 //! hand-held, the tremor of the hand is first subtracted from the noise.
 
 use imucal_core::sensor::Triad;
@@ -14,10 +14,10 @@ use crate::rests::tremor::{Hand, Sensors};
 
 impl Segments {
     /// Findings about noise densities and biases that no real sensor has. There are no findings if every rest is
-    /// unsteady (hand-held), because the densities then contain the tremor of the hand. A rest counts as unsteady if it
-    /// scatters more than the quietest parts of the recording, so no rest is unsteady if the tremor is equally strong
-    /// everywhere. In this case, the tremor is detected by the correlation between both sensors, and the densities are
-    /// computed without the tremor.
+    /// unsteady (hand-held), because the densities then contain the tremor of the hand. A rest counts as unsteady if
+    /// its samples scatter more than the samples in the quietest parts of the recording. If the tremor is equally
+    /// strong everywhere, no rest is therefore unsteady. In this case, the tremor is detected by the correlation
+    /// between both sensors, and the densities are computed without the tremor.
     pub fn check_noise(&self, recording: &Recording<'_>) -> Vec<Finding> {
         let steady: Vec<&Rest> = self.rests.iter().filter(|rest| rest.is_steady()).collect();
         if steady.is_empty() {

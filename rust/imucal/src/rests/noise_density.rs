@@ -3,8 +3,9 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-/// White-noise densities, raw units per sqrt(Hz) (model.md (10)). They are estimated from the steady rests. If all
-/// rests are hand-held, the densities are computed from the noise variance that the rest detection has estimated.
+/// White-noise densities, raw units per sqrt(Hz) (model.md (10)). They are estimated from the steady rests (rests that
+/// are not hand-held). If all rests are hand-held, the densities are computed from the noise variance that the rest
+/// detection has estimated.
 #[derive(Clone, Copy, Debug)]
 pub struct NoiseDensity {
     /// Densities of the accelerometer axes x, y, z.
@@ -13,9 +14,9 @@ pub struct NoiseDensity {
     pub angular_rate: Vector3<f64>,
 }
 
-/// Standard deviation, about each axis, of the angle that results from integrating the white noise of the gyroscope
-/// over `duration_s`, rad. It is the angle random walk of model.md (8). `density` is in raw units per sqrt(Hz), and
-/// `inverse` is the inverse sensitivity.
+/// Angle random walk of model.md (8), rad: the standard deviation of the angle error about an axis if the white noise
+/// of the gyroscope is integrated over `duration_s`. `density` is in raw units per sqrt(Hz), and `inverse` is the
+/// inverse sensitivity.
 pub(crate) fn random_walk_rad(density: &Vector3<f64>, inverse: &Matrix3<f64>, duration_s: f64) -> f64 {
     (variance_per_axis(inverse, density) * duration_s).sqrt()
 }

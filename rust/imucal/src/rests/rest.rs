@@ -37,7 +37,7 @@ impl RestMean {
 }
 
 /// Two rests count as rests in the same pose if their readings on each axis differ by at most this number of
-/// quantisation steps. The rounding errors of two such rests are equal, even if the size of these errors is unknown.
+/// quantisation steps. In the same pose, both rests have the same rounding error, even if its size is unknown.
 const SAME_POSE: f64 = 0.5;
 
 /// Covariance matrix of the rounding errors of `means`, the means of several rests, on one axis, squared raw units.
@@ -68,9 +68,10 @@ pub struct Rest {
     pub start_s: f64,
     /// Time of the last sample, s.
     pub end_s: f64,
-    /// Unsteadiness (model.md (11)): the larger of two ratios. The first is (variance within half a second) / (noise
-    /// variance). The second is (squared drift of the mean force) / (15 x variance that noise gives this drift). The
-    /// unsteadiness is near 1 if the unit lies on a table, and above 2 if it is hand-held.
+    /// Unsteadiness (model.md (11)): the larger of two ratios. The first ratio is (variance within half a second) /
+    /// (noise variance). The second ratio compares the drift of the mean force with noise: (squared drift) / (15 x
+    /// variance of the drift due to noise), summed over the axes. With the factor 15, noise alone almost never gives a
+    /// ratio above 2. The unsteadiness is near 1 if the unit lies on a table, and above 2 if it is hand-held.
     pub unsteadiness: f64,
     /// Mean of the accelerometer over the rest, raw units.
     pub specific_force: RestMean,
@@ -90,8 +91,8 @@ impl Rest {
 /// deviation of zero in simulated data without noise.
 pub(crate) const FINEST_MPS2: f64 = 1e-5;
 
-/// Standard deviation of the norm of a rest's mean force, m/s^2. It contains the scatter of the samples and their
-/// rounding (model.md (5)).
+/// Standard deviation of the norm of a rest's mean force, m/s^2. It includes the noise and the rounding errors of the
+/// mean (model.md (5)).
 pub(crate) fn sigma_norm(rest: &Rest, triad: &Triad<f64>) -> f64 {
     let v = triad.inverse().tr_mul(&triad.correct(rest.specific_force.mean).normalize());
     at_least(FINEST_MPS2, v.component_mul(&v).dot(&rest.specific_force.whole_variance()).sqrt())
@@ -104,7 +105,7 @@ pub(crate) fn at_least(finest: f64, sigma: f64) -> f64 {
 }
 
 /// Error of the norm of the mean force of a rest: the norm minus gravity. The second result is the standard deviation
-/// of this error from noise. Both are in m/s^2.
+/// of this error due to noise. Both are in m/s^2.
 pub(crate) fn norm_error_mps2(rest: &Rest, accelerometer: &Triad<f64>, gravity_mps2: f64) -> (f64, f64) {
     let error = accelerometer.correct(rest.specific_force.mean).norm() - gravity_mps2;
     (error, sigma_norm(rest, accelerometer))

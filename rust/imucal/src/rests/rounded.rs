@@ -1,5 +1,5 @@
-//! Rounding errors at the rests of a recording: estimation of noise that is below the quantisation step, and a finding
-//! that reports such noise.
+//! Rounding errors at the rests of a recording: estimation of noise that is smaller than the quantisation step, and a
+//! finding that reports such noise.
 
 use std::ops::Range;
 
@@ -18,17 +18,17 @@ use crate::rounding::{AxisRounding, Rounding};
 /// of the previous move. With a filter bandwidth of 5 Hz, these samples cover 0.2 s.
 const EDGE: f64 = 0.15;
 
-/// Ratio (c - 1 of the noise before rounding) / (c - 1 of the rounded samples). c is the factor by which the
-/// correlation of noise increases the variance of a mean (model.md (10)). The value holds for a mean midway between two
-/// levels. Rounding then keeps only the sign of the noise, and the sign is less correlated than the noise. For any
-/// other mean, the ratio is larger.
+/// Ratio (c_noise - 1) / (c_rounded - 1). c is the factor by which the correlation of noise increases the variance of a
+/// mean (model.md (10)): c_noise before rounding, and c_rounded for the rounded samples. The value holds for a mean
+/// midway between two levels. Rounding then keeps only the sign of the noise, and the sign is less correlated than the
+/// noise. For any other mean, the ratio is larger.
 const SIGN: f64 = 1.28;
 
 /// Factor c of each channel before rounding (model.md (10)): the factor by which the correlation of the noise increases
 /// the variance of a mean. If the noise is below the quantisation step, c is estimated from the rounded samples. The
 /// farther the mean is from the middle between two levels, the less correlated the rounded samples are, and the smaller
-/// this estimate. All axes of a triad have equal filters and therefore equal factors c, so the largest estimate among
-/// the axes is the best one.
+/// this estimate. The three axes of a sensor have equal filters and therefore equal factors c, so the largest estimate
+/// among the axes is the best one. `colour` contains the estimates.
 pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6<f64> {
     let coarse = |channel: &usize| steps[*channel] > 0.0;
     Vector6::from_fn(|channel, _| {
@@ -56,7 +56,7 @@ impl Roundings {
         Self([a, b, c, d, e, f])
     }
 
-    /// Statistics of the rounding errors for the noise that most rests have in common.
+    /// Statistics of the rounding errors at a rest with usual noise, which is the noise that most rests have in common.
     pub(super) fn common(&self) -> [Rounding; 6] {
         self.0.each_ref().map(|axis| axis.common)
     }

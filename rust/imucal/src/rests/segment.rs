@@ -45,12 +45,12 @@ const WINDOW_BLOCKS: usize = 10;
 #[derive(Clone, Debug)]
 pub struct Threshold {
     /// The threshold. A window is at rest if its statistic (variance / noise variance, averaged over the channels) is
-    /// below this value. If hand-held rests follow a rest on a table, their threshold is a multiple of the variance in
-    /// the hand. It is converted here to a multiple of the noise variance, which is only approximate.
+    /// below this value. If hand-held rests follow a rest on a table, their threshold is a multiple of the variance of
+    /// hand-held rests. Here, this threshold is converted approximately to a multiple of the noise variance.
     pub factor: f64,
     /// Lower end of the range from which the threshold was chosen. All thresholds in this range give the same number n
-    /// of rests. Of all such ranges, the chosen range has approximately the largest product ln(upper end / lower end) x
-    /// ln n.
+    /// of rests. Of all ranges with a constant n, the chosen range has approximately the largest product ln(upper end /
+    /// lower end) x ln n.
     pub stable_from: f64,
     /// Upper end of the range from which the threshold was chosen.
     pub stable_to: f64,
@@ -76,8 +76,8 @@ pub struct Segments {
     /// White-noise densities estimated from the rests. If the noise of a channel is below the quantisation step, its
     /// density includes the rounding errors of samples in moves.
     pub noise_density: NoiseDensity,
-    /// For each channel, the quantisation step, and the statistics of the rounding errors for the noise that most rests
-    /// have in common. The order is gyroscope x, y, z, accelerometer x, y, z.
+    /// For each channel, the quantisation step, and the statistics of the rounding errors at a rest with usual noise
+    /// (the noise that most rests have in common). The order is gyroscope x, y, z, accelerometer x, y, z.
     pub rounding: [Rounding; 6],
 }
 
@@ -116,12 +116,12 @@ impl Segments {
         let steps = steps / averaged.sqrt();
         let (statistic, floor, coarse) = window_statistic(variances, &steps, step_of);
         let (threshold, still) = rests_of_all_levels(variances, &steps, &statistic, &floor, &coarse, min_blocks);
-        // Without an accelerometer, a tilt of gravity cannot be detected. An infinite magnitude of gravity disables the
-        // tilt check.
+        // Without an accelerometer, a change of the gravity direction cannot be detected. An infinite magnitude of
+        // gravity disables the tilt check.
         let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };
         let block_s = block_samples as f64 * dt_s;
-        // A long rest has at least as many blocks as a window. This limit is needed because a block may last minutes at
-        // very low sampling rates.
+        // A rest counts as long only if it has at least as many blocks as a window. This limit is needed because a
+        // block may last minutes at very low sampling rates.
         let long_blocks = ((LONG_REST_S / block_s).round() as usize).max(WINDOW_BLOCKS);
         let still: Vec<_> = still
             .iter()
@@ -139,14 +139,13 @@ impl Segments {
         let samples = |r: Range<usize>| r.start * block_samples..r.end * block_samples;
         let degc = |range: Range<usize>| mean_temperature(&recording.temperature_degc?[samples(range)]);
         let epochs_of = |rest: &Stretch| -> Vec<Stretch> {
-            // Only steady rests are divided. On a vibrating support or in a hand, the epochs would not have the same
-            // pose.
+            // Only steady rests are divided into epochs. On a vibrating support or in a hand, the epochs would not have
+            // the same pose.
             if rest.is_steady() { cut(&rest.blocks, block_s, degc).iter().map(stretch).collect() } else { Vec::new() }
         };
         let epochs: Vec<Vec<Stretch>> = stretches.iter().map(epochs_of).collect();
         let settled = Steadiness::of(described(&stretches, &epochs));
-        // Tremor limits the accuracy of the ends of hand-held rests. Therefore only the ends of steady rests are
-        // refined.
+        // Tremor masks the exact ends of hand-held rests. Therefore only the ends of steady rests are refined.
         for ((rest, epochs), (_, within)) in stretches.iter_mut().zip(&epochs).zip(&long) {
             if settled.unsteadiness_of(rest, epochs) < UNSTEADY {
                 let range = onset(rest.blocks.clone(), within, blocks, &coarse);
@@ -210,8 +209,8 @@ impl Segments {
         self.rests.iter_mut().chain(self.epochs.iter_mut().flatten())
     }
 
-    /// Sets all results for a missing sensor to NaN, and its rounding errors to zero. The two values of `is_there`
-    /// state whether the gyroscope and the accelerometer were recorded.
+    /// Sets all results for a missing sensor to NaN, and the rounding errors of its channels to zero. The two values of
+    /// `is_there` state whether the gyroscope and the accelerometer were recorded.
     fn blank(&mut self, is_there: [bool; 2]) {
         let none = Vector3::repeat(f64::NAN);
         let of_none = RestMean { mean: none, variance_of_mean: none, rounding: Default::default() };
@@ -231,7 +230,8 @@ impl Segments {
 }
 
 /// The recording with the channels of the missing sensor replaced by copies of the channels of the existing sensor. The
-/// window statistic is a mean over the channels, so it then equals the statistic of the existing sensor alone.
+/// window statistic is a mean over the channels, so with these copies it equals the statistic of the existing sensor
+/// alone.
 fn doubled<'a>(recording: &Recording<'a>) -> Recording<'a> {
     let (force, rate) = (recording.specific_force, recording.angular_rate);
     Recording {
@@ -265,8 +265,8 @@ impl Segments {
         self.rests.iter().map(|rest| rest.first..rest.end).collect()
     }
 
-    /// Replaces the means and the noise of the raw samples by those of the samples that were corrected with
-    /// `calibration`, in SI units.
+    /// Replaces the means and the noise of the raw samples by the means and the noise of corrected samples, in SI
+    /// units. `corrected` contains the samples after correction with `calibration`.
     pub(crate) fn correct(&mut self, corrected: &Recording<'_>, calibration: &Calibration<f64>) {
         let mean = |rows: Samples<'_>| rows.iter().map(Vector3::from).sum::<Vector3<f64>>() / rows.len() as f64;
         let turned = |triad: &Triad<f64>, std: Vector3<f64>| variance_by_axis(triad.inverse(), &std);
@@ -288,7 +288,7 @@ impl Segments {
     }
 }
 
-/// The intervals that have one mean each: the epochs (parts) of long rests, and all rests without epochs.
+/// All intervals over which a mean is computed: the epochs (parts) of long rests, and all rests without epochs.
 fn described<'a, T>(rests: &'a [T], epochs: &'a [Vec<T>]) -> impl Iterator<Item = &'a T> {
     let of = |(rest, epochs): (&'a T, &'a Vec<T>)| if epochs.is_empty() { std::slice::from_ref(rest) } else { epochs };
     rests.iter().zip(epochs).flat_map(of)
@@ -311,7 +311,7 @@ fn around(still: &[Range<usize>], blocks: usize) -> impl Iterator<Item = Range<u
 
 /// Magnitude of gravity in raw units. For raw counts, it is estimated as the larger of two norms: the norm of half the
 /// range of the readings, and the norm of the middle of this range. The estimate is more often too large than too
-/// small, even if the counts have an offset. A value that is too large only makes the tilt check less strict.
+/// small, even if the counts have an offset. A value that is too large only makes the check for a tilt less strict.
 fn gravity_size(recording: &Recording<'_>, blocks: &[Block]) -> f64 {
     if recording.accel_unit == RawUnit::Si {
         return STANDARD_GRAVITY_MPS2;

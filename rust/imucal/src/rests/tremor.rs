@@ -39,10 +39,10 @@ const SQUARES: f64 = 70.0;
 /// weights. Samples farther from this end are omitted, because the sum of their weights is below 1 %.
 const REACH: f64 = 5.0;
 /// A recording counts as hand-held only if the estimated variance of the tremor is positive in nearly all of its rests.
-/// This is the largest allowed share of rests in which the estimate is zero or negative (model.md (27)).
+/// The constant is the largest allowed share of rests with an estimate of zero or less (model.md (27)).
 const FEW: f64 = 0.1;
-/// The averaging time constant of the gravity direction is at most (duration of the rest) / ROOM (model.md (27)). Only
-/// short rests reach this limit.
+/// The gravity direction at an end of a rest is averaged with a time constant of at most (duration of the rest) / ROOM
+/// (model.md (27)). Only short rests reach this limit.
 const ROOM: f64 = 6.0;
 
 /// Model of the tremor of the hand, and of the sensor noise, in a hand-held recording.
@@ -95,7 +95,7 @@ impl Hand {
     pub(crate) fn of(recording: &Recording<'_>, rests: &[&Rest], sensors: Sensors<'_>) -> Option<Self> {
         let dt_s = sample_interval_s(recording.time_s);
         // A row that repeats the previous sample contains no new noise. The fourth differences are therefore taken
-        // between samples and not between rows.
+        // between distinct samples and not between rows.
         let rows_per_sample = 1.0 / (1.0 - repeated_share(recording));
         let every = rows_per_sample.round() as usize;
         let density = |rows: Samples<'_>| white_noise(rows, rests, every) * (rows_per_sample * dt_s).sqrt();
@@ -143,8 +143,8 @@ impl Hand {
     /// Variance, rad^2, of an angle about an axis perpendicular to gravity: the rotation that the integrated gyroscope
     /// gives over a rest, minus the rotation between the gravity directions at both ends of the rest. The variance is
     /// `q (T - 3 a) + r / a`, where T is the duration of the rest, and a, q and r are those of
-    /// [`variance_rad2`](Self::variance_rad2). Both directions also contain gyroscope noise. It cancels a part of the
-    /// gyroscope noise in the integrated rotation, which gives the term - 3 a.
+    /// [`variance_rad2`](Self::variance_rad2). Both directions also contain gyroscope noise, which cancels a part of
+    /// the gyroscope noise in the integrated rotation. This cancellation gives the term -3 a.
     fn turn_variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         let between_s = rest.end_s - rest.start_s - 3.0 * averaging_s;
@@ -205,8 +205,8 @@ impl Hand {
 }
 
 /// Estimates a model of the tremor of the hand for each recording, and corrects the rests and noise densities for the
-/// tremor. Only the rests in `used` contribute to the model. The other rests may contain a slow rotation, which is not
-/// tremor, so their mean rate is not a bias.
+/// tremor. Only rests for which `used` is true contribute to the model. The other rests may contain a slow rotation,
+/// which is not tremor, so their mean rate is not a bias.
 pub(crate) fn hands(
     recordings: &[Recording<'_>],
     rests: &mut [UnitRest],
@@ -218,8 +218,8 @@ pub(crate) fn hands(
         let mut own: Vec<OwnRest<'_>> = rests
             .iter_mut()
             .zip(used)
-            // Rests of several minutes are omitted. They are not hand-held, because nobody holds a unit still for so
-            // long, and in such a rest, a bias drift would be mistaken for tremor.
+            // Rests of several minutes are omitted. Nobody holds a unit still for so long, so these rests are not
+            // hand-held. In such a long rest, a bias drift would be mistaken for tremor.
             .filter(|(rest, _)| rest.recording == index && rest.rest.end_s - rest.rest.start_s <= LONG_REST_S)
             .map(|(rest, &contributes)| OwnRest { rest, contributes })
             .collect();
@@ -245,7 +245,7 @@ pub(crate) fn hands(
         };
         let turns: Vec<f64> = own.iter_mut().filter_map(turned).collect();
         hand.turn_rad2 = (turns.iter().sum::<f64>() / turns.len() as f64).max(0.0);
-        // The covariances of the mean rates depend on the variance `turn_rad2` of the rotation, which is known only
+        // The covariances of the mean rates depend on `turn_rad2`, the variance of the rotation, which is known only
         // now. The tremor is therefore removed a second time.
         own.iter_mut().for_each(|own| {
             hand.remove_tremor(recording, own.rest, sensors);
@@ -271,8 +271,8 @@ struct OwnRest<'a> {
 /// Estimates the gyroscope bias at each rest. The bias may depend on the pose, but the mean rate of a rest also
 /// contains rotation of the hand. The mean rate of each rest is therefore shrunk towards the mean of all rests by the
 /// share v / (v + b). v is the variance of the error of this mean rate. b is the variance of the true bias between
-/// rests. It is estimated from the scatter of the mean rates, and it is zero if the errors of the mean rates explain
-/// the scatter. Returns the mean bias of all rests, raw units, and the share of each rest.
+/// rests. The variance b is estimated from the scatter of the mean rates. It is zero if the errors of the mean rates
+/// explain the scatter. Returns the mean bias of all rests, raw units, and the share of each rest.
 fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>>) {
     let mut shrunk = vec![Vector3::repeat(1.0); rests.len()];
     let bias = Vector3::from_fn(|axis, _| {
@@ -293,9 +293,9 @@ fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>
     (bias, shrunk)
 }
 
-/// Variance of the tremor about each axis at a rest, rad^2. It is the covariance between the tilt that the
-/// accelerometer measures and the integrated rate of the gyroscope. Both contain the tremor, because a rotation of the
-/// body changes the gravity direction in the body frame.
+/// Variance of the tremor about each axis at a rest, rad^2. This variance equals the covariance between the tilt that
+/// the accelerometer measures and the integrated rate of the gyroscope. Both signals contain the tremor, because a
+/// rotation of the body changes the gravity direction in the body frame.
 fn tremor_variance_rad2(recording: &Recording<'_>, rest: &Rest, sensors: Sensors<'_>, dt_s: f64) -> f64 {
     let samples = (rest.end - rest.first) as f64;
     let (mut turn, mut products) = (Vector3::zeros(), Matrix3::zeros());
@@ -330,7 +330,7 @@ fn white_noise(rows: Samples<'_>, rests: &[&Rest], every: usize) -> Vector3<f64>
 }
 
 /// Computation of the sum of the squared fourth differences of consecutive samples (rows of three axes), for each axis.
-/// It uses the widest vector instructions of the processor.
+/// The computation uses the widest vector instructions of the processor.
 struct SquaredDifferences<'a>(&'a [[f64; 3]]);
 
 impl WithSimd for SquaredDifferences<'_> {
@@ -406,7 +406,7 @@ mod tests {
         let motion = Motion::Tumble(Tumble::random(&moves, 2).unwrap());
         for held in [1, 3] {
             let hand = found(&motion, held).unwrap();
-            // The tolerance allows for the relative error of a variance that is estimated from 15 rests and two axes.
+            // The tolerance allows for the random error of a variance that is estimated from 15 rests and two axes.
             assert!((hand.tremor_rad() / tremor_rad - 1.0).abs() < 0.2, "{:e}", hand.tremor_rad());
             let unit = Unit::paper();
             for axis in 0..3 {

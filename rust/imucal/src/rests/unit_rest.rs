@@ -15,7 +15,7 @@ pub(crate) struct UnitRest {
     /// Index of the recording that contains the rest.
     pub(crate) recording: usize,
     pub(crate) rest: Rest,
-    /// Covariance matrix of the error of the mean rate, squared raw units.
+    /// Covariance matrix of the errors of the mean rates of the three axes, squared raw units.
     pub(crate) rate_covariance: Matrix3<f64>,
     /// Best estimate of the gyroscope bias at this rest, raw units.
     pub(crate) bias: Vector3<f64>,
@@ -28,16 +28,16 @@ pub(crate) struct UnitRest {
     pub(crate) epoch: usize,
 }
 
-/// Parameters of the mean of a hand-held rest. Before averaging, each sample is rotated by the integrated gyroscope
-/// rate to an end of the rest (model.md (27)).
+/// Parameters of the mean of a hand-held rest. Before averaging, each sample is rotated with the integrated gyroscope
+/// rate to the attitude at an end of the rest (model.md (27)).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PropagatedMean {
-    /// Time constant of the exponential weights of the samples, s.
+    /// Time constant of the exponential weights with which the samples are averaged, s.
     pub(crate) mean_s: f64,
     /// Mean of the gyroscope bias over all rests of the recording, raw units.
     pub(crate) bias: Vector3<f64>,
-    /// Shrinkage s of the bias of this rest for each axis: bias = s x (mean rate of all rests) + (1 - s) x (mean rate
-    /// of this rest).
+    /// Shrinkage s, for each axis, of the gyroscope bias at this rest towards the mean of all rests: bias = s x (mean
+    /// rate of all rests) + (1 - s) x (mean rate of this rest).
     pub(crate) shrunk: Vector3<f64>,
 }
 
@@ -71,8 +71,8 @@ pub(crate) fn in_epochs(rests: &[UnitRest], segments: &[Segments]) -> Vec<UnitRe
     rests.iter().zip(epochs).flat_map(of).collect()
 }
 
-/// For each rest: the range of the indices in `rests` at which its epochs are, or its own index if it is not divided
-/// into epochs.
+/// For each rest: the index range of its epochs in `rests`. The range of a rest that is not divided into epochs has one
+/// element.
 pub(crate) fn ranges_of_rests(rests: &[UnitRest]) -> Vec<Range<usize>> {
     let ends = rests.chunk_by(|a, b| a.whole == b.whole).scan(0, |end, epochs| {
         *end += epochs.len();

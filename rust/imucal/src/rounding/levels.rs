@@ -14,7 +14,8 @@ const SAME_READING: f64 = 0.15;
 /// transmission error, and a single such sample would dominate the estimated noise.
 const FOREIGN: f64 = 1e-3;
 /// Maximum number of independent samples of one rest in the comparison of its noise with that of the other rests. With
-/// this number, noise that differs by less than the spacing of the trial values (14 %) counts as equal.
+/// this number, a rest contradicts a trial value only if its own noise differs from this value by more than about the
+/// spacing of the trial values (14 %).
 const COMPARED: f64 = 300.0;
 /// A rest contradicts a trial value of the noise if its log-likelihood at this value is more than this amount below its
 /// maximum log-likelihood. This corresponds to four standard deviations. When the rests are compared with a trial
@@ -43,7 +44,7 @@ pub(crate) struct Levels {
     counts: BTreeMap<i64, f64>,
 }
 
-/// Logarithm of the likelihood of each trial value of the noise, relative to the largest of them.
+/// For each trial value of the noise: the logarithm of its likelihood minus the largest of these logarithms.
 pub(super) type Likelihood = [f64; NOISES];
 
 /// Noise of the rests of one axis.
@@ -75,14 +76,15 @@ impl RestNoise {
     }
 }
 
-/// The logarithm of a likelihood at all trial values of the noise, relative to its maximum.
+/// Evaluates a log-likelihood at all trial values of the noise, and subtracts its maximum.
 fn relative(log_likelihood: impl Fn(f64) -> f64) -> Likelihood {
     let log: Likelihood = std::array::from_fn(|k| log_likelihood(trial_noise(k)));
     let largest = log.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     log.map(|log| log - largest)
 }
 
-/// Joins rests with nearly equal mean readings, and omits the levels that [`FOREIGN`] describes.
+/// Joins rests with nearly equal mean readings into groups, and omits levels that are far from the mean and have hardly
+/// any samples ([`FOREIGN`]).
 fn groups(mut rests: Vec<&Levels>) -> Vec<Levels> {
     rests.sort_by(|a, b| a.mean.total_cmp(&b.mean));
     let same = rests.chunk_by(|a, b| b.mean - a.mean < SAME_READING);
@@ -131,14 +133,16 @@ impl Levels {
         self.counts.values().sum()
     }
 
-    /// Removes the levels that [`FOREIGN`] describes. The mean remains that of all samples.
+    /// Removes the levels that are far from the mean and have hardly any samples ([`FOREIGN`]). The mean remains that
+    /// of all samples.
     fn without_foreign(mut self) -> Self {
         let few = (FOREIGN * self.samples()).max(1.0);
         self.counts.retain(|level, count| (*level as f64 - self.mean).abs() < 1.5 || *count > few);
         self
     }
 
-    /// The levels of one rest for the comparison with other rests, with at most [`COMPARED`] samples.
+    /// Prepares the levels of one rest for the comparison with other rests. Levels far from the mean with hardly any
+    /// samples are removed, and the counts are scaled so that their sum is at most [`COMPARED`].
     fn compared(&self) -> Self {
         let mut levels = self.clone().without_foreign();
         let share = (COMPARED / levels.samples()).min(1.0);
@@ -183,7 +187,8 @@ impl Levels {
 pub(super) mod tests {
     use super::*;
 
-    /// Expected numbers of samples at each level, for one rest of 300 samples for each mean.
+    /// Simulates one rest of 300 samples for each true mean in `means`, and returns the expected numbers of samples at
+    /// each level. Means and the standard deviation `noise` are in steps.
     pub(in crate::rounding) fn levels(means: &[f64], noise: f64) -> Vec<Levels> {
         let of_mean = |&mean: &f64| {
             let beyond = |distance: f64| 0.5 * erfc(distance / (SQRT_2 * noise));
@@ -198,8 +203,8 @@ pub(super) mod tests {
         means.iter().map(of_mean).collect()
     }
 
-    /// Near the limit of coarse rounding, small trial noise cannot explain levels two steps from the mean. The
-    /// likelihood is then tiny, and it still has one maximum over the true mean.
+    /// If the noise is nearly large enough to neglect rounding, levels two steps from the mean occur. Small trial noise
+    /// cannot explain these levels. Its likelihood is then tiny, and it still has one maximum over the true mean.
     #[test]
     fn the_likelihood_of_small_noise_is_finite_and_smaller_with_levels_far_from_the_mean() {
         for shift in (0..100).map(|k| f64::from(k) * 1e-3) {

@@ -11,7 +11,8 @@ use crate::recording::Samples;
 const MOST_SAMPLES: usize = 200_000;
 /// Relative accuracy of float32. Differences below this fraction of the largest value are due to the number format.
 const FLOAT32: f64 = 3e-7;
-/// Largest distance between neighbouring levels that is compared with the multiples of the quantisation step, in steps.
+/// Largest distance between neighbouring levels, in steps, that is compared with the multiples of the quantisation
+/// step.
 const FAR: f64 = 20.5;
 /// Maximum deviation of a distance between two levels from a multiple of the step, in steps. In a text file with few
 /// decimals, the distances are uneven.
@@ -43,7 +44,7 @@ pub(crate) fn step_of(rows: Samples<'_>, axis: usize) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Counts of a slow oscillation with some noise.
+    /// Simulates the counts of a converter: a slow oscillation of 40 counts plus a disturbance of 0.3 counts, rounded.
     fn counts() -> Vec<f64> {
         let value = |k: i32| 40.0 * (f64::from(k) * 0.01).sin() + 0.3 * (f64::from(k) * 12.9898).sin();
         (0..3000).map(|k| value(k).round()).collect()

@@ -116,7 +116,7 @@ impl Attitude {
 mod tests {
     use super::*;
 
-    /// Three angles as different functions of time.
+    /// Three angles that vary sinusoidally with the time `t`, with different amplitudes, frequencies and phases.
     fn courses(t: f64) -> [Course; 3] {
         [(0.4, 1.3, 0.2), (0.7, 0.9, 1.1), (0.2, 2.1, 2.5)]
             .map(|(size, frequency, phase)| Course::sine(frequency, phase, t) * size)

@@ -8,8 +8,8 @@
 //! The second formula is the free-air correction to second order. g_e is the gravity on the equator, k the constant of
 //! Somigliana's formula, and s the sine of the geodetic latitude. e, a and f are the eccentricity, the semi-major axis
 //! and the flattening of the ellipsoid. m is the ratio of centrifugal acceleration to gravity on the equator, and h is
-//! the height. Normal gravity is the gravity of the reference ellipsoid. Actual gravity differs from it by up to about
-//! 1e-3 m/s^2.
+//! the height. Normal gravity is the gravity of the reference ellipsoid. Actual gravity usually differs from it by less
+//! than 1e-3 m/s^2.
 
 use imucal_core::EARTH_RATE_RADPS;
 use nalgebra::Vector3;

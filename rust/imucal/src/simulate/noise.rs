@@ -89,7 +89,7 @@ impl Noise {
 
 struct White {
     std: f64,
-    /// Factor on the standard deviation of the white noise while the unit moves.
+    /// Factor that multiplies the standard deviation of the white noise while the unit moves.
     in_motion: f64,
     generators: Generators,
 }

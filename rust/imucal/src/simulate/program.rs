@@ -313,7 +313,7 @@ mod tests {
     }
 
     /// The mean rate of a motor is at most 120 deg/s, and the peak rate is at most 160 deg/s. If the outermost and the
-    /// innermost axis are parallel, the body rate is at most sqrt(5) * 160 deg/s = 358 deg/s.
+    /// innermost axis are parallel, the body rate is at most sqrt(320^2 + 160^2) deg/s = 358 deg/s.
     #[test]
     fn random_program_stays_within_the_gyroscopes_range() {
         let mut highest_dps = 0.0_f64;

@@ -133,7 +133,8 @@ mod tests {
 
     const RATE_HZ: f64 = 100.0;
 
-    /// Mean square of `n` samples at zero input, and mean product of consecutive samples. Both are means over all axes.
+    /// Simulates `n` samples of a sensor at zero input. Returns the mean square of the samples, and the mean product of
+    /// consecutive samples. Both are means over all axes.
     fn noise_power(sensor: &Sensor, n: usize) -> (f64, f64) {
         let steps = sensor.steps(RATE_HZ);
         let mut sampler = Sampler::new(sensor, Triad::Accelerometer, RATE_HZ, n, steps, 8);

@@ -6,16 +6,17 @@
 //!
 //! R_wb is the attitude of the unit (world from body) for the motor angles q at time t. The other rotations are:
 //!
-//! * The base is tilted by `base_tilt_rad` from level. The unit is rotated by `mount_rotation_rad` relative to the
-//!   innermost ring.
-//! * The axes are not orthogonal (see [`gimbal`]).
-//! * The innermost ring is an arm along axis 3 that bends under its own weight. The bending angle is `flexure_rad` if
-//!   axis 3 is horizontal. In general, the rotation vector of the bending, in the frame of the ring, is `flexure_rad`
-//!   times the cross product of the up vector and axis 3. The bending is quasi-static.
-//! * While the motors turn, the unit vibrates about three axes and along three axes. The phases of the three axes
-//!   differ by a third of a period. During each turn, the amplitude rises from zero and falls back to zero. The
-//!   translation is in the world frame.
-//! * Encoders read the motor angles, not the attitude, so the errors above do not appear in their readings.
+//! * R_tilt: the base is tilted by `base_tilt_rad` from level.
+//! * R_gimbal: the motors rotate the innermost ring about axes that are not orthogonal (see [`gimbal`]).
+//! * R_flexure: the innermost ring is an arm along axis 3 that bends under its own weight. The bending angle is
+//!   `flexure_rad` if axis 3 is horizontal. In general, the rotation vector of the bending, in the frame of the ring,
+//!   is `flexure_rad` times the cross product of the up vector and axis 3. The bending is quasi-static.
+//! * R_vibration: while the motors turn, the unit vibrates about three axes and along three axes. The phases of the
+//!   three axes differ by a third of a period. During each turn, the amplitude rises from zero and falls back to zero.
+//!   The translation is in the world frame.
+//! * R_mount: the unit is rotated by `mount_rotation_rad` relative to the innermost ring.
+//!
+//! Encoders read the motor angles, not the attitude, so these errors do not appear in their readings.
 //!
 //! All errors have closed forms, so rate and acceleration are exact derivatives.
 

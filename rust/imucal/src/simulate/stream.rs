@@ -1,7 +1,7 @@
 //! Random numbers. Each purpose has its own ChaCha stream, and all streams use the seed of the run.
 //!
-//! A random value therefore depends only on the seed and its purpose. Other draws, their order and the thread have no
-//! influence.
+//! A random value therefore depends only on the seed and its purpose. It does not depend on other random values, on the
+//! order in which they are drawn, or on the thread.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

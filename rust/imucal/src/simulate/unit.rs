@@ -34,7 +34,8 @@ pub struct Sensor {
     /// has the standard deviation `noise_density * sqrt(rate_hz)`, and a mean over the time T has the standard
     /// deviation `noise_density / sqrt(T)`.
     pub noise_density: f64,
-    /// Factor on the standard deviation of the white noise while the unit moves; 1 if the noise does not change.
+    /// Factor that multiplies the standard deviation of the white noise while the unit moves; 1 if the noise does not
+    /// change.
     pub noise_in_motion: f64,
     /// Bias instability B, SI unit: flicker noise with an Allan deviation of `sqrt(2 ln(2) / pi) B = 0.664 B`.
     pub bias_instability: f64,

@@ -39,13 +39,14 @@ pub(crate) struct AccelerometerFit {
     pub(crate) triad: Triad<f64>,
     /// For each rest, whether the fit uses it. The other rests were excluded as outliers.
     pub(crate) used: Vec<bool>,
-    /// Derivative of the parameters with respect to the error of |f| at each rest, where |f| is the norm of the mean
-    /// force, per m/s^2; 9 rows, and one column per rest. The columns of rests that are not used are zero.
+    /// Derivatives of the nine parameters (rows) with respect to the errors of |f| at the rests (columns), per m/s^2.
+    /// |f| is the norm of the mean force at a rest. The columns of rests that are not used are zero.
     pub(crate) gain: Mat<f64>,
-    /// Derivative of the parameters with respect to the error of each prior, in standard deviations of the prior; 9
-    /// rows, and one column per prior.
+    /// Derivatives of the nine parameters (rows) with respect to the errors of the priors (columns). Each error is in
+    /// standard deviations of its prior.
     pub(crate) prior_gain: Mat<f64>,
-    /// Mean square of the second-order errors of the parameters that are due to the priors, 9 x 9.
+    /// Mean of the product e e^T, 9 x 9, where e are the second-order errors of the parameters that are due to the
+    /// priors.
     pub(crate) second_order: Mat<f64>,
     pub(crate) report: FitReport,
     /// Whether the rests determine all parameters without priors and without moves. If it is false, the moves must
@@ -113,7 +114,8 @@ pub(crate) fn fit_near(rests: &[&Rest], gravity_mps2: f64, start: &Triad<f64>) -
     fit_from(rests, gravity_mps2, &start, &StageRows::new(&near, ACCEL), false)
 }
 
-/// The fit from a start value. `is_determined` states whether the rests determine all parameters without a prior.
+/// Fits the parameters from a start value. `is_determined` states whether the rests determine all parameters without a
+/// prior.
 fn fit_from(
     rests: &[&Rest],
     gravity_mps2: f64,
@@ -191,8 +193,9 @@ fn finish(
     let second_order = second_order::mean_square(solution, &row_gain, first..problem.count(), residuals_at)?;
     let mut report = FitReport::of(solution);
     if !is_determined {
-        // Priors also determine parameters, but the degrees of freedom count only the rests: number of rests - sum of
-        // their leverages. The sum of the leverages is the number of parameters that the rests determine.
+        // Priors also determine parameters, but the degrees of freedom count only the residuals of the rests. They are
+        // the number of rests minus the sum of the leverages of the rests. This sum is the number of parameters that
+        // the rests determine.
         let of_rests: f64 = lsq::leverages(&solution.jacobian)[..problem.means.len()].iter().sum();
         report.degrees_of_freedom = problem.means.len().saturating_sub(of_rests.round() as usize);
     }

@@ -1,4 +1,4 @@
-//! Algebraic ellipsoid fit. It gives the start value of the accelerometer (model.md (3), (4)).
+//! Algebraic ellipsoid fit. It gives the start values of the accelerometer parameters (model.md (3), (4)).
 //!
 //! At rest |T^-1 (a - b)| = g. The means a of the rests therefore lie on an ellipsoid, whose equation is linear in ten
 //! unknowns:

@@ -42,11 +42,11 @@ pub(crate) struct GyroscopeFit {
     pub(crate) triad: Triad<f64>,
     /// For each move, whether the fit uses it. The other moves were excluded as outliers.
     pub(crate) used: Vec<bool>,
-    /// For each move, at the fitted gyroscope: the preintegrated rotation and the integrals from which its derivatives
-    /// are computed.
+    /// For each move, computed with the fitted gyroscope: the preintegrated rotation and the integrals from which its
+    /// derivatives are computed.
     pub(crate) preintegrated: Vec<Preintegrated>,
-    /// Derivative of the entries of T with respect to the error of each direction residual in rad; 9 rows, and 2
-    /// columns per move. The columns of moves that are not used are zero.
+    /// Derivatives of the nine entries of T (rows) with respect to the direction residuals in rad (columns, two per
+    /// move). The columns of moves that are not used are zero.
     pub(crate) gain: Mat<f64>,
     pub(crate) report: FitReport,
 }
@@ -61,7 +61,7 @@ pub(crate) struct PreintegratedMoves<'a> {
     last: RefCell<Option<Rc<Linearised>>>,
 }
 
-/// All moves preintegrated with one gyroscope.
+/// All moves, preintegrated with one estimate of the gyroscope.
 struct Linearised {
     triad: Triad<f64>,
     preintegrated: Vec<Preintegrated>,
@@ -86,8 +86,8 @@ impl<'a> PreintegratedMoves<'a> {
         Self { segments, bias, held, last: RefCell::new(None) }
     }
 
-    /// A first estimate of the gyroscope. The fit starts from the start value with the smallest rms direction error.
-    /// If the direction errors of this fit are large, fits from the other start values are also tried.
+    /// Returns a first estimate of the gyroscope. The fit starts from the start value with the smallest rms direction
+    /// error. If the direction errors of this fit are large, fits from the other start values are also tried.
     ///
     /// # Errors
     /// [`Error::Fit`] if no start value leads to a finite result.
@@ -151,7 +151,7 @@ impl<'a> PreintegratedMoves<'a> {
         Weighed { moves: self, ends, rows: (0..self.segments.len()).collect() }
     }
 
-    /// All moves, preintegrated with this gyroscope. If the second-order error is small, the most recent
+    /// All moves, preintegrated with the gyroscope `triad`. If the second-order error is small, the most recent
     /// preintegration is corrected to first order instead of integrating the samples again.
     fn preintegrated(&self, triad: &Triad<f64>, ends: &[Ends]) -> Rc<Linearised> {
         let known = self.last.borrow().clone();
@@ -200,9 +200,9 @@ pub(crate) fn triad_with(sensitivity: &Matrix3<f64>, bias: Vector3<f64>) -> Resu
 /// Derivative of a move's residual (rad) with respect to the nine entries of T and the three biases; a 2 x 12 matrix.
 pub(crate) fn residual_gradient(ends: &Ends, preintegrated: &Preintegrated, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
     let propagated_up = preintegrated.rotation.tr_mul(&ends.before);
-    // A rotation `delta` of the attitude at the end of the move, in the body frame there, changes the propagated
-    // gravity direction R^T u by [R^T u]x delta. R is the rotation over the move, and u is the gravity direction before
-    // it.
+    // A small rotation `delta` of the attitude at the end of the move, given in the body frame at this time, changes
+    // the propagated gravity direction R^T u by [R^T u]x delta. R is the rotation over the move, and u is the gravity
+    // direction before the move.
     let by_turn = -(ends.across() * hat(&propagated_up) * preintegrated.rotation.transpose());
     std::array::from_fn(|p| match p {
         0..9 => by_turn * (preintegrated.sensitivity_sums[p % 3] * triad.inverse().column(p / 3)),

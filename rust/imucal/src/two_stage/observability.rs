@@ -55,8 +55,8 @@ pub(crate) struct Open {
 }
 
 impl Open {
-    /// The undetermined parameters of the design matrix `design`. Its rows are divided by the model errors of a real
-    /// unit. Each column is multiplied by 1 % of the size of its parameter.
+    /// Finds the parameters that the design matrix `design` does not determine. The rows of `design` are divided by the
+    /// model errors of a real unit, and each column is multiplied by 1 % of the size of its parameter.
     pub(crate) fn of(design: &Mat<f64>) -> Result<Self, Error> {
         let (values, vectors) = lsq::singular(design)?;
         let loosest = LARGEST_SHIFT / FARTHEST;
@@ -269,7 +269,7 @@ pub(crate) fn missing_turns(open: &[usize], turned_rad: &Vector3<f64>) -> String
     format!("hardly any rotation about body {axes}: add moves of 90 deg or more about {axes}")
 }
 
-/// The subject of a sentence, such as "1 rest does" or "6 rests do".
+/// Subject and auxiliary verb of a sentence, such as "1 rest does" or "6 rests do".
 fn items_do(count: usize, noun: &str) -> String {
     format!("{} {}", counted(count, noun), if count == 1 { "does" } else { "do" })
 }

@@ -20,8 +20,8 @@ use crate::two_stage::gyroscope::{GyroscopeBias, GyroscopeFit, residual_gradient
 /// frame in which the accelerometer sensitivity is a symmetric matrix. The order is: accelerometer bias, the six
 /// entries of its sensitivity, gyroscope bias, the nine entries of its sensitivity.
 ///
-/// `random_walk_rad` contains, for each move, the standard deviation of the direction residual without the noise of the
-/// rests' means, rad.
+/// For each move, `random_walk_rad` contains the standard deviation, rad, of the part of the direction residual that is
+/// not due to the noise of the mean readings at rest.
 pub(crate) fn covariance(
     rests: &[&Rest],
     moves: &[Move],
@@ -104,8 +104,9 @@ fn accelerometer_rows(map: &mut Mat<f64>, rests: &[&Rest], fit: &AccelerometerFi
     }
 }
 
-/// Writes the derivatives of the nine entries of the gyroscope sensitivity with respect to all errors. These
-/// derivatives are minus the gain of the fit times the derivatives of the residuals with respect to the errors.
+/// Writes the derivatives of the nine entries of the gyroscope sensitivity with respect to all errors of rests and
+/// moves. These derivatives are minus the gain of the fit (the derivatives of the entries with respect to the
+/// residuals) times the derivatives of the residuals with respect to the errors.
 ///
 /// The influence of the accelerometer parameters and of the bias is first summed over the moves. The computing time is
 /// then proportional to the number of moves instead of its square.

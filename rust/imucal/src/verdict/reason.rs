@@ -90,16 +90,16 @@ pub enum Reason {
         /// The residuals of the uncalibrated unit.
         before: GroupMisfit,
     },
-    /// Many rests contradict the others.
+    /// Many rests contradict the other rests.
     ContradictingRests {
-        /// Number of rests that contradict the others.
+        /// Number of rests that contradict the other rests.
         count: usize,
         /// Number of all rests.
         all: usize,
     },
-    /// Many moves contradict the others.
+    /// Many moves contradict the other moves.
     ContradictingMoves {
-        /// Number of moves that contradict the others.
+        /// Number of moves that contradict the other moves.
         count: usize,
         /// Number of all moves.
         all: usize,

@@ -15,9 +15,9 @@ use crate::numerics::workers::{in_order, processors};
 /// Number of moves in each partial sum of a Gram matrix. It is fixed, so that rounding errors do not depend on the
 /// number of threads.
 const MOVES: usize = 8;
-/// Number of model columns in one [`Job`]. In each row, a job multiplies the values of these columns by the values in
-/// one SIMD register. The 21 columns of the base parameters (sensitivities and biases) fill three jobs of seven
-/// columns.
+/// Number of model columns in one [`Job`] (a part of a Gram matrix). In each row, a job multiplies the values of these
+/// columns by the values in one SIMD register. The 21 columns of the base parameters (sensitivities and biases) fill
+/// three jobs of seven columns.
 const OF_MODEL: usize = 7;
 /// Number of candidate columns in one [`Job`]. The residual counts as one of these columns.
 const OF_OTHERS: usize = 4;
@@ -209,8 +209,8 @@ mod tests {
 
     #[test]
     fn what_stands_side_by_side_has_the_products_of_columns() {
-        // In this example, the columns of the model are not contiguous, the products of the third block are not needed,
-        // and the columns are permuted.
+        // In this example, the columns of the model are not contiguous, the columns of the third block are zero and
+        // therefore not stored, and the columns are permuted.
         let (rows, model, blocks) = (420, 6, [6..7, 7..12, 12..14, 14..17]);
         let places: Vec<Option<usize>> =
             (0..18).map(|j| if (12..14).contains(&j) { None } else { Some(if j < 3 { j } else { j + 10 }) }).collect();

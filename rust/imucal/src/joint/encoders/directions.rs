@@ -21,8 +21,8 @@ use crate::cancellation::checkpoint;
 use crate::numerics::stats::{median, quantile, sample_interval_s};
 
 /// Order (0 to 1) of a quantile over the rests. For each rest, the largest change of a reading within `SPAN_S` is
-/// computed. The quantile of these changes counts as the largest change at an undisturbed rest. With 0.9, up to a tenth
-/// of the rests may be disturbed.
+/// computed. The quantile of these largest changes counts as the largest change at an undisturbed rest. With 0.9, up to
+/// a tenth of the rests may be disturbed.
 const ORDINARY: f64 = 0.9;
 /// Motion is detected from the change of a reading over this time interval, s. A rotation of half a degree or more
 /// changes the reading within this interval by more than the largest change at rest.
@@ -102,7 +102,7 @@ impl Motor {
     }
 
     /// Estimates the first sample of a motion. `stretch` ends at the sample at which the motion is detected, and
-    /// contains its slow start. If `stretch` is too short for an estimate, its end is returned.
+    /// contains the slow start of the motion. If `stretch` is too short for an estimate, its end is returned.
     fn start(&self, stretch: Range<usize>) -> usize {
         let (readings, clear) = (&self.readings, stretch.end);
         // The first half of `stretch` is not used because it contains the end of the previous motion.
@@ -128,7 +128,7 @@ impl Motor {
     }
 }
 
-/// Sum of squared deviations of the readings from their mean, before the motion starts.
+/// Sum of squared deviations from the mean, for readings before the motion starts.
 fn about_level(readings: &[f64]) -> f64 {
     let mean = readings.iter().map(|r| r - readings[0]).sum::<f64>() / readings.len() as f64 + readings[0];
     readings.iter().map(|r| (r - mean).powi(2)).sum()
@@ -168,8 +168,9 @@ mod tests {
         ((mixed >> 11) as f64) / (1u64 << 52) as f64 - 1.0
     }
 
-    /// Readings of rotations by 0.9 rad (52 deg) and back, and the true directions. Each rotation takes 2 s (200
-    /// samples), starts after 3 s of rest, and has a smooth start and end. The encoder has the given backlash.
+    /// Simulates readings of rotations by 0.9 rad (52 deg) and back. Returns the readings and the true directions. Each
+    /// rotation takes 2 s (200 samples), starts after 3 s of rest, and has a smooth start and end. The encoder has the
+    /// given backlash.
     fn there_and_back(backlash_rad: f64) -> (Vec<f64>, Vec<f64>) {
         let (rest, turn) = (300, 200);
         let at = |i: usize| {
@@ -192,7 +193,8 @@ mod tests {
         (0..samples).map(|i| (at(i).0 + backlash_rad * at(i).1 + noise(i), at(i).1)).unzip()
     }
 
-    /// Sum of the squared errors that the readings have due to wrong signs, divided by the noise variance.
+    /// Determines the directions from simulated readings with this backlash. Returns the sum of the squared errors of
+    /// the readings due to wrong signs, divided by the noise variance.
     fn harm(backlash_rad: f64) -> f64 {
         let (readings, truth) = there_and_back(backlash_rad);
         let found = Motor { readings, span: 30, still_rad: 8e-4 }.signs();

@@ -40,14 +40,14 @@ pub(crate) struct EncoderMove<'a> {
     pub(crate) stand: &'a StandModel,
 }
 
-/// Number of residuals of a move relative to the stand.
+/// Number of attitude residuals of a move relative to the stand: three per block.
 pub(crate) fn count(pass: &Pass) -> usize {
     3 * pass.blocks.len()
 }
 
 impl EncoderMove<'_> {
-    /// Passes every whitened residual to `push`: first its derivatives with respect to all parameters, then the
-    /// residual. `reading` is the variance of one encoder reading, rad^2.
+    /// Passes every whitened residual to `push`, as a slice that contains its derivatives with respect to all
+    /// parameters and then the residual. `reading` is the variance of one encoder reading, rad^2.
     pub(crate) fn innovations(
         &self,
         at_move: &AtMove,
@@ -88,8 +88,8 @@ impl EncoderMove<'_> {
         let mut z = vec![0.0; n + 1];
         let mut by_lane = vec![0.0; pass.changes.lanes()];
         for (d, along, observation) in [(start.up, start.up, 0.0), (side, other, 1.0), (other, -side, 1.0)] {
-            // The second state is the error of the gravity direction at the start. Only the force residuals depend on
-            // it.
+            // The second state is the error of the gravity direction at the start of the move. Only the force residuals
+            // depend on it.
             let mut filter = Filter::new(n + 1, WalkFilter::new([0.0, noise.start]));
             let mut last_s = 0.0;
             let at_start: Vec<f64> =

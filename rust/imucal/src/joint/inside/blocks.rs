@@ -20,8 +20,8 @@ pub(super) struct Derivatives<'a> {
     /// Parts of the derivatives that are due to the gravity directions at both ends of the move: five rows with one
     /// value per parameter. Rows 0 to 2 are added to the derivatives of every block, along gravity and along the two
     /// directions perpendicular to gravity. Rows 3 and 4 are the derivatives of the last two residuals of the move,
-    /// along the two perpendicular directions. These residuals compare the gravity direction at the start with the
-    /// direction at the end.
+    /// along the two perpendicular directions. These residuals compare the gravity direction at the start of the move
+    /// with the direction at its end.
     pub(super) at_edges: &'a [f64],
 }
 
@@ -43,8 +43,8 @@ pub(super) struct IntoLanes<'a> {
 impl WithSimd for IntoColumns<'_> {
     type Output = ();
 
-    /// Processes the parameters of one register from the start of the move to its end. The results are then transposed
-    /// into columns of the matrix while they are in the L1 cache.
+    /// Processes the parameters that fit into one SIMD register, from the start of the move to its end, and then the
+    /// next parameters. The results are transposed into columns of the matrix while they are in the L1 cache.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { seen: Derivatives { inside, planes, toward, at_edges }, matrix, first } = self;
@@ -77,7 +77,8 @@ impl WithSimd for IntoColumns<'_> {
 impl WithSimd for IntoLanes<'_> {
     type Output = ();
 
-    /// Processes the blocks of the move in the order in which their values are stored in memory.
+    /// Processes the blocks of the move in the order in which their values are stored in memory, each block for all
+    /// parameters.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { seen: Derivatives { inside, planes, toward, at_edges }, lanes, place } = self;

@@ -2,7 +2,7 @@
 //!
 //! The degrees of freedom of a kind are the sum of 1 - h over its residuals, where h is the leverage of a residual. The
 //! residuals are those of the final fit. In this fit, kinds of residuals with excess scatter have reduced weights. With
-//! weights from noise only, they would distort the fit and thus the residuals of other kinds.
+//! weights from noise only, these kinds would distort the fit and thus the residuals of other kinds.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -35,7 +35,7 @@ pub(super) fn group_misfits(
     };
     // A long rest is divided into epochs, each with its own mean. Residuals of rests (first epochs) and of later epochs
     // are tested separately, and the worse result is reported. In a common test, many epochs of a long rest would mask
-    // the scatter between rests. Many rests would mask the drift within a rest.
+    // the scatter between rests, or many rests would mask the drift within a rest.
     let worse = |poses: (f64, f64), epochs: (f64, f64)| {
         let are_worse = epochs.1 >= MIN_FREEDOM && epochs.0 / epochs.1 > poses.0 / poses.1;
         if are_worse { (epochs, true) } else { (poses, false) }

@@ -20,7 +20,7 @@ fn run(moves: &RandomMoves, seed: u64) -> Simulation {
     simulate(&Program::random(moves, seed).unwrap(), &Unit::paper(), RATE_HZ, 9.80665, seed).unwrap()
 }
 
-/// The gyroscope program of the paper cited in docs/model.md: 46 rests and 45 moves.
+/// Simulates the gyroscope program of the paper cited in docs/model.md: 46 rests and 45 moves.
 fn paper(seed: u64) -> Simulation {
     run(&RandomMoves::default(), seed)
 }
@@ -30,7 +30,7 @@ impl Simulation {
         calibrate(&[self.recording("run")], &Options::default()).unwrap()
     }
 
-    /// Rotates the measured force at a rest by 0.5 deg. The gyroscope samples contain no such rotation.
+    /// Rotates the simulated force at a rest by 0.5 deg. The gyroscope samples contain no such rotation.
     fn with_bad_direction(mut self, rest: usize) -> Self {
         let (start_s, end_s) = self.rests[rest];
         let inside = (start_s * RATE_HZ).ceil() as usize..(end_s * RATE_HZ).floor() as usize;
@@ -40,7 +40,7 @@ impl Simulation {
         self
     }
 
-    /// Adds 100 deg/s to one axis for 50 ms in the move after the rest `from`.
+    /// Adds 100 deg/s to one gyroscope axis for 50 ms in the move after the rest `from`.
     fn with_bad_move(mut self, from: usize) -> Self {
         let middle_s = (self.rests[from].1 + self.rests[from + 1].0) / 2.0;
         let first = (middle_s * RATE_HZ) as usize;
@@ -109,7 +109,8 @@ fn bad_neighbours_are_told_apart_or_leave_nothing_behind() {
             let near = |k: usize| (19..=22).contains(&k);
             assert!(rests.iter().all(|(k, _)| near(*k)) && moves.iter().all(|(from, to, _)| near(*from) && near(*to)));
             // No bad residual remains that would increase the standard deviations of the residuals. The variances of
-            // the parameters grow only slightly, because the data of two rests are missing.
+            // the parameters grow by less than a factor of 3, because only the data of a few rests and moves are
+            // missing.
             assert_eq!(outcome.joint_scales.unwrap().moves, 1.0, "seed {seed}: {rests:?} {moves:?}");
             for (p, row) in outcome.covariance.iter().enumerate() {
                 assert!(row[p] < 3.0 * clean.covariance[p][p], "seed {seed} {p}");
@@ -127,7 +128,7 @@ fn bad_ones_do_not_hide_each_other() {
     }
 }
 
-/// Runs `work` with the inputs of a joint fit and the model that this fit estimates.
+/// Fits the simulated run `run`, and calls `work` with the inputs of this joint fit and the estimated model.
 fn with(run: &Simulation, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, &Model)) {
     let recording: Recording<'_> = run.recording("run");
     let terms = Terms::try_new(&[], &[], &[run.time_s.len()], NONE).unwrap();
@@ -138,7 +139,7 @@ fn with(run: &Simulation, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, &Model)) 
     .unwrap();
 }
 
-/// The added error of the mean rate is so small that the interval is still detected as a rest.
+/// An error of five standard deviations is added to the mean rates of one rest after the rests have been detected.
 #[test]
 fn a_rest_with_a_wrong_rate_is_named() {
     for rest in [0, 20, 45] {

@@ -1,9 +1,10 @@
-//! Jacobians of attitude and force in the blocks inside a move.
+//! Jacobians of the mean attitude and the mean force in each block (short interval) inside a move. A block consists of
+//! one or two segments.
 //!
-//! A segment of a move has n samples. For one parameter, `turn` is the attitude error, and G is its increase over the
-//! segment by the midpoint rule. F is the change of the force at the midpoint of the segment. R is the rotation to the
-//! body frame at the start of the move, and Phi is the derivative of the force in the body frame. Gdot is the central
-//! difference of G between the adjacent segments. G.. and F.. are second differences over the adjacent segments.
+//! A segment has n samples. For one parameter, `turn` is the attitude error, and G is its increase over the segment by
+//! the midpoint rule. F is the change of the force at the midpoint of the segment. R is the rotation to the body frame
+//! at the start of the move, and Phi is the derivative of the force in the body frame. Gdot is the central difference
+//! of G between the adjacent segments. G.. and F.. are second differences over the adjacent segments.
 //!
 //! ```text
 //! turn(end)    = turn(begin) + G + G.. / 24
@@ -120,9 +121,9 @@ impl<'a> Turns<'a> {
         turns
     }
 
-    /// Computes the derivatives with respect to all parameters for the segments before `end` for which they are not
-    /// known yet. The derivatives of the force with respect to the base parameters are evaluated at the propagated
-    /// gravity, which contains no noise.
+    /// Computes the derivatives with respect to all parameters in the segments before `end`, unless they are already
+    /// known. The derivatives of the force with respect to the base parameters are evaluated at the propagated gravity,
+    /// which contains no noise.
     fn look_to(&mut self, end: usize) {
         let Self { route, model, freed, stretches, weights, on_rate, on_force, rates, forces, .. } = self;
         let inverse = model.gyroscope.inverse();
@@ -176,8 +177,8 @@ impl<'a> Turns<'a> {
         }
     }
 
-    /// Derivative of the attitude at the end of the move with respect to each of the `total` parameters, and the
-    /// Jacobians of all blocks.
+    /// Derivative of the attitude at the end of the move with respect to each of the `total` parameters. The second
+    /// result contains the derivatives of the mean attitude and the mean force of each block.
     pub(super) fn at_end(mut self, total: usize) -> (Vec<Vector3<f64>>, Changes) {
         self.look_to(self.stretches.count());
         let mut turn = vec![Vector3::zeros(); total];
@@ -200,9 +201,9 @@ impl WithSimd for NextStretch<'_, '_> {
 /// Number of segments that are kept in memory: a segment and its two neighbours.
 const KEPT: usize = 3;
 
-/// Products of a matrix and the derivatives of the sensor reading with respect to the parameters, for each segment. The
-/// matrix is the rotation of the segment; for rates, it is multiplied by the duration of the segment. The products of
-/// the latest segments are kept, together with the sum over all segments.
+/// For each segment: products of a matrix and the derivatives of the sensor reading with respect to the parameters. The
+/// matrix is the rotation of the segment; for rates, it is multiplied by the duration of the segment. The sum over all
+/// segments is kept, but only the products of the latest segments.
 pub(super) struct Turned {
     last: Planes,
     sum: Aligned,

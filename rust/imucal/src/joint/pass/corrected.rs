@@ -72,12 +72,14 @@ impl Step {
 const SLOPE_PASSES: usize = 3;
 
 impl Route<'_> {
-    /// Range of the corrected samples: the samples of the move, and one additional sample on either side if it exists.
+    /// Index range of the corrected samples in the recording: the samples of the move, and one additional sample on
+    /// either side if it exists.
     pub(super) fn reach(&self) -> Range<usize> {
         self.span.first.saturating_sub(1)..(self.span.last + 2).min(self.recording.len())
     }
 
-    /// Integration step after sample `i` of the recording. Its sample indices are relative to the start of `reach`.
+    /// Integration step after sample `i` of the recording. Its sample indices are counted from the first corrected
+    /// sample ([`Self::reach`]).
     pub(super) fn step(&self, i: usize) -> Step {
         Step { before: i - self.reach().start, ..Step::after(self.recording.time_s, i) }
     }
@@ -113,8 +115,9 @@ impl Route<'_> {
         all
     }
 
-    /// One iteration: corrects the samples for the effects. The effects are evaluated with the angular acceleration
-    /// of the previous iteration. `slopes_of_seen` are the derivatives of the rate before this correction.
+    /// One iteration: corrects the samples for the effects. The effects are evaluated with the angular acceleration of
+    /// the previous iteration. `slopes_of_seen` are the time derivatives of the rate that is not corrected for the
+    /// effects.
     fn free(&self, all: &mut Corrected, slopes_of_seen: &[Vector3<f64>], model: &Model, active: &Terms<'_>) {
         let mut attitude = self.rotation_world_from_start;
         let mut settling = Settling::new(active, &model.values);
@@ -144,7 +147,7 @@ impl Route<'_> {
     }
 
     /// Mean contribution of the effects to the rate and to the force over `samples`. The indices in `samples` are
-    /// relative to the start of `reach`.
+    /// counted from the first corrected sample ([`Self::reach`]).
     pub(super) fn mean_added(&self, model: &Model, freed: &Corrected, samples: Range<usize>) -> [Vector3<f64>; 2] {
         if !freed.has_effects {
             return [Vector3::zeros(); 2];

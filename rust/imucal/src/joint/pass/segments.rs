@@ -37,8 +37,8 @@ pub(crate) struct MoveSegments {
 }
 
 impl Route<'_> {
-    /// Segments of a move, integrated without effects. Only every `every`-th segment is kept. `pass` is the result of
-    /// the integration over this move.
+    /// Segments of a move, with the attitude integrated without effects. Only every `every`-th segment is kept. `pass`
+    /// is the result of the integration over this move.
     pub(crate) fn segments(&self, model: &Model, pass: &Pass, every: usize) -> MoveSegments {
         let (recording, span) = (self.recording, self.span);
         let size = self.stretches_of_block().iter().product();
@@ -69,11 +69,11 @@ impl Route<'_> {
 /// Maximum duration of a segment, s. The derivatives with respect to the parameters of effects are evaluated once per
 /// segment.
 const STRETCH_S: f64 = 0.04;
-/// Minimum number of segments per move. It shortens the segments of moves that last less than a second.
+/// Minimum number of segments per move. It shortens the segments of moves that last less than 0.96 s.
 const FEWEST: f64 = 24.0;
 
 /// Attitude Jacobian at the end of the move with respect to the base parameters, rad per unit of the parameter. The
-/// entries of effects are zero.
+/// entries of the parameters of effects are set to zero.
 fn turn(base: &Sums, model: &Model, total: usize) -> Vec<Vector3<f64>> {
     let (inverse, sensitivity) = (model.gyroscope.inverse(), &base.sensitivity);
     let mut turn = vec![Vector3::zeros(); total];

@@ -55,9 +55,9 @@ impl Stretches {
 }
 
 impl Route<'_> {
-    /// Divides the samples into segments of `size` samples. One segment begins after the first sample of the move.
-    /// `freed` are the corrected samples. If `freed` is `None`, the raw samples are averaged, which is sufficient if
-    /// all effects are zero. If `wants_slopes` is true and `freed` contains no angular acceleration, the angular
+    /// Divides the samples into segments of `size` samples. One of the segments begins at the second sample of the
+    /// move. `freed` are the corrected samples. If `freed` is `None`, the raw samples are averaged, which is sufficient
+    /// if all effects are zero. If `wants_slopes` is true and `freed` contains no angular acceleration, the angular
     /// acceleration is computed here.
     pub(super) fn stretches(
         &self,
@@ -151,8 +151,8 @@ impl Route<'_> {
     }
 
     /// Computes the derivatives of the sensor readings with respect to the parameters of the effects (`columns`) at the
-    /// midpoint of segment `k`. Those of user-defined effects are averaged over the segment, and the mean is corrected
-    /// to the midpoint.
+    /// midpoint of segment `k`. The derivatives of user-defined effects are averaged over the segment, and the mean is
+    /// corrected to the midpoint.
     pub(super) fn columns(
         &self,
         terms: &Terms<'_>,

@@ -1,6 +1,6 @@
 //! Cache of linearisations. A linearisation contains the residuals at given parameters and their derivatives. For
-//! parameters near the last linearisation, the result is a first-order update of it, so the samples are not integrated
-//! again.
+//! parameters near those of the last linearisation, the result is a first-order update of the last linearisation, so
+//! the samples are not integrated again.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -17,9 +17,9 @@ use crate::numerics::lsq::Solution;
 
 /// Largest distance from the last linearisation at which its first-order update is used. The distance is the norm of
 /// the change of the whitened residuals. The neglected second-order terms are then at most a thousandth of a standard
-/// deviation. A search uses the update without further computation. If a final fit converges to parameters for which
-/// only a first-order update is known, the linearisation is computed from the samples, and the fit is continued from
-/// there.
+/// deviation. A search for effects uses the update without further computation. If a final fit converges to parameters
+/// for which only a first-order update is known, the linearisation is computed from the samples, and the fit is
+/// continued from these parameters.
 const NEAR: f64 = 3.0;
 
 /// Cached linearisations, shared by all threads.
@@ -50,8 +50,8 @@ impl Nearby {
 }
 
 impl Joint<'_> {
-    /// Linearisation at these parameters. If they are near the parameters of the last linearisation, the result is a
-    /// first-order update of the last linearisation.
+    /// Linearisation at the parameters `parameters`. If they are near the parameters of the last linearisation, the
+    /// result is a first-order update of the last linearisation.
     pub(crate) fn linear(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
         for place in [&self.nearby.last, &self.nearby.near] {
             let place = known(place);
@@ -92,9 +92,9 @@ impl Joint<'_> {
         Ok(is_moved)
     }
 
-    /// First-order update of the last linearisation. `None` if these parameters are not near it, or if there are
-    /// residuals relative to the stand. If the fit uses the force inside the moves, the distance is computed from the
-    /// whitened Jacobian `jacobian`. There is then no update without `jacobian`.
+    /// First-order update of the last linearisation; `None` if `parameters` are not near the parameters of this
+    /// linearisation, or if there are residuals relative to the stand. If the fit uses the force inside the moves, the
+    /// distance is computed from the whitened Jacobian `jacobian`. Without `jacobian`, there is then no update.
     ///
     /// There is also no update if a time constant is estimated. The derivative with respect to a time constant is zero
     /// while its effect is zero, so the distance would be underestimated.
@@ -116,7 +116,8 @@ impl Joint<'_> {
         (square < NEAR * NEAR).then(moved).transpose()
     }
 
-    /// Squared norm of the first-order change of the whitened force norms, directions after moves, and mean rates.
+    /// Squared norm of the first-order change of the whitened residuals of force norms, gravity directions after moves,
+    /// and mean rates.
     fn square_of_lines(&self, linear: &Linear, change: &[f64]) -> f64 {
         let mut lines = Mat::from_fn(linear.lines.len(), 1, |row, _| linear.lines[row].change(change));
         self.weights.whitening.apply(&mut lines);

@@ -21,9 +21,9 @@ use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
 
 /// Limit of the rate that defines the quiet ends of a move, in quantisation steps. During a quiet end, the rate of an
-/// axis differs from the mean rate at the adjacent rest by less than this limit. Its rounding error is then assumed to
-/// equal the rounding error at this rest. In simulated moves with filter bandwidths from 5 to 40 Hz, the computed
-/// rotation error agrees best with the true error at a limit of 0.8 steps.
+/// axis differs from the mean rate at the adjacent rest by less than this limit. The rounding error of the rate is then
+/// assumed to equal the rounding error of this mean rate. In simulated moves with filter bandwidths from 5 to 40 Hz,
+/// the computed rotation error agrees best with the true error at a limit of 0.8 steps.
 const QUIET: f64 = 0.8;
 /// Standard deviation of the common error of the mean rates at the second and later epochs (parts) of a long rest,
 /// rad/s. The error is common because these epochs have one attitude. It is 0.1 deg/s, the effect of 1 g on a consumer
@@ -91,13 +91,13 @@ impl Wandering {
         Ok(Some(Self { factor }))
     }
 
-    /// Whitens the rows of three kinds of residuals in a matrix: force norms at rests, directions after moves, and mean
-    /// rates at rests.
+    /// Whitens the rows of three kinds of residuals in a matrix: force norms at rests, gravity directions after moves,
+    /// and mean rates at rests.
     pub(crate) fn apply(&self, matrix: &mut Mat<f64>) {
         solve_lower(self.factor.as_ref(), matrix.as_mut().subrows_mut(0, self.factor.nrows()));
     }
 
-    /// Whitens the same rows as [`Self::apply`], in a matrix that is stored row by row.
+    /// Whitens the rows of the same residuals as [`Self::apply`], in a matrix that is stored row by row.
     pub(crate) fn apply_to_rows(&self, rows: &mut Lanes) {
         let (count, width) = (self.factor.nrows(), rows.width());
         let mut white = Mat::from_fn(count, width, |row, place| rows.row(row)[place]);
@@ -181,8 +181,8 @@ impl Joint<'_> {
         rests.into_iter().any(|(k, _)| is_coarse(&k.rest.angular_rate) || is_coarse(&k.rest.specific_force))
     }
 
-    /// Adds the covariance due to rounding at the rests to `covariance`, the covariance of the whitened residuals. Only
-    /// the lower triangle is used.
+    /// Adds the covariance due to rounding errors of the means at the rests to `covariance`, the covariance of the
+    /// whitened residuals. Only the lower triangle is used.
     fn add_rounding(&self, linear: &Linear, covariance: &mut Mat<f64>) {
         let used: Vec<usize> = linear.rates.iter().map(|(rest, _)| *rest).collect();
         let rests = || used.iter().map(|k| &self.prepared.rests[*k].rest);
@@ -200,14 +200,15 @@ impl Joint<'_> {
     /// Derivatives of the whitened residuals with respect to rounding errors. The first matrix is for rounding errors
     /// of the mean rates, the second for rounding errors of the mean forces. Each rest has three columns.
     ///
-    /// The rounding errors of the forces are multiplied by the larger of the two factors for force norms and for
-    /// directions after moves (`Scales`). Without this factor, if rounding is the dominant error, the factors for force
-    /// norms and directions would hardly change the whitened residuals and would not converge. The factor must be the
-    /// same in all rows. If one axis is much coarser than the others, the whitening estimates the rounding error of a
-    /// rest from one residual and subtracts it from the others. With different factors it would subtract a wrong
-    /// multiple of the error. The residuals would then exceed their noise, their factor would increase, and the
-    /// multiple would be even more wrong: the factor would grow without bound. The rounding errors of the rates have no
-    /// factor, because the mean rates, which contain the same errors, have none.
+    /// The rounding errors of the forces are multiplied by the larger of two factors (`Scales`), which multiply the
+    /// standard deviations of force norms and of gravity directions after moves. Without this factor, if rounding is
+    /// the dominant error, the two factors would hardly change the whitened residuals and would not converge. The
+    /// factor must be the same in all residuals. If one axis is quantised much more coarsely than the other axes, the
+    /// whitening estimates the rounding error of a rest from one residual and subtracts it from the other residuals.
+    /// With different factors, the whitening would subtract a wrong multiple of the error. The residuals would then
+    /// exceed their noise, their factor would increase, and the multiple would be even more wrong: the factor would
+    /// grow without bound. The rounding errors of the rates have no factor, because the mean rates, which contain the
+    /// same errors, have none.
     fn by_rounding(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let rows = linear.head_rows();
         let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());
@@ -270,16 +271,16 @@ impl Joint<'_> {
             let samples = m.first..=m.last;
             let count =
                 if at_end { samples.rev().take_while(is_quiet).count() } else { samples.take_while(is_quiet).count() };
-            // Only half a sampling interval of the sample at the boundary belongs to the move.
+            // The sample at the boundary of the move represents only half a sampling interval.
             (count as f64 - 0.5).max(0.0) * m.interval_s
         })
     }
 }
 
-/// Adds `B K B^T` to the lower triangle of the covariance of force norms, directions after moves and mean rates. `own`
-/// is K, the covariance of an error with one value for each rest in `rests`. `by(row, rest)` is an entry of B, the
-/// derivative of a whitened residual with respect to the error of a rest. A mean rate depends only on the error of its
-/// own rest.
+/// Adds `B K B^T` to the lower triangle of the covariance of force norms, gravity directions after moves and mean
+/// rates. `own` is K, the covariance of an error with one value for each rest in `rests`. `by(row, rest)` is an entry
+/// of B, the derivative of a whitened residual with respect to the error of a rest. A mean rate depends only on the
+/// error of its own rest.
 fn add_errors_of_rests(
     covariance: &mut Mat<f64>,
     linear: &Linear,

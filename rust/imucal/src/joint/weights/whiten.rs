@@ -47,8 +47,8 @@ impl Whitening {
                 row[j - first] = (row[j - first] - dot) / other[j - start];
             }
             let square: f64 = row[..i - first].iter().map(|v| v * v).sum();
-            // In exact arithmetic, the diagonal term is at least the independent variance. The lower limit protects
-            // against rounding errors.
+            // In exact arithmetic, the square of a diagonal entry is at least the independent variance. The lower limit
+            // of half this variance protects against rounding errors.
             row[i - first] = (row[i - first] - square).max(0.5 * own[i]).sqrt();
             rows.push((first, row));
         }
@@ -92,7 +92,7 @@ impl WithSimd for Apply<'_> {
 }
 
 impl Whitening {
-    /// Column j of L^-1, from row j on. The column is cut off where all further entries are negligible.
+    /// Column j of L^-1, from row j on. Negligible entries at the end of the column are omitted.
     pub(crate) fn unit(&self, j: usize) -> Vec<f64> {
         let band = self.rows.iter().enumerate().map(|(i, (first, _))| i - first).max().unwrap_or(0);
         let mut column = vec![1.0 / self.rows[j].1[j - self.rows[j].0]];

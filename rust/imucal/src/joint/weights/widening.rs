@@ -24,13 +24,13 @@ pub(in crate::joint) const FACTORS: usize = 6;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Widening {
     pub(crate) scales: Scales,
-    /// Variance of the mean rates between rests that noise does not explain, for each gyroscope axis, squared raw
-    /// units.
+    /// For each gyroscope axis: the part of the variance of the mean rates between rests that noise does not explain,
+    /// squared raw units.
     pub(super) between_rests: [f64; 3],
     /// Bias instability of each axis of the gyroscope, raw units.
     pub(super) bias_instability: [f64; 3],
-    /// Variance of the mean rates between the epochs (parts) of a long rest that noise does not explain, for each
-    /// gyroscope axis, squared raw units.
+    /// For each gyroscope axis: the part of the variance of the mean rates between the epochs (parts) of a long rest
+    /// that noise does not explain, squared raw units.
     pub(super) epoch_rates: [f64; 3],
 }
 
@@ -80,8 +80,8 @@ impl Widening {
         Self { scales: Scales::NONE, between_rests: [0.0; 3], bias_instability: [0.0; 3], epoch_rates: [0.0; 3] };
 
     /// Excess of the residuals in `linear` over noise. If they are the residuals at the end of a fit, `found` contains
-    /// this fit and the scales used in it. The standard deviations of a kind of residuals are increased if its excess
-    /// is significant, or if `kept` contains the kind.
+    /// this fit and the scales (factors on standard deviations) used in it. The standard deviations of a kind of
+    /// residuals are increased if its excess is significant, or if `kept` contains the kind.
     pub(super) fn of(
         prepared: &Prepared<'_>,
         linear: &Linear,
@@ -143,7 +143,7 @@ pub(super) fn rate_covariance(prepared: &Prepared<'_>, model: &Model, k: usize) 
     prepared.rests[k].rate_covariance + Matrix3::from_diagonal_element(finest * finest)
 }
 
-/// Excess scatter of the mean rates, for each axis: the variance between rests and the bias instability, of which one
+/// Excess scatter of the mean rates, for each axis: the variance between rests and the bias instability. One of the two
 /// is zero. The scatter is modelled either as errors that are independent from rest to rest or as bias instability of
 /// the gyroscope. The model with the larger likelihood is chosen.
 fn excess_of_rates(
@@ -220,8 +220,8 @@ impl Scales {
         self.all().into_iter().fold(1.0, f64::max)
     }
 
-    /// For each kind of residuals, the scale at which chi2 = degrees of freedom. The scale is 1 if the excess is not
-    /// significant (see [`refine`]).
+    /// For each kind of residuals, the scale (factor on the standard deviations) at which chi2 equals the degrees of
+    /// freedom. The scale is 1 if the excess is not significant (see [`refine`]).
     fn refined(&self, linear: &Linear, solution: &Solution, leverages: &[f64], kept: Option<&Widened>) -> Self {
         let lines = &linear.lines;
         let groups = linear.groups();

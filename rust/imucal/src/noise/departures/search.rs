@@ -1,5 +1,5 @@
-//! Forward search for steps and drifts (components). The component that increases the likelihood most is added to the
-//! model, until no further component is significant.
+//! Forward search for steps and drifts (components). In each step of the search, the component with the largest
+//! penalised increase of the likelihood is added to the model, until no further component is significant.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,11 +9,11 @@ use crate::noise::likelihood::Likelihood;
 use crate::noise::power_law::{KINDS, PerKind, WALK, WHITE, dot};
 
 /// A component is added only if it increases 2 ln L by at least this value plus the penalty of its shape, where L is
-/// the likelihood. This value would be sufficient if the time of the component were known, and the penalty accounts for
+/// the likelihood. If the time of the component were known, this value would be sufficient; the penalty accounts for
 /// the choice of the time. For a record without steps, the probability of a false alarm is then about 1e-3.
 const GAIN: f64 = 16.0;
 /// Additional penalty of a drift, in units of 2 ln L. A drift has one more parameter than a step. This parameter must
-/// increase 2 ln L by at least the penalty, which corresponds to a likelihood ratio of exp(4 / 2) = 7.
+/// increase 2 ln L by at least this penalty of 4, which corresponds to a likelihood ratio of exp(4 / 2) = 7.
 const LENGTH: f64 = 4.0;
 /// Maximum number of steps and drifts of one axis.
 const MAX_COMPONENTS: usize = 12;
@@ -28,8 +28,8 @@ pub(super) struct Search<'a> {
     pub(super) shapes: Vec<Shape>,
 }
 
-/// A model with several steps and drifts: their shapes and amplitudes, and the parameters of the noise that is left
-/// after their subtraction.
+/// A model with several steps and drifts: their shapes and amplitudes, and the parameters of the noise that remains
+/// when these components are subtracted.
 struct Explained {
     shapes: Vec<Shape>,
     /// The cosine transform of each shape.
@@ -83,7 +83,7 @@ impl Search<'_> {
         let steady = self.fit(&residual, without_walk).0;
         let candidates = [present.theta, steady].map(|theta| self.best_shapes(&residual, &theta, present));
         // The likelihood may have two maxima: one with a strong random walk, and one with a weak random walk. The fit
-        // is therefore started near each of them.
+        // is therefore started near each maximum.
         let starts = [self.noise.kinds, without_walk].map(|kinds| (kinds, self.fit(self.z, kinds).0));
         let mut tried: Vec<Shape> = Vec::new();
         let mut best: Option<(f64, Explained)> = None;
@@ -105,8 +105,8 @@ impl Search<'_> {
         best.map(|(_, explained)| explained)
     }
 
-    /// For the noise parameters `theta`: the best step, the best ramp and the best warm-up. They are the shapes that,
-    /// if added to the model, increase 2 ln L for the data `residual` most.
+    /// For the noise parameters `theta`: the best step, the best ramp and the best warm-up. Of all shapes of their
+    /// kind, these three increase 2 ln L most when they are added to the model of the data `residual`.
     fn best_shapes(&self, residual: &[f64], theta: &PerKind, present: &Explained) -> Vec<Shape> {
         let weights: Vec<f64> = self.blocks.expected.iter().map(|expected| 1.0 / self.power(theta, expected)).collect();
         let used = self.used(&weights);
@@ -173,9 +173,10 @@ impl Search<'_> {
         best.1
     }
 
-    /// Number of elements z_j, from the lowest frequency on, that are used to score a component. They contain 99 % of
-    /// the information about a step. The power of a step in z_j is proportional to 1 / j^2, so frequencies at which
-    /// white noise is far above the random walk contribute little.
+    /// Number of elements z_j, from the lowest frequency on, that are used to score a component. These elements contain
+    /// 99 % of the information about a step. The information of z_j about a step is (power of the step in z_j) / (power
+    /// of the noise in z_j). The power of the step is proportional to 1 / j^2, but the power of white noise does not
+    /// decrease with j, so high frequencies contribute little.
     fn used(&self, weights: &[f64]) -> usize {
         const FEWEST: usize = 128;
         let mut total: f64 = (0..weights.len()).map(|k| weights[k] / ((k + 1) as f64).powi(2)).sum();
@@ -191,8 +192,8 @@ impl Search<'_> {
 
     /// Estimates the amplitudes of the components `shapes` and the noise parameters alternately. The iteration starts
     /// with the noise parameters `theta`, which were fitted to the data before any component was subtracted. The first
-    /// fit of the noise parameters has only the kinds of noise `kinds`. All other fits have all kinds of the noise
-    /// model.
+    /// fit of the noise parameters includes only the kinds of noise in `kinds`. All other fits include all kinds of the
+    /// noise model.
     fn explained(
         &self,
         shapes: Vec<Shape>,

@@ -28,8 +28,8 @@ const MOST_LOOKS: usize = 100;
 const EVEN: f64 = 1e-9;
 
 /// Cumulative sums of the values. The first value is subtracted from all values, because a large bias would cause
-/// rounding errors. The fourth component is the number of missing values so far. With four components, the vector also
-/// has a length that is suitable for SIMD addition.
+/// rounding errors. The fourth component is the number of missing values so far. A vector of four components also suits
+/// SIMD addition.
 pub(super) struct Sums(Vec<Vector4<f64>>);
 
 impl Sums {
@@ -73,7 +73,7 @@ pub(super) struct Stencil {
     pub(super) stride: usize,
     /// Number of boxes. It is smaller than [`BOXES`] if the data have too few samples for five boxes.
     boxes: usize,
-    /// Weights that are the same for all samples; `None` if the time steps are not equal.
+    /// Weights for equal time steps; `None` if the time steps are not equal.
     even: Option<Even>,
 }
 
@@ -208,7 +208,7 @@ impl Stencil {
     }
 
     /// Whether noise with the standard deviation `sigma` explains the difference between the slopes of this stencil and
-    /// of a narrower stencil. The noise must explain the difference in each segment of the data and on each axis.
+    /// of a narrower stencil. The noise must explain the difference in every segment of the data and on every axis.
     pub(super) fn agrees(&self, narrower: &Self, (time_s, sums): (&[f64], &Sums), sigma: &Vector3<f64>) -> bool {
         let n = time_s.len();
         let length = ((STRETCH_S / self.steps.interval_s) as usize).max(STRETCH_BOXES * self.stride);
@@ -305,8 +305,8 @@ impl WithSimd for Slopes<'_> {
     }
 }
 
-/// Adds the slope of the stencil `run`, multiplied by `times`, to `to`. `sums` are the cumulative sums from the start
-/// of the stencil on.
+/// Adds the slope of the stencil `run`, multiplied by `times`, to `to`. `sums` contains the cumulative sums from the
+/// start of the stencil on.
 #[inline(always)] // compiled for the SIMD registers of the caller
 fn add(sums: &[Vector4<f64>], run: &Run, times: f64, to: &mut [f64; 4]) {
     for (edge, share) in run.edges.iter().enumerate() {
@@ -342,8 +342,8 @@ impl Boxes {
         slope.xyz() / self.stride as f64
     }
 
-    /// Variance of the difference between the slopes of this stencil and of a narrower stencil, for data that are noise
-    /// of unit variance.
+    /// Variance of the difference between the slopes of this stencil and of a narrower stencil, for data that are white
+    /// noise of unit variance.
     fn noise_of_difference(&self, narrower: &Self) -> f64 {
         let of = |boxes: &Self, k: usize| {
             let place = k.checked_sub(boxes.first).map(|k| k / boxes.stride);

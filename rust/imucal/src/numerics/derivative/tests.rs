@@ -9,7 +9,7 @@ const AMPLITUDE_RADPS: f64 = 2.0;
 /// Noise of a low-cost gyroscope (two-sided density 0.026 deg/s/sqrt(Hz)) at 400 Hz, rad/s.
 const NOISE_RADPS: f64 = 9e-3;
 
-/// A sine sampled at 400 Hz with noise: times, values and true derivatives.
+/// Simulates a sine with noise, sampled at 400 Hz. Returns the times, the noisy values and the true derivatives.
 fn sine(frequency_hz: f64, seed: u64) -> (Vec<f64>, Vec<Vector3<f64>>, Vec<Vector3<f64>>) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut noise = || Vector3::from_fn(|_, _| NOISE_RADPS * random.sample::<f64, _>(StandardNormal));
@@ -21,7 +21,7 @@ fn sine(frequency_hz: f64, seed: u64) -> (Vec<f64>, Vec<Vector3<f64>>, Vec<Vecto
     (time_s.clone(), rates.collect(), slopes.collect())
 }
 
-/// Root mean square error of the derivative `found`, and the share by which its amplitude is too small.
+/// Root mean square error of the derivative `found`, and the relative amount by which its amplitude is too small.
 fn errors(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> (f64, f64) {
     let of = |product: fn(&Vector3<f64>, &Vector3<f64>) -> f64| -> f64 {
         found.iter().zip(truth).map(|(found, truth)| product(found, truth)).sum()

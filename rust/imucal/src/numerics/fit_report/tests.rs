@@ -81,8 +81,8 @@ fn a_direction_without_derivative_has_no_gradient() {
     assert_eq!(predicted_decrease(&Mat::from_fn(4, 1, |_, _| f64::NAN), &jacobian), f64::INFINITY);
 }
 
-/// A fit whose weights still change, or whose residuals are not finite, has its own reason even if it passes the
-/// gradient test.
+/// A fit whose weights still change, or whose residuals are not finite, is reported with its own reason, even if the
+/// result passes the gradient test.
 #[test]
 fn every_other_ending_has_a_reason_of_its_own() {
     let converged = fitted(&Valley { steep: 10.0, kink: 0.0 }, None);

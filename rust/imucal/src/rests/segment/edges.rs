@@ -8,17 +8,17 @@ use super::WINDOW_BLOCKS;
 use super::blocks::Block;
 use super::steadiness::unsteadiness;
 
-/// Removes one guard block at each end of a rest, because it may contain motion. At an end of the recording, no guard
-/// block is removed.
+/// Removes one guard block at each end of a rest, because this block may contain motion. At an end of the recording, no
+/// guard block is removed.
 pub(super) fn trim(blocks: &Range<usize>, windows: usize) -> Range<usize> {
     let start = if blocks.start == 0 { 0 } else { blocks.start + 1 };
     let end = if blocks.end == windows + WINDOW_BLOCKS - 1 { blocks.end } else { blocks.end - 1 };
     start..end.max(start)
 }
 
-/// Removes blocks at both ends of a rest while the statistic of the first or last window is above 3 x max(1, median of
-/// the statistic over the rest), because a hand settles slowly after a move. The limit is proportional to this median,
-/// so it adapts to the tremor of the rest.
+/// Removes blocks at both ends of a rest while the statistic (variance / noise variance) of the first or last window is
+/// above 3 x max(1, median of the statistic over the rest). The reason is that a hand settles slowly after a move. The
+/// limit is proportional to this median, so it adapts to the tremor of the rest.
 pub(super) fn calm(mut blocks: Range<usize>, statistic: &[f64]) -> Range<usize> {
     if blocks.len() <= WINDOW_BLOCKS {
         return blocks;
@@ -59,7 +59,7 @@ impl Inner {
         Self { mean, variance: scatter.sup(&rounding), count }
     }
 
-    /// chi2, with three degrees of freedom, of the rotation over `n` blocks under the null hypothesis of no rotation.
+    /// chi2 of the rotation over `n` blocks under the null hypothesis of no rotation. It has three degrees of freedom.
     /// `sum` is the sum of (rate - mean rate) over these blocks.
     fn chi2(&self, sum: Vector3<f64>, n: usize) -> f64 {
         let n = n as f64;
@@ -109,13 +109,14 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
     range
 }
 
-/// Removes the end of the previous move and the start of the next move from the ends of a rest. They are so slow that
-/// the noise of the rest masks them in the window statistic. Blocks outside `within` are not used.
+/// Removes the end of the previous move and the start of the next move from the ends of a rest. These parts of the
+/// moves are so slow that the noise of the rest masks them in the window statistic. Blocks outside `within` are not
+/// used.
 ///
 /// The rotation angle is summed outwards over the blocks, starting 0.2 s inside the rest. If a slow move began even
 /// farther inside, the sum is started again from twice as far inside, up to a third of the rest and at most
 /// [`FARTHEST`] blocks. Nothing is removed if the angle does not increase, as after a jolt, or if the move began
-/// farther inside than the last start of the sum.
+/// farther inside than the last position from which the sum was started.
 pub(super) fn onset(
     range: Range<usize>,
     within: &Range<usize>,
@@ -125,8 +126,8 @@ pub(super) fn onset(
     if range.len() < 2 * WINDOW_BLOCKS {
         return range;
     }
-    // Number of blocks to be removed from one end of the rest. `outwards` gives the rates of the given numbers of
-    // blocks inside and outside the rest, in order from the inside to the outside.
+    // Number of blocks to be removed from one end of the rest. `outwards(i, o)` returns the rates of i blocks inside
+    // and o blocks outside the rest, in order from the inside to the outside.
     let moving = |outwards: &dyn Fn(usize, usize) -> Vec<Vector3<f64>>| {
         let mut inside = FIRST;
         loop {
@@ -156,30 +157,32 @@ pub(super) fn onset(
 /// Distance from an end of the rest to the block at which the sum of the angle is first started, in blocks (0.2 s).
 const FIRST: usize = 4;
 /// Largest distance from an end of the rest at which the sum of the angle is started, in blocks (1.6 s). A gyroscope
-/// bias that settles for a minute after power-on looks like a rotation that ends smoothly. With this limit, the rest
-/// becomes at most 1.6 s shorter.
+/// bias that settles for a minute after power-on looks like a rotation that ends smoothly. With this limit, such a bias
+/// makes the rest at most 1.6 s shorter.
 const FARTHEST: usize = 32;
 /// Part of the time before the detection of a move ([`SeenMove`]) that is assigned to the move, in units of angle /
 /// rate at the detection.
 ///
 /// The angular acceleration of a move starts at zero, and its derivative (jerk) is bounded. At the time t after its
 /// start, a move therefore has the angle c t^3 and the rate 3 c t^2 with a constant c, so t = 3 angle / rate. The last
-/// five sixths of t are assigned to the move. In the first sixth, the angle is below a twentieth of its noise.
+/// five sixths of t are assigned to the move. At the detection, the angle is ten times its noise, so in the first sixth
+/// of t the angle is below 10 / 6^3 = 0.05 of this noise.
 const CUBIC: f64 = 3.0 * 5.0 / 6.0;
-/// Value that replaces [`CUBIC`] for a slow move. The jerk of a slow move may also start at zero, so that t = 4 angle /
-/// rate. All of t is assigned to the move, because this makes the rest only slightly shorter.
+/// Value that replaces [`CUBIC`] for a slow move. The jerk of a slow move may also start at zero. The angle is then
+/// proportional to t^4, so that t = 4 angle / rate. All of t is assigned to the move, because this makes the rest only
+/// slightly shorter.
 const QUARTIC: f64 = 4.0;
 
 /// Detection of a move: the instant at which the rotation angle reaches ten times the noise of the angle.
 struct SeenMove {
     /// Number of blocks up to this instant.
     at: f64,
-    /// Rotation angle divided by the rate at this instant. It is a time, in blocks.
+    /// Rotation angle divided by the rate at this instant. This quotient is a time, in blocks.
     angle_over_rate: f64,
 }
 
 /// Accumulates the angle over blocks with the mean rates `rates`, until the angle reaches ten times its noise. `None`
-/// if it does not reach this limit, or if it does not increase at this instant.
+/// if the angle does not reach this limit, or if it does not increase at this instant.
 fn seen_move(rates: &[Vector3<f64>], inner: &Inner) -> Option<SeenMove> {
     const CHI2_AT_END: f64 = 100.0;
     let mut angle = Vector3::zeros();
@@ -201,14 +204,14 @@ mod tests {
     const STILL: usize = 40;
     const NOISE: f64 = 0.01;
 
-    /// 40 blocks at rest with zero-mean noise, and then 40 blocks of a move. `rate` is the angular rate as a function
-    /// of the time since the end of the rest, in blocks.
+    /// Simulates 40 blocks at rest with zero-mean noise, and then 40 blocks of a move. `rate` is the angular rate as a
+    /// function of the time since the end of the rest, in blocks.
     fn blocks(rate: impl Fn(f64) -> f64) -> Vec<Block> {
         blocks_of(2 * STILL, |time| rate(time - STILL as f64))
     }
 
-    /// Blocks with zero-mean noise and the angular rate `rate`, a function of the time since the first block, in
-    /// blocks.
+    /// Simulates `count` blocks with zero-mean noise. `rate` is the angular rate as a function of the time since the
+    /// first block, in blocks.
     fn blocks_of(count: usize, rate: impl Fn(f64) -> f64) -> Vec<Block> {
         let block = |k: usize| {
             let mut block = Block::new();
@@ -235,9 +238,9 @@ mod tests {
                 let blocks = blocks(|time| strength * (time - begin).max(0.0).powi(2));
                 let end = found_end(STILL, &blocks) as f64 - STILL as f64;
                 // Let T be the time in which the angle of the move grows to 10 times the noise of the angle. The rest
-                // may wrongly contain the beginning of the move, up to T / 6. The angle is proportional to the cube of
-                // the time, so at T / 6 it is 10 / 6^3 = 0.05 of the noise of the angle. Over about 20 blocks, this
-                // noise is sqrt(20) times the noise of one block, so the angle is 0.22 times the noise of one block.
+                // may wrongly contain the first T / 6 of the move. The angle is proportional to the cube of the time,
+                // so at T / 6 it is 10 / 6^3 = 0.05 of the noise of the angle. Over about 20 blocks, this noise is
+                // sqrt(20) times the noise of one block, so the angle is 0.22 times the noise of one block.
                 let kept = (end - begin).max(0.0);
                 let turn = strength * kept.powi(3) / 3.0;
                 assert!(turn < 0.25 * NOISE, "{strength} {begin}: {end}");
@@ -246,7 +249,7 @@ mod tests {
         }
     }
 
-    /// The rest contains the first 0.25 to 0.4 s of a slow move.
+    /// Before the refinement, the rest contains the first 0.25 to 0.4 s of a slow move.
     #[test]
     fn a_slow_move_is_given_back_its_beginning_however_smooth_it_is() {
         for (power, strengths) in [(2, [1e-3, 3e-4]), (3, [1e-4, 3e-5])] {
@@ -262,7 +265,7 @@ mod tests {
         }
     }
 
-    /// A bias that settles after power-on, with a time constant of 20 s, in a rest of 100 s.
+    /// Simulates a bias that settles after power-on, with a time constant of 20 s, in a rest of 100 s.
     #[test]
     fn a_bias_that_settles_hardly_shortens_a_rest() {
         let at_power_on: Vec<Block> = blocks_of(2000, |time| 12.0 * NOISE * (-time / 400.0).exp());

@@ -18,13 +18,12 @@ pub(crate) const LONG_REST_S: f64 = 120.0;
 /// Maximum duration of an epoch, s. The Allan deviation of MEMS sensors no longer decreases after 10 to 100 s, because
 /// bias instability then exceeds white noise. A longer mean is therefore not more accurate.
 const EPOCH_S: f64 = 60.0;
-/// Maximum change of the temperature within an epoch, K. A fit averages the effects over the temperatures within an
-/// epoch. For linear and quadratic effects, this average is exact for any change. Other effects must be nearly linear
-/// over the change. The bias of a MEMS sensor is nearly linear over 2 K.
+/// Maximum change of the temperature within an epoch, K. A fit averages the temperature effects over the temperatures
+/// within an epoch. For linear and quadratic effects, this average is exact for any change of temperature. Other
+/// effects must be nearly linear over the change. The bias of a MEMS sensor is nearly linear over 2 K.
 const EPOCH_K: f64 = 2.0;
-/// Minimum duration of an epoch, s. It applies even if the temperature changes fast. It equals the duration of typical
-/// rests in calibration runs. A mean over this duration has so little noise that it determines the gravity direction
-/// well.
+/// Minimum duration of an epoch, s. It applies even if the temperature changes fast. Typical rests in calibration runs
+/// have this duration, and a mean over it determines the gravity direction with little noise.
 const MIN_EPOCH_S: f64 = 10.0;
 /// Maximum number of epochs of one rest. It limits the time of a fit, which grows with the third power of this number.
 const MAX_EPOCHS: usize = 120;
@@ -57,8 +56,9 @@ fn parts(range: &Range<usize>, count: usize) -> Vec<Range<usize>> {
 }
 
 /// Joins consecutive intervals at rest that are separated only by noise, if the result is a long rest. In a rest of
-/// several minutes, the variance of the noise occasionally exceeds the threshold, which divides the rest. Intervals are
-/// ranges of blocks of `samples` samples. `floor` is the standard deviation of the noise of each channel.
+/// several minutes, the variance of the noise in a window occasionally exceeds the threshold, so that the rest is
+/// detected as several intervals. Intervals are ranges of blocks of `samples` samples. `floor` is the standard
+/// deviation of the noise of each channel.
 pub(super) fn joined(
     recording: &Recording<'_>,
     still: Vec<Range<usize>>,
@@ -79,8 +79,9 @@ pub(super) fn joined(
 }
 
 /// Whether only noise separates a rest from the following rest, which starts at sample `next`. This is the case if no
-/// sample between them deviates from the mean at the end of the rest by more than six standard deviations. Filtered
-/// noise can split a long rest, because its variance over half a second varies strongly.
+/// sample between the two rests deviates from the mean at the end of the first rest by more than six standard
+/// deviations. Filtered noise can split a long rest, because the variance of filtered noise over half a second varies
+/// strongly.
 pub(crate) fn is_noise(recording: &Recording<'_>, rest: Range<usize>, next: usize, floor: &Vector6<f64>) -> bool {
     const NEAR: usize = 200;
     const LIMIT: f64 = 6.0;

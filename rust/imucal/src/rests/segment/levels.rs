@@ -12,17 +12,17 @@ use super::threshold::{Choice, choose_threshold, statistic_of, still, window_sta
 /// range, ln(upper end / lower end) x ln(n + 0.1), must be at least this number, where n is the number of rests that
 /// the level adds. In simulated hand-held runs after a table rest, with 12 to 30 poses and a tremor of 0.1 to 0.8 deg,
 /// the weighted width is 2.2 to 13. In simulated motion without further rests, it is below 2 in 47 of 48 recordings,
-/// and 2.2 in one.
+/// and 2.2 in the remaining recording.
 const CLEAR: f64 = 2.0;
 
 /// Detects the intervals at rest at all levels of tremor. Returns the chosen threshold of the last level, in units of
 /// the noise variances `floor`, and the intervals as ranges of blocks.
 ///
 /// The statistic and the threshold of the first level refer to the noise of the sensors, which is estimated from the
-/// quietest windows. The variance of hand-held rests may be a thousand times larger and is then nearer to that of
-/// motion. Therefore, the noise variance and the threshold are estimated again from the windows outside the rests that
-/// were already found. If a hand-held run follows a rest on a table, the estimates of the second level describe only
-/// the hand-held run.
+/// quietest windows. The variance of hand-held rests may be a thousand times larger, so that it is nearer to the
+/// variance of motion than to the noise variance. Therefore, the noise variance and the threshold are estimated again
+/// from the windows outside the rests that were already found. If a hand-held run follows a rest on a table, the
+/// estimates of the second level describe only the hand-held run.
 pub(super) fn rests_of_all_levels(
     variances: &[Vec<f64>; 6],
     steps: &Vector6<f64>,
@@ -46,8 +46,8 @@ pub(super) fn rests_of_all_levels(
         if (next.to / next.from).ln() * (added + 0.1).ln() < CLEAR {
             return (choice, at_rest);
         }
-        // Rests that were already found are not replaced. With the threshold of this level, two of them would become
-        // one interval if only a slow rotation separates them.
+        // Rests that were already found are not replaced. With the threshold of this level, two rests that are
+        // separated only by a slow rotation would become one interval.
         at_rest.retain(|blocks| blocks.len() >= min_blocks);
         let is_new = |new: &Range<usize>| at_rest.iter().all(|old| old.end <= new.start || new.end <= old.start);
         let new: Vec<Range<usize>> = still(&of_level, next.factor).filter(is_new).collect();
@@ -80,12 +80,13 @@ fn outside<'a>(variances: &[Vec<f64>; 6], at_rest: impl Iterator<Item = &'a Rang
 mod tests {
     use super::*;
 
-    /// Variances of windows: `tables` rests of 20 s on a table, then 20 hand-held rests of 4 s, with moves of 4 s
-    /// between all rests. In the hand, the variance of the gyroscope is 2000 times the variance on the table, and that
-    /// of the accelerometer 20 times. In moves, both variances are 30 times those in the hand.
+    /// Simulates the variances of windows: `tables` rests of 20 s on a table, then 20 hand-held rests of 4 s, with
+    /// moves of 4 s between all rests. In the hand, the variance of the gyroscope is 2000 times its variance on the
+    /// table, and the variance of the accelerometer is 20 times its variance on the table. In moves, both variances are
+    /// 30 times the variances in the hand.
     fn table_then_hand(tables: usize) -> [Vec<f64>; 6] {
-        // Number of windows, variances of the two sensors, and largest logarithm of the factor by which the variance of
-        // a window differs from these variances.
+        // Each part of the recording has a number of windows, a variance for each of the two sensors, and a scatter:
+        // the largest ln of (variance of a window) / (variance of the sensor).
         let moving = (80, [6e4, 600.0], 1.4);
         let on_a_table = (0..tables).flat_map(|_| [(400, [1.0, 1.0], 0.2), moving]);
         let held = (0..20).flat_map(|k| [(80, [2000.0 + 40.0 * f64::from(k), 20.0], 0.2), moving]);
@@ -111,7 +112,7 @@ mod tests {
             if tables > 0 {
                 let alone = choose_threshold(&statistic, 20);
                 assert_eq!(alone.rests, tables, "{alone:?}");
-                // The mean over the channels of the ratio of the variances in the hand to those on the table is about
+                // The ratio (variance in the hand) / (variance on the table), averaged over the channels, is about
                 // 1000.
                 assert!((1000.0..6000.0).contains(&choice.factor), "{choice:?}");
             }

@@ -15,7 +15,7 @@ use crate::rests::rest::UNSTEADY;
 pub(super) struct Stretch {
     /// Index range of the blocks of the interval.
     pub(super) blocks: Range<usize>,
-    /// Number, mean and variance of all samples of the interval, as block sums.
+    /// Sums over all samples of the interval, from which their number, mean and variance are computed.
     pub(super) whole: Block,
     /// Sums over the samples of the first and of the last third of the interval; `None` for fewer than three blocks.
     thirds: Option<[Block; 2]>,
@@ -45,7 +45,7 @@ impl Stretch {
         }
     }
 
-    /// Whether the samples of the interval scatter so little that it contains no tremor of a hand.
+    /// Whether the samples of the interval scatter so little that they contain no tremor of a hand.
     pub(super) fn is_steady(&self) -> bool {
         self.scatter < UNSTEADY
     }
@@ -85,7 +85,7 @@ impl Steadiness {
         Self { steady_colour: steady.factor(), held_colour: held.factor() }
     }
 
-    /// The factors c of the six channels for this rest: those of steady rests or those of hand-held rests.
+    /// The factors c of the six channels for this rest: the factors of steady rests or the factors of hand-held rests.
     pub(super) fn colour(&self, rest: &Stretch) -> &Vector6<f64> {
         if rest.is_steady() { &self.steady_colour } else { &self.held_colour }
     }
@@ -131,7 +131,8 @@ pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
 /// window statistic of a uniform tumble is low if the recording contains no quieter windows.
 ///
 /// In a rest of more than `long` blocks, accelerometer drift may reach the same limit. Each part of `long` blocks is
-/// therefore compared with its own mean. Over the whole rest, three times the deviation is permitted.
+/// therefore compared with its own mean. Over the whole rest, three times this deviation (15 % of gravity) is
+/// permitted.
 pub(super) fn gravity_wanders(blocks: &[Block], size: f64, long: usize) -> bool {
     let force = |blocks: &[Block]| -> Vector3<f64> { mean(blocks).fixed_rows::<3>(3).into() };
     let exceeds = |blocks: &[Block], share: f64| {

@@ -36,8 +36,8 @@ pub(super) fn window_statistic(
         let quietest = quantile_of(of_channel.len(), write, 0.05);
         let may_be_coarse = steps[channel].is_finite() && quietest < (LEAST_SCATTER * steps[channel]).powi(2);
         if let Some(step) = may_be_coarse.then(|| step_of(channel)).flatten() {
-            // If the mean is in the middle between two levels, rounded samples are equally often at both levels. Even
-            // with very small noise, they then have the variance step^2 / 4.
+            // If the mean is in the middle between two levels, rounded samples are equally often at both levels. In
+            // this case, they have the variance step^2 / 4, even with very small noise.
             rounding[channel] = steps[channel] * steps[channel] / 4.0;
             coarse[channel] = step;
         }
@@ -67,14 +67,14 @@ pub(super) fn window_statistic(
     (statistic, floor, coarse)
 }
 
-/// The statistic of each window with the given noise variance of each channel.
+/// The statistic of each window. `floor` contains the noise variance of each channel.
 pub(super) fn statistic_of(variances: &[Vec<f64>; 6], floor: &Vector6<f64>) -> Vec<f64> {
     let mut statistic = vec![0.0; variances[0].len()];
     Instructions::Best.run(Ratios { variances, floor, statistic: &mut statistic });
     statistic
 }
 
-/// The windows whose statistic is at most `limit`, as index ranges of consecutive windows.
+/// The windows whose statistic (variance / noise variance) is at most `limit`, as index ranges of consecutive windows.
 fn runs_up_to(statistic: &[f64], limit: f64) -> Vec<Range<usize>> {
     let mut runs: Vec<Range<usize>> = Vec::new();
     for (window, _) in statistic.iter().enumerate().filter(|(_, s)| **s <= limit) {
@@ -109,7 +109,7 @@ impl WithSimd for Ratios<'_> {
     }
 }
 
-/// The chosen threshold, and the range from which it was chosen, in units of the noise variance.
+/// The chosen threshold, and the range of thresholds from which it was chosen, in units of the noise variance.
 #[derive(Debug)]
 pub(super) struct Choice {
     /// The threshold.
@@ -138,7 +138,7 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> Choice {
     const LOWEST: f64 = 1.5;
     // Ratio of consecutive thresholds that are tried.
     const STEP: f64 = 1.08;
-    // Upper limit of the statistic. Without it, samples whose square overflows would make the range of thresholds
+    // Upper limit of the statistic. Without this limit, samples whose square overflows would make the highest threshold
     // infinite.
     const HIGHEST: f64 = 1e300;
     let maximum = statistic.iter().copied().fold(1.0, f64::max).min(HIGHEST);
@@ -206,7 +206,7 @@ struct Stretches {
     other_end: Vec<usize>,
 }
 
-/// The blocks of an interval, and the blocks of up to two earlier intervals that it replaces.
+/// The block range of an interval, and the block ranges of up to two earlier intervals that this interval replaces.
 type Joined = (Range<usize>, [Option<Range<usize>>; 2]);
 
 impl Stretches {

@@ -68,7 +68,7 @@ fn kept(means: &[f64], variances: &[f64]) -> Vec<usize> {
     let centre = median(&mut means.to_vec());
     let squares: Vec<f64> = means.iter().map(|mean| (mean - centre).powi(2)).collect();
     // Robust estimate of the variance between rests: with this value, half of the rests have a deviation of less than
-    // `MEDIAN_SIZE` standard deviations, as normal variables have.
+    // `MEDIAN_SIZE` standard deviations, as is true of normal variables.
     let excess = |(square, variance): (&f64, &f64)| square / MEDIAN_SIZE.powi(2) - variance;
     let between = median(&mut squares.iter().zip(variances).map(excess).collect::<Vec<f64>>()).max(0.0);
     let typical = median(&mut variances.to_vec()) + between;
