@@ -50,7 +50,7 @@ ARGUMENTS: Final = {
 
 
 def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PREFIX) -> Written:
-    """The C header. It omits user-defined effects whose fields are Python functions."""
+    """Write the C header. User-defined effects that are Python functions are left out; formulas are written."""
     formulas = [own for own in calibration.user_effects if isinstance(own, FormulaEffect)]
     known = {*FIELDS, *(own.name for own in formulas)}
     effects = [values for values in calibration.effects if values.name in known]

@@ -2,8 +2,8 @@
 //! effects.
 //!
 //! ```text
-//! raw_force = T_A (force + effects) + b_A      m/s^2
-//! raw_rate  = T_G (rate  + effects) + b_G      rad/s
+//! raw_force = T_A (force + effects) + b_A      force and effects in m/s^2
+//! raw_rate  = T_G (rate  + effects) + b_G      rate and effects in rad/s
 //! ```
 //!
 //! Effects are errors that sensitivity and bias do not describe. Effects on the encoders of a stand are ignored here,

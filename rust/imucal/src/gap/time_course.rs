@@ -265,8 +265,10 @@ fn log_determinant(factor: faer::MatRef<'_, f64>) -> f64 {
     2.0 * (0..factor.nrows()).map(|i| factor[(i, i)].ln()).sum::<f64>()
 }
 
-/// Returns three lists of start values for the states of the epochs. The deviations are projected on their principal
-/// direction, and a threshold divides the projections into the states 0 and 1. Each list uses another threshold.
+/// Start values for a bias that switches between two states, 0 and 1: returns three lists with a state for each epoch.
+/// `x` contains the deviation of the bias in each epoch, first along x, then along y, then along z. The deviations are
+/// projected on their principal direction, and a threshold divides the projections into the two states. Each of the
+/// three lists results from another threshold.
 fn starts_of(x: &[f64]) -> Vec<Vec<f64>> {
     let n = x.len() / 3;
     let at = |k: usize| Vector3::new(x[k], x[n + k], x[2 * n + k]);

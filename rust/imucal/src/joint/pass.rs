@@ -122,7 +122,8 @@ pub(crate) struct Route<'a> {
     pub(crate) width: &'a Width,
     /// Duration of a block inside the move, s.
     pub(crate) block_s: f64,
-    /// Whether blocks inside the move are requested, or only the rotation over the whole move.
+    /// Whether the blocks inside the move are requested, each with its mean attitude and mean force. Otherwise, only the
+    /// rotation over the whole move is requested.
     pub(crate) has_blocks: bool,
     /// Rotation over the move and the integrals from which its Jacobian is computed. They are from preintegration
     /// without effects; `None` if they are not yet known. They are not used if blocks are requested.

@@ -1,4 +1,5 @@
-//! Excess scatter of the mean rates between rests, beyond their noise (model.md (19)).
+//! Estimates by how much the mean rates of the rests differ from rest to rest beyond their noise: the excess scatter
+//! (model.md (19)).
 //!
 //! ```text
 //! sum_i z_i^2 / (1 + s lambda_i) = free,     N^-1/2 C N^-1/2 = Q Lambda Q^T,   z = Q^T N^-1/2 r

@@ -120,8 +120,8 @@ impl Segments {
         // gravity disables the tilt check.
         let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };
         let block_s = block_samples as f64 * dt_s;
-        // A rest counts as long only if it has at least as many blocks as a window. This limit is needed because a
-        // block may last minutes at very low sampling rates.
+        // Smallest number of blocks of a long rest: those of LONG_REST_S, but at least those of a window, because at
+        // very low sampling rates a block may be longer than LONG_REST_S.
         let long_blocks = ((LONG_REST_S / block_s).round() as usize).max(WINDOW_BLOCKS);
         let still: Vec<_> = still
             .iter()

@@ -187,8 +187,8 @@ impl Levels {
 pub(super) mod tests {
     use super::*;
 
-    /// Simulates one rest of 300 samples for each true mean in `means`, and returns the expected numbers of samples at
-    /// each level. Means and the standard deviation `noise` are in steps.
+    /// For each true mean in `means`, computes how many of the 300 samples of a rest are expected at each level. Means
+    /// and the standard deviation `noise` are in steps.
     pub(in crate::rounding) fn levels(means: &[f64], noise: f64) -> Vec<Levels> {
         let of_mean = |&mean: &f64| {
             let beyond = |distance: f64| 0.5 * erfc(distance / (SQRT_2 * noise));
