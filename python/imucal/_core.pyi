@@ -1,4 +1,4 @@
-"""Types of the compiled library. Public functions and classes of `imucal` wrap these."""
+"""Type stubs of the compiled library, which the public functions and classes of `imucal` call."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol, TypeAlias, final

@@ -1,9 +1,9 @@
 """Conversion of data frames to recordings and of recordings to Arrow tables.
 
-The class `Recording` must not import the readers of file formats. It therefore calls the functions of this
-module. A data frame is any object with the Arrow PyCapsule interface (`__arrow_c_stream__`), for example of
-pandas, polars, pyarrow or DuckDB. The package `imucal` registers the name of the module that converts data
-frames (`register`). The registered module is loaded when the first data frame is used.
+The class `Recording` calls these functions, because it must not import the readers of file formats, which
+also read data frames. A data frame is any object with the Arrow PyCapsule interface (`__arrow_c_stream__`),
+for example of pandas, polars, pyarrow or DuckDB. The package `imucal` registers the name of the module that
+converts data frames (`register`). The registered module is loaded when the first data frame is used.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ def is_frame(given: Any) -> bool:
 
 
 def recording_of(frame: Any) -> Any:
-    """A data frame, whose columns have the canonical names, as a Recording."""
+    """Convert a data frame, whose columns have names such as accel_x_mps2, to a Recording."""
     return _converter().read_frame(frame)
 
 
 def table_of(recording: Any) -> Any:
-    """The columns of a recording as a table of pyarrow."""
+    """Convert the columns of a recording to a pyarrow table."""
     return _converter().to_table(recording)
 
 

@@ -1,4 +1,4 @@
-"""Findings: results of the checks of a recording."""
+"""Findings: the faults that the checks of a recording report."""
 
 from __future__ import annotations
 

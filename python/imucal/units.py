@@ -163,12 +163,12 @@ def significant(value: float, digits: int) -> str:
 
 
 def si(name: str, unit: str) -> Scale:
-    """The scale of a parameter in a table in SI units, where the value is shown unchanged."""
+    """The Scale that shows a parameter unchanged, in its SI unit `unit`; `name` has no effect."""
     return Scale(1.0, unit)
 
 
 def datasheet(name: str, unit: str) -> Scale:
-    """The scale of a parameter in a table in the units of datasheets.
+    """The Scale that shows a parameter in the unit that datasheets use.
 
     name   the parameter; the diagonal of a sensitivity in SI units is shown as its difference from 1
     unit   unit of the parameter: an SI unit, or a unit with counts (lsb)

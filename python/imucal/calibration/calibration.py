@@ -3,8 +3,8 @@
     measured = T (true + effects(true)) + bias
     corrected = T^-1 (measured - bias) - effects(corrected)
 
-for the accelerometer and for the gyroscope; T is `sensitivity`, the product of scale factors and
-misalignment. Without effects (`imucal.effects`), corrected = T^-1 (measured - bias).
+Both equations hold for the accelerometer and for the gyroscope. T is `sensitivity`, the product of scale
+factors and misalignment. Without effects (`imucal.effects`), corrected = T^-1 (measured - bias).
 """
 
 from __future__ import annotations
@@ -104,8 +104,9 @@ class Calibration(SensorModel):
     def judged(self) -> tuple[Verdict, tuple[str, ...]]:
         """The verdict with its reasons.
 
-        The verdict is poor if the figures of merit fail the criterion of `poor_figures`, even if the file
-        states a better verdict or no verdict. Files of older versions state no verdict.
+        The verdict is poor if the figures of merit (chi2, numbers of rests and moves) fail the criterion of
+        `imucal.calibration.figures.poor_figures`, even if the file states a better verdict or no verdict.
+        Files of older versions state no verdict.
         """
         sets = (self.calibration_set, self.control_set)
         return saved_verdict(self.verdict, self.reasons, *sets, has_gyroscope=self.gyroscope is not None)

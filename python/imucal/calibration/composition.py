@@ -59,7 +59,7 @@ DELAY: Final = "gyro_time_offset"
 
 
 def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...] = ()) -> Calibration:
-    """The calibration that corrects raw samples as `first` followed by `second`.
+    """Compose two calibrations into one that corrects raw samples as `first` followed by `second`.
 
     second   estimated on recordings that `first` has corrected (`imucal apply`)
     files    the files of the two calibrations, which are recorded in the provenance of the result
@@ -107,8 +107,8 @@ def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...
 
 
 def _require_composable(first: Calibration, second: Calibration) -> None:
-    # Raw counts of the gyroscope in the second calibration are an error only if both calibrations have a
-    # gyroscope.
+    # The gyroscope of the second calibration may expect raw counts if the first has no gyroscope, because
+    # the result then takes this gyroscope unchanged.
     gyro_is_raw = second.gyro_unit == "lsb" and None not in (first.gyroscope, second.gyroscope)
     if second.accel_unit == "lsb" or gyro_is_raw:
         both = "lsb" in (first.accel_unit, first.gyro_unit)
@@ -174,7 +174,7 @@ def _product(first: Triad, sensitivity: FloatArray, bias: FloatArray) -> Triad:
 
 
 def _along(triad: Triad, axes: FloatArray) -> Triad:
-    """The triad that corrects samples before axis remapping; `axes` is the matrix of the remapping."""
+    """The triad for samples before axis remapping by `axes` (3, 3), from `triad` for samples after it."""
     return Triad(axes.T @ triad.sensitivity, axes.T @ triad.bias)
 
 
@@ -250,7 +250,10 @@ def _together(first: list[EffectValues], second: tuple[EffectValues, ...]) -> tu
 
 
 def _covariance(first: Calibration, second: Calibration) -> tuple[FloatArray | None, tuple[str, ...]]:
-    """The covariance of the result and the names of its parameters; None if `second` has no covariance."""
+    """The covariance of the composed calibration, and the names of the parameters in this covariance.
+
+    The covariance is None if `second` has no covariance.
+    """
     from_second, from_first = known_covariance(second), known_covariance(first)
     names = [parameter.name for parameter in _composed(first, second).parameters]
     if from_second is None:
@@ -280,7 +283,7 @@ def _covariance(first: Calibration, second: Calibration) -> tuple[FloatArray | N
 def _temperature_range(first: Calibration, second: Calibration) -> tuple[float, float] | None:
     """The temperature range in which the thermal effects of both calibrations are valid.
 
-    If no calibration has thermal effects, the result is the range of `second`.
+    If neither calibration has thermal effects, the result is the range of `second`.
     """
     ranges = [
         calibration.temperature_range_degc

@@ -127,7 +127,7 @@ def _float64(samples: SampleArray | None) -> FloatArray | None:
 def empty_samples(
     raw: Recording, corrected: Recording
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Two masks: samples that lack a rate or a force, and complete samples that could not be corrected."""
+    """Return two masks: samples without rate or force, and complete samples that could not be corrected."""
 
     def is_complete(recording: Recording) -> npt.NDArray[np.bool_]:
         there = [rows for rows in (recording.angular_rate, recording.specific_force) if rows is not None]
@@ -205,8 +205,9 @@ def _require_derivative(recording: Recording, name: str) -> None:
 def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     """Subtract the contributions of the user-defined effects from a raw recording.
 
-    The function of each effect receives a State. The angular acceleration and the time since the last motion
-    in this State are computed from the rate that is corrected for the effects of the catalogue only.
+    The function of each effect receives a State, the motion and temperature at each sample. The angular
+    acceleration and the time since the last motion in this State are computed from the rate that is corrected
+    for the effects of the catalogue only.
 
     Raises InputError if a definition is missing or the iteration does not converge.
     """
@@ -265,7 +266,7 @@ def _added(own: list[tuple[UserEffect, EffectValues]], state: State) -> tuple[Fl
 def _rounded_size(triad: Triad, raw: SampleArray) -> FloatArray:
     """Magnitude of the terms whose sum is a corrected sample, (N, 3), SI units.
 
-    The rounding error of the sample is proportional to it.
+    The rounding error of the sample is proportional to this magnitude.
     """
     inverse = np.abs(np.linalg.inv(triad.sensitivity))
     # Counts are converted to float64 before the absolute value is taken, because the absolute value of -32768

@@ -1,16 +1,16 @@
-"""Parameters that differ significantly between two calibrations.
+"""Comparison of two calibrations: tests whether their parameters differ significantly.
 
     difference = b - a,    covariance = covariance of a + covariance of b
 
 a and b are the parameters of the two calibrations. For an unchanged unit the difference has this covariance,
 because the errors of the two recordings are independent. There are two tests, each with half of the false
-alarm rate that `sigmas` sets. The first test is applied to every single parameter, with Bonferroni's
-correction. The second test is a chi2 test of all parameters together, which detects small changes of many
-parameters.
+alarm rate that the argument `sigmas` of `diff` sets. The first test is applied to every single parameter,
+with Bonferroni's correction. The second test is a chi2 test of all parameters together, which detects small
+changes of many parameters.
 
-Calibrations in different body frames or with different axes are compared in the symmetric frame and before
-axis remapping. A parameter without a standard deviation, as in a calibration of another program, is listed
-and not tested.
+Calibrations in different body frames or with different axes are compared in the symmetric frame (in which
+the accelerometer's sensitivity is symmetric) and before axis remapping. A parameter without a standard
+deviation, as in a calibration of another program, is listed and not tested.
 """
 
 from __future__ import annotations
@@ -288,7 +288,7 @@ def _without_std(before: Calibration, after: Calibration, names: list[str]) -> l
 
 
 def _names(before: Calibration, after: Calibration) -> tuple[list[str], list[str]]:
-    """All parameters and their units, without time constants (shapes) of effects that only one file has."""
+    """Names and units of all parameters, without time constants (shapes) of effects that one file lacks."""
     both = {values.name for values in before.effects} & {values.name for values in after.effects}
     units: dict[str, str] = {}
     for calibration in (before, after):
@@ -321,7 +321,7 @@ def _covariance(calibration: Calibration, names: list[str]) -> FloatArray:
 
 
 def _joint(change: FloatArray, covariance: FloatArray) -> tuple[float, int]:
-    """chi2 of all parameters, and its degrees of freedom, which are the rank of the covariance."""
+    """chi2 of the differences `change`, and its degrees of freedom, which are the rank of `covariance`."""
     std = np.sqrt(np.diag(covariance))
     known = std > 0
     if not known.any():

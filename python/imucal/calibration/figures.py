@@ -28,7 +28,8 @@ class Figures:
 
     chi2_per_dof               chi2 per degree of freedom of the residuals at the rests and after the moves;
                                1 is expected from noise alone. None if samples could not be corrected
-    gravity_norm_rms_mps2      rms of the norm of gravity at a rest minus local gravity, m/s^2
+    gravity_norm_rms_mps2      rms difference between the norm of gravity measured at the rests and local
+                               gravity, m/s^2
     gravity_direction_rms_deg  rms angle between the gravity direction that the gyroscope propagates over a
                                move and the direction measured after the move, deg
     rests, moves               numbers of rests and moves that are used; an accelerometer alone has no moves
@@ -68,7 +69,7 @@ def poor_figures(name: str, figures: Figures, *, has_gyroscope: bool = True) -> 
 
 
 def _count(number: float) -> int:
-    """A number of rests or moves as an integer.
+    """Convert a number of rests or moves to an integer.
 
     It is 0 for an invalid number, which a file of another program may contain.
     """

@@ -76,7 +76,7 @@ OTHERS: Final = (
 def document_of(
     model: SensorModel, parameters: Sequence[Parameter], others: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The fields of the calibration file.
+    """The document (a dictionary of plain values) that the calibration file contains.
 
     parameters  the parameters of the model, with standard deviations
     others      the fields of a Calibration that SensorModel does not have, by name
@@ -148,7 +148,7 @@ def _effects_table(model: SensorModel, parameters: Sequence[Parameter]) -> list[
 
 
 def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, Any]:
-    """The fields of a Calibration, by name, from its document.
+    """Read the fields of a Calibration, by name, from its document.
 
     Raises FormatError that names an invalid field, and InputError for values that Triad or UserEffect
     refuses.
@@ -269,7 +269,7 @@ def _require_reference_temperature(node: Node) -> None:
 
 
 def _effect(node: Node, user_effects: Mapping[str, UserEffect]) -> tuple[EffectValues, Effect | UserEffect]:
-    """The values of an effect in the file, and the definition of this effect."""
+    """Read the values of an effect from the file, and find the definition of this effect."""
     name = node.get("name").text()
     known = {effect.name: effect for effect in catalogue()}
     effect: Effect | UserEffect
@@ -303,7 +303,7 @@ def _number(node: Node, parameter: EffectParameter) -> float:
 
 
 def _stored_definition(node: Node) -> UserEffect:
-    """The definition of a user-defined effect from a file.
+    """Read the definition of a user-defined effect from a file.
 
     If a formula defines the effect, the definition is complete. Otherwise it lacks the Python function.
     """

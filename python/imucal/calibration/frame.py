@@ -53,7 +53,7 @@ INVARIANT: Final = frozenset({"gyro_time_offset", "earth_rate"})
 
 
 def in_frame(calibration: Calibration, frame: Frame) -> Calibration:
-    """The calibration in the frame "symmetric" or "triangular", with its covariance.
+    """Convert a calibration and its covariance to the frame "symmetric" or "triangular".
 
     Raises InputError for effects that are defined along the axes of their body frame, such as nonlinear
     scales, and for left-handed accelerometer axes.
@@ -88,7 +88,7 @@ def in_frame(calibration: Calibration, frame: Frame) -> Calibration:
 
 
 def for_columns(calibration: Calibration) -> Calibration:
-    """The calibration for raw samples in the columns of the recordings, before axis remapping.
+    """Convert a calibration to one for raw samples in the columns of the recordings, before axis remapping.
 
     The body frame does not change, so the sensitivity is no longer symmetric or triangular and the frame is
     "given".
@@ -119,7 +119,7 @@ def is_added(model: SensorModel, values: EffectValues) -> bool:
 
 
 def rotated_effect(model: SensorModel, values: EffectValues, rotation: FloatArray) -> EffectValues:
-    """An effect in another body frame, v' = rotation v.
+    """Convert an effect to another body frame, in which a vector v has the components rotation v.
 
     Raises InputError if the effect cannot be expressed in the other frame.
     """

@@ -46,13 +46,13 @@ def parameter_row(parameter: Parameter, units: Units = datasheet) -> ParameterRo
 
 
 def sigma_text(std: float) -> str:
-    """A standard deviation with two significant digits."""
+    """Format a standard deviation with two significant digits."""
     decimals = _decimals(std)
     return f"{std:.{SIGMA_DIGITS - 1}e}" if decimals is None else f"{std:.{decimals}f}"
 
 
 def difference_text(value: float, std: float | None) -> str:
-    """A value with the number of decimals of its standard deviation."""
+    """Format a value with as many decimals as its standard deviation `std` has."""
     decimals = None if std is None else _decimals(std)
     return f"{value:.{VALUE_DIGITS}g}" if decimals is None else f"{value:.{decimals}f}"
 

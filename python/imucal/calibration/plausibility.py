@@ -130,7 +130,7 @@ def _require_range(node: Node, triad: Triad, sensor: str, unit: str) -> None:
 
 
 def require_gravity(node: Node) -> float:
-    """Local gravity, m/s^2. Raises FormatError if it occurs nowhere on Earth."""
+    """Read local gravity, m/s^2. Raises FormatError if this gravity occurs nowhere on Earth."""
     gravity, (low, high) = node.number(), _core.GRAVITY_ON_EARTH_MPS2
     if not low <= gravity <= high:
         raise FormatError(
@@ -140,7 +140,7 @@ def require_gravity(node: Node) -> float:
 
 
 def require_temperature_range(node: Node) -> tuple[float, float] | None:
-    """The lowest and the highest temperature, degC.
+    """Read the lowest and the highest temperature, degC.
 
     Raises FormatError if the order of the two temperatures is reversed, or if one of them is impossible.
     """
@@ -162,7 +162,7 @@ def require_temperature_range(node: Node) -> tuple[float, float] | None:
 
 
 def require_noise(node: Node) -> dict[str, float]:
-    """The noise figures.
+    """Read the noise figures, such as noise densities, by name.
 
     Raises FormatError for an unknown name, a missing axis, or noise that no sensor has.
     """

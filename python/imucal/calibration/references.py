@@ -106,7 +106,7 @@ class References:
 
     @staticmethod
     def of_file(node: Node) -> References:
-        """The references in a calibration file. Older files and files of other programs may have none.
+        """Read the references in a calibration file. Older files and files of other programs may have none.
 
         Raises FormatError if gravity in the file differs from normal gravity at its latitude and height.
         """
@@ -150,7 +150,7 @@ def references_of(
     latitude_deg: float | None,
     height_m: float | None,
 ) -> tuple[float, References]:
-    """Local gravity, m/s^2, and the references, from the arguments of `calibrate`.
+    """Derive local gravity, m/s^2, and the references from the arguments of `calibrate`.
 
     Raises InputError for arguments that contradict each other or lie outside their range.
     """

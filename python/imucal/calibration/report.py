@@ -50,8 +50,9 @@ TERMINATIONS: Final = (
 VERSION: Final = (
     r"[0-9]+(\.[0-9]+)*((a|b|rc)[0-9]+)?(\.post[0-9]+)?(\.dev[0-9]+)?(-[0-9A-Za-z.]+)?(\+[0-9A-Za-z.]+)?"
 )
-# Accepted difference between a chi2 or p-value in the file and the recomputed one, because the file may be
-# rounded.
+# Accepted difference between a p-value in the file and the p-value that follows from its chi2, because the
+# file may be rounded. For the test statistics of effects, the reciprocal is the largest condition number of
+# the correlation matrix at which a statistic is recomputed.
 STATISTIC_ROUNDING: Final = 1e-4
 
 
@@ -133,7 +134,10 @@ def _require_report(node: Node) -> None:
 
 
 def _require_scales(node: Node) -> None:
-    """Raise FormatError unless the field `inflation` of the joint fit is the largest value in `scales`."""
+    """Raise FormatError if the report of the joint fit contains contradictory inflation factors.
+
+    `scales` has one factor per kind of residual, and `inflation` must be the largest of them.
+    """
     scales = node.get("scales")
     known = [scales.get(name) for name in SCALES if scales.get(name).value is not None]
     for scale in known:
@@ -224,7 +228,7 @@ def _require_statistic(
 
 
 def _require_threshold(node: Node) -> None:
-    """Raise FormatError if a threshold of rest detection is outside the range that gives the same rests."""
+    """Raise FormatError if a rest detection threshold is outside the range that gives the same rests."""
     numbers = {}
     for name in ("factor", "stable_from", "stable_to", "window_s"):
         item = node.get(name)
@@ -262,7 +266,7 @@ def _require_range(node: Node, low: float, high: float) -> float:
 
 
 def require_sha256(node: Node) -> str:
-    """A hash of a file. Raises FormatError for any other text."""
+    """Read a SHA-256 of 64 hexadecimal digits. Raises FormatError for any other text."""
     text = node.text()
     if not re.fullmatch("[0-9a-f]{64}", text):
         raise FormatError(

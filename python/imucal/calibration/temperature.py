@@ -28,8 +28,8 @@ def temperature_range(recordings: Sequence[Recording]) -> tuple[float, float] | 
 def extrapolation(calibration: Calibration, seen_degc: tuple[float, float] | None) -> str | None:
     """A sentence about a recording whose lowest or highest temperature is outside the range of a calibration.
 
-    None within the range, if the temperatures or the range are unknown, and if no effect of the calibration
-    depends on the temperature.
+    Returns None if both temperatures are within the range, if the temperatures or the range are unknown, and
+    if no effect of the calibration depends on the temperature.
     """
     known, effects = calibration.temperature_range_degc, calibration.temperature_effects
     if seen_degc is None or known is None or not effects:

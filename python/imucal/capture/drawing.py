@@ -73,7 +73,11 @@ class _Canvas:
 
 
 def draw(attitude: FloatArray, columns: int, lines: int) -> Text:
-    """The unit in an attitude, body to world, (3, 3), seen from the front right and above."""
+    """Draw the unit as seen from the front right and above.
+
+    attitude         rotation matrix, body to world, (3, 3)
+    columns, lines   size of the drawing, in characters
+    """
     canvas = _Canvas(max(columns, 4), max(lines, 2))
     for axis in range(3):
         for sign in (-1.0, 1.0):

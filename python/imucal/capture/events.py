@@ -1,4 +1,4 @@
-"""Events of a guided recording, and the state that its views show."""
+"""Events of a guided recording, and the state of the recording for the display in a terminal."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The recording of a capture on disk: a CSV file to which rows are appended, and which is always valid.
+"""The file of a guided recording (a capture): a CSV file that grows by rows and is valid at any time.
 
-The file OUT.csv.capture next to OUT.csv marks the recording as unfinished. It is removed at the end. While
-this file exists, the same command continues the recording.
+The marker file OUT.csv.capture next to OUT.csv marks the recording as unfinished. It is removed at the end.
+While the marker file exists, the same command continues the recording.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ class CaptureFile:
 
 
 def _require_same(path: Path, marker: Path, document: Mapping[str, Any]) -> None:
-    """Raises InputError unless the file is an unfinished recording whose marker file has the same fields."""
+    """Raises InputError unless `path` is an unfinished recording whose marker has the fields `document`."""
     if not marker.exists():
         raise InputError(
             f"{path} exists: give another file; an unfinished recording is continued, a finished is not"

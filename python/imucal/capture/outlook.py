@@ -62,7 +62,7 @@ class Outlook:
         }
 
     def change(self, before: Outlook) -> str:
-        """A text on how the last pose has changed the predicted standard deviations since `before`."""
+        """Describe the change of the predicted standard deviations since the earlier prediction `before`."""
         parts = []
         for group, size in self.worst.items():
             old = before.worst.get(group)
@@ -89,7 +89,7 @@ class Outlook:
 
 
 def outlook_of(recording: Recording, gravity_mps2: float, before: Outlook | None = None) -> Outlook:
-    """The standard deviations that the parameters of a calibration from this recording would have.
+    """Predict the standard deviations that the parameters of a calibration from this recording would have.
 
     before   the prediction for the recording without its last pose
     """

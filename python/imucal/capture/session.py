@@ -74,8 +74,8 @@ class Order:
     """Requirements on a guided recording.
 
     hold_s        time for which a pose is held, s
-    poses         number of poses; None for one pose per direction in `directions`, or without directions for
-                  18 poses, or 9 poses if there are targets
+    poses         number of poses. None means one pose per direction in `directions`. Without directions, it
+                  means 18 poses, or at least 9 poses if there are targets
     targets       largest permitted standard deviation of each group of parameters, as in `imucal.plan`
     directions    up directions in the body frame, in order; None: the faces, edges and corners of a box
     gravity_mps2  local gravity, m/s^2

@@ -82,7 +82,7 @@ def look(recording: Recording, gravity_mps2: float) -> Sight:
 
 
 def _force(recording: Recording) -> FloatArray:
-    """Specific force, (N, 3).
+    """The specific force of a recording in its raw unit, (N, 3), as float64.
 
     Unsigned counts are shifted by half of their range, so that zero force is at zero.
     """

@@ -56,7 +56,7 @@ TEXTS: Final = {"explanation", "message", "missing", "notes", "reasons", "warnin
 
 
 def as_typed(text: str) -> str:
-    """A message in which names of Python arguments are replaced by command line options."""
+    """Replace the names of Python arguments in a message by command line options."""
     return ASSIGNED.sub(_option, text)
 
 
@@ -78,7 +78,7 @@ def _option(found: re.Match[str]) -> str:
 
 
 def document_as_typed(document: Mapping[str, Any]) -> dict[str, Any]:
-    """A document whose messages name command line options instead of Python arguments."""
+    """Replace the names of Python arguments in all messages of a document by command line options."""
     return {name: _typed(value) if name in TEXTS else _nested(value) for name, value in document.items()}
 
 

@@ -548,7 +548,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
     },
 }
-# Kind of each code, by the heading of its group. Codes under headings that are not listed here are errors.
+# Kind of the codes under a heading. Other codes are errors, except `WARNINGS` and `ERRORS_OR_WARNINGS`.
 KIND_OF_GROUP: Final = {
     "Reading files": "warning",
     "Verdict poor": "reason",
@@ -556,7 +556,7 @@ KIND_OF_GROUP: Final = {
     "Diagnosis of a fit": "warning",
     "Noise of a unit at rest": "warning",
 }
-# Codes in other groups that are warnings: imucal computes a result in spite of the fault.
+# Warnings under the other headings: imucal computes a result in spite of the fault.
 WARNINGS: Final = (
     "noise_below_lsb",
     "gyro_common_gain",
@@ -625,7 +625,7 @@ def code_text(code: str) -> str | None:
 
 
 def _plain(text: str) -> str:
-    """Text without Markdown markup."""
+    """Remove the Markdown markup from a text."""
     return re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text).replace("`", "")
 
 

@@ -1,4 +1,7 @@
-"""Shell completion of names given as arguments: `imucal --install-completion`."""
+"""Shell completion of arguments, such as names of effects; `imucal --install-completion` installs it.
+
+Each function returns the possible values that begin with the text `incomplete`.
+"""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ __all__ = ["prepare_folder"]
 
 
 def prepare_folder(folder: Path, files: Sequence[str]) -> None:
-    """Create the folder, or overwrite an earlier demonstration, which contains all of `files`.
+    """Create the folder. A folder with all of `files` is an earlier demonstration and may be overwritten.
 
     Raises InputError if the folder cannot be created. Also raises InputError if the folder contains only some
     of `files`, because these files may be recordings of real units.

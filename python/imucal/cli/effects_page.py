@@ -1,4 +1,4 @@
-"""The page docs/effects.md, from the catalogue."""
+"""Text of the page docs/effects.md, which is generated from the catalogue of effects."""
 
 from __future__ import annotations
 
@@ -176,6 +176,6 @@ def _cell(text: str) -> str:
 
 
 def size(parameter: EffectParameter | DisturbanceParameter) -> str:
-    """The typical size with its unit."""
+    """The typical size of a parameter, as text with its unit."""
     unit = "" if parameter.unit == "1" else f" {parameter.unit}"
     return f"{parameter.typical:.3g}{unit}"

@@ -21,7 +21,7 @@ WORD: Final = re.compile(r"(?:'[^']*'|\S)+")
 
 
 def pasteable(text: str | None) -> str | None:
-    """A help text whose examples are broken into lines and protected from re-wrapping."""
+    """Break the examples in a help text into lines, and protect them from re-wrapping."""
     if text is None:
         return None
     return "\n\n".join(
@@ -31,7 +31,7 @@ def pasteable(text: str | None) -> str | None:
 
 
 def _broken(example: str) -> str:
-    """An example broken into lines, with each option and its value on one line."""
+    """Break an example into lines, with each option and its value on one line."""
     pieces: list[str] = []
     for word in WORD.findall(example):
         if pieces and pieces[-1].startswith("-") and " " not in pieces[-1] and not word.startswith("-"):

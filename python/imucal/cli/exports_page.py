@@ -1,4 +1,4 @@
-"""The section of docs/formats.md on files that makers' programs and apps export."""
+"""The section of docs/formats.md on files that are exported by programs of sensor makers and by apps."""
 
 from __future__ import annotations
 

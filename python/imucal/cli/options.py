@@ -49,7 +49,7 @@ __all__ = [
     "writing_option",
 ]
 
-# Heading in the help of the options for printed and written output.
+# Heading above the options for printed and written output in the help.
 OUTPUT: Final = "Output"
 # Heading of the options for gravity and the clock.
 REFERENCES: Final = "Gravity and clock"

@@ -63,7 +63,7 @@ def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str
 
     It is called before any work is done.
 
-    inputs    input files of the command, including names of built-in objects
+    inputs    input files of the command; may include names of built-in units and stands
     outputs   output files by option; "-" is standard output
     """
     taken = {os.path.realpath(path): "" for path in inputs if path is not None}

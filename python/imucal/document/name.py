@@ -1,9 +1,9 @@
 """Rules for names of units, operators, effects and columns, and for serial numbers.
 
-Names appear in tables, file names, pages, and in the YAML, XML, C and Rust of other programs. A name is one
-line of printable characters. Line separators, control characters and marks that reverse the direction of text
-could otherwise start a new line or hide part of a line. File names are not restricted, so they are shown with
-escapes.
+Names appear in tables, file names, pages, and in YAML, XML, C and Rust files for other programs. A name is
+one line of printable characters. Line separators, control characters and marks that reverse the direction of
+text could otherwise start a new line or hide part of a line. File names are not restricted, so they are shown
+with escapes.
 """
 
 from __future__ import annotations

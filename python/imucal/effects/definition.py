@@ -139,7 +139,7 @@ class UserEffect:
 
 
 def by_name(user_effects: Iterable[UserEffect]) -> dict[str, UserEffect]:
-    """User-defined effects by name. Raises InputError for any other type."""
+    """User-defined effects by name. Raises InputError for another type, and if two effects have one name."""
     found = {}
     for effect in user_effects:
         if not isinstance(effect, UserEffect):
@@ -177,7 +177,7 @@ def check_values(effect: Effect | UserEffect, values: EffectValues) -> None:
 
 
 def named_numbers(effect: Effect | UserEffect, values: EffectValues) -> list[tuple[EffectParameter, float]]:
-    """Each parameter with its value, the shape last."""
+    """Pair each parameter with its value; the shape (such as a time constant) comes last."""
     numbers = list(zip(effect.parameters, values.values.tolist(), strict=False))
     if effect.shape is not None and values.shape is not None:
         numbers.append((effect.shape, float(values.shape)))

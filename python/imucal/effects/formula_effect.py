@@ -1,4 +1,4 @@
-"""Effects that a formula defines, see `imucal.effects.formula`."""
+"""Effects defined by a formula such as `gyro: k * (supply_v - 3.3)`, see `imucal.effects.formula`."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {
 
 @dataclass(frozen=True, eq=False)
 class FormulaEffect(UserEffect):
-    """A user-defined effect whose field is a formula.
+    """A user-defined effect whose field (the error per unit of each parameter) is computed by a formula.
 
-    Files contain the formula, so commands can apply the effect.
+    Calibration files contain the formula, so commands can apply the effect without a Python function.
 
     formula  the parsed formula
     """
@@ -65,7 +65,7 @@ class FormulaEffect(UserEffect):
     def of(
         text: str, *, columns: Collection[str] = (), typical: Sequence[float] | None = None, name: str = ""
     ) -> FormulaEffect:
-        """The effect of a formula such as "gyro: k * (supply_v - 3.3)".
+        """Make the effect that a formula such as "gyro: k * (supply_v - 3.3)" defines.
 
         columns  names of the further columns of the recordings that the formula may depend on
         typical  typical size of each parameter in its SI unit; 1 if not given
@@ -84,7 +84,7 @@ class FormulaEffect(UserEffect):
 
     @staticmethod
     def stored(text: str, name: str, parameters: Sequence[EffectParameter]) -> FormulaEffect:
-        """The effect of a formula in a file.
+        """Make the effect that a formula in a file defines.
 
         Names in the formula that are not among `parameters` or the inputs are columns.
 
@@ -127,7 +127,7 @@ class FormulaEffect(UserEffect):
 
 
 def formula_effects(texts: Sequence[str], recordings: Sequence[Recording]) -> tuple[FormulaEffect, ...]:
-    """The effects that the formulas `texts` define.
+    """Make the effects that the formulas `texts` define.
 
     The typical sizes of their parameters are computed from the motion in `recordings`.
 
@@ -147,7 +147,7 @@ def formula_effects(texts: Sequence[str], recordings: Sequence[Recording]) -> tu
 
 @dataclass(frozen=True, eq=False)
 class _Field:
-    """Callable that evaluates the field of a formula, (N, 3, p), at a state."""
+    """Callable that computes from a State the error per unit of each parameter of a formula, (N, 3, p)."""
 
     formula: Formula
 
@@ -249,7 +249,7 @@ def sizes_of(effect: FormulaEffect, fields: Sequence[FloatArray]) -> list[float]
 
 
 def _rough_state(recording: Recording) -> State:
-    """The approximate true state, computed from uncorrected samples.
+    """Approximate the true state by uncorrected samples.
 
     Counts are scaled such that the median force is standard gravity and the largest rate is `TURN_RADPS`.
     """

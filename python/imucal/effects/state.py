@@ -1,4 +1,4 @@
-"""The true state (rate, force, temperature, ...) at each sample, on which the fields of effects depend."""
+"""The true state (rate, force, temperature, ...) at each sample, on which the errors of effects depend."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOVING_RADPS: Final = 0.1
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The true state at N samples, from which effects compute their fields. An unknown quantity is None.
+    """The true state at N samples, from which errors of effects are computed. Unknown quantities are None.
 
     angular_rate          (N, 3)  body frame, rad/s
     specific_force        (N, 3)  body frame, m/s^2
@@ -88,7 +88,8 @@ class State:
     ) -> State:
         """The state at each sample of a recording with the given true rate and force.
 
-        If `angular_acceleration` is None, it is computed as the derivative of the rate; NaN for one sample.
+        If `angular_acceleration` is None, it is computed as the derivative of the rate, or is NaN if the
+        recording has only one sample.
         """
         rate, force = as_rows(angular_rate, "angular_rate", 3), as_rows(specific_force, "specific_force", 3)
         if angular_acceleration is None:

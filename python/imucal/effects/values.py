@@ -1,5 +1,7 @@
 """Parsing of the values of effects in arguments, on the command line and in files.
 
+Forms of an argument:
+
 {"gyro_g_sensitivity": 1e-4}                                   all parameters equal
 {"gyro_bias_drift": [1e-6, 0, 0]}                              one value per parameter, in catalogue order
 {"gyro_bias_warmup": {"values": [1e-3, 0, 0], "shape": 100.0}}
@@ -36,7 +38,7 @@ Definition: TypeAlias = Effect | UserEffect | Disturbance
 def give_effects(
     effects: Mapping[str, EffectInput] | Iterable[EffectValues], user_effects: Sequence[UserEffect] = ()
 ) -> tuple[EffectValues, ...]:
-    """The values of effects, noise and faults that are given by name.
+    """Convert an argument with effects, noise and faults, in one of the forms above, to their values.
 
     Raises InputError for an unknown name and for values that do not match the definition of the effect.
     """
@@ -84,7 +86,7 @@ def effects_to_list(effects: Iterable[EffectValues]) -> list[dict[str, Any]]:
 
 
 def effects_of(node: Node, user_effects: Sequence[UserEffect] = ()) -> tuple[EffectValues, ...]:
-    """The effects in a list of a file, from the catalogue or user-defined.
+    """Read a list of effects, from the catalogue or user-defined, in a file.
 
     Raises FormatError with the name of an invalid effect.
     """

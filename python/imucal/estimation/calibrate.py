@@ -257,7 +257,7 @@ def result_of(
     serial_number: str | None = None,
     references: References | None = None,
 ) -> CalibrationResult:
-    """The CalibrationResult from the outcome of the compiled library.
+    """Convert the outcome of the compiled library to a CalibrationResult.
 
     own    the user-defined effects that were estimated
     found  the evaluation on the control recordings `judges`; None without control recordings
@@ -340,7 +340,7 @@ def _effects(outcome: _core.Outcome) -> tuple[EffectValues, ...]:
 def _names(outcome: _core.Outcome, own: tuple[UserEffect, ...]) -> tuple[str, ...]:
     """Names of all parameters.
 
-    The compiled library does not know the parameter names of user-defined effects.
+    The last names, those of user-defined effects, are from `own`; the compiled library does not know them.
     """
     count = sum(len(effect.parameters) for effect in own)
     names = outcome.names[: len(outcome.names) - count]

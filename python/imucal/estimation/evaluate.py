@@ -219,7 +219,7 @@ def require_judges(model: SensorModel, judges: Sequence[Recording]) -> None:
 def evaluation_of(
     calibration: Calibration, judges: Sequence[Recording], found: _core.Evaluation
 ) -> Evaluation:
-    """The Evaluation of a calibration from the output of the compiled library."""
+    """Convert the output `found` of the compiled library to the Evaluation of a calibration."""
     return Evaluation(
         figures=Figures(**found.figures),
         before=Figures(**found.before),

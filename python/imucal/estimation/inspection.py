@@ -170,7 +170,7 @@ def _found(rest: FoundRest, of_calibration: Sequence[FittedRest]) -> FoundRest:
 
 
 def _calibrated(recording: Recording, gravity_mps2: float, min_rest_s: float) -> CalibrationResult | str:
-    """The result of a calibration from this recording, or the message of the error if it fails.
+    """Calibrate from this recording. Returns the result, or the message of the error if it fails.
 
     Only a complete calibration shows reliably whether the recording determines all parameters.
     """
@@ -205,7 +205,7 @@ def _not_determined(missing: str) -> set[str]:
 def _predicted(
     recording: Recording, gravity_mps2: float, min_rest_s: float, not_determined: set[str]
 ) -> tuple[tuple[PredictedSigma, ...], tuple[str, ...]]:
-    """Predicted standard deviations, and names of the parameters that only the moves determine.
+    """Predict the standard deviations, and find the parameters that only the moves determine.
 
     Both are empty for a recording with faults.
 

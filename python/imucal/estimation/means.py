@@ -55,7 +55,7 @@ class FromMeans:
 
 
 def without_repeated_rows(means: Means) -> Means:
-    """The means without exact copies of earlier rows, and with a warning that lists the removed rows.
+    """Remove exact copies of earlier rows from the means, and add a warning that lists the removed rows.
 
     The means of two rests differ in their noise, so equal rows are one rest that was written twice. Only
     means in coarse counts can be equal by chance. Their errors are then the same rounding errors, so the
@@ -139,7 +139,7 @@ def calibrated_means(
 
 
 def _with_noise_of(means: Means, unit: Unit) -> Means:
-    """The means with standard deviations computed from the white noise of a unit."""
+    """Add standard deviations, computed from the white noise of `unit`, to the means."""
     if means.duration_s is None:
         raise InputError(
             f"{means.name} has no column duration_s, so the noise of a mean cannot be computed from the "

@@ -43,8 +43,8 @@ class Options:
     accelerometer   nine parameters of a calibrated accelerometer in the symmetric frame, and their
                     covariance, as a prior
     hold         for each held parameter or group: its name, and mean and standard deviation of its prior
-    profile      standard deviation of the parameters over units, by group of parameters, from the profile of
-                 the unit
+    profile      spread of the parameters between units (standard deviation), by group of parameters, from the
+                 profile of the unit
     The other fields are the arguments of `calibrate`.
     """
 
@@ -94,7 +94,7 @@ def wander_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[Wander, Wande
 def asked_for(
     effects: Sequence[str | UserEffect], recordings: Sequence[Recording]
 ) -> tuple[tuple[tuple[str, int], ...], tuple[str, ...], tuple[UserEffect, ...]]:
-    """The requested effects as three tuples.
+    """Sort the requested effects into three tuples.
 
     The first tuple contains, for each effect of the catalogue, its name and the number of parameters of the
     requested form. The second contains the names that were requested as NAME:seen. The third contains the

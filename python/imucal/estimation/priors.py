@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 __all__ = ["HeldParameter", "PriorShare", "Priors"]
 
-# A note lists each parameter that is not held if more than this share of its variance comes from the priors
-# of the held parameters.
+# If more than this share of the variance of a parameter that is not held comes from the priors of held
+# parameters, a note lists this parameter.
 NOTED_SHARE: Final = 0.1
 SOURCES: Final = {"given": "given", "unit": "of the unit's profile", "default": "default for MEMS sensors"}
 

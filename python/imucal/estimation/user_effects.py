@@ -1,4 +1,4 @@
-"""Evaluation of user-defined effects, which the compiled library requests during a fit."""
+"""Computation of user-defined effects: during a fit, the compiled library calls `UserEffectSource`."""
 
 from __future__ import annotations
 
@@ -49,12 +49,15 @@ class UserEffectSource:
         return [effect.name for effect in self.effects]
 
     def fields(self, names: Sequence[str], estimate: _core.Estimate) -> list[UserField]:
-        """The named effects, with their fields (N, 3, p) at the corrected samples of each recording."""
+        """The named effects, with the error per unit of each parameter at corrected samples, (N, 3, p)."""
         own = [effect for effect in self.effects if effect.name in names]
         return self._fields(own, self._calibration(estimate), self.recordings) if own else []
 
     def corrected(self, estimate: _core.Estimate, of_control: bool) -> list[RateAndForce]:
-        """Corrected rate and force, (N, 3) each, of each control recording or calibration recording."""
+        """Corrected rate and force, (N, 3) each, of each recording.
+
+        of_control  whether to correct the control recordings instead of the calibration recordings
+        """
         recordings = self.control if of_control else self.recordings
         return _corrected(self._calibration(estimate), recordings)
 

@@ -48,7 +48,7 @@ RANGE_DEGC: Final = (0.0, 70.0)
 
 
 def write(calibration: Calibration, noise: NoiseResult | None, rotation: FloatArray | None = None) -> Written:
-    """The parameters of the first accelerometer and the first gyroscope, one per line.
+    """Write the parameters of the first accelerometer and the first gyroscope, one per line.
 
     rotation   (3, 3), from the axes of the sensor to those of the recording; None if they are the same
     """

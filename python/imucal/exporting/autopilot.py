@@ -21,7 +21,7 @@ from imucal.exporting.model import lost_effects, misalignment, off_scale, per_ax
 
 __all__ = ["THERMAL", "PerAxis", "Thermal", "per_axis_model"]
 
-# Temperature effect of each sensor that the autopilots can represent.
+# For each sensor, the temperature effect that the autopilots can represent.
 THERMAL: Final = {"accel": "accel_bias_temperature", "gyro": "gyro_bias_temperature"}
 
 
@@ -76,9 +76,10 @@ class PerAxis:
 
 
 def per_axis_model(calibration: Calibration) -> PerAxis:
-    """The offsets and scales with the smallest mean square error of specific force over all directions.
+    """The offsets and scales that approximate `calibration`.
 
-    They are computed in the symmetric body frame, the orthogonal frame closest to the sensor axes.
+    The mean square error of the specific force over all directions is minimal. The values are computed in the
+    symmetric body frame, the orthogonal frame closest to the sensor axes.
     """
     moved, _ = rotated(calibration, "symmetric")
     accel, gyro = moved.accelerometer, moved.gyroscope
@@ -115,9 +116,9 @@ def per_axis_model(calibration: Calibration) -> PerAxis:
 
 
 def _thermal(values: EffectValues, sensitivity: FloatArray) -> Thermal:
-    """The temperature effect in raw units.
+    """Convert a temperature effect to raw units.
 
-    It is the sensitivity times the effect, because the effect is added to the true value.
+    The result is the sensitivity times the effect, because the effect is added to the true value.
     """
     numbers = np.zeros(9)
     numbers[: len(values.values)] = values.values

@@ -32,7 +32,10 @@ ENTRIES: Final = {
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The two arrays, in the triangular frame, where the inverse of the sensitivity is lower triangular."""
+    """Write the arrays of both sensors in the triangular frame.
+
+    In this frame, the inverse of the accelerometer's sensitivity is lower triangular, as Basalt requires.
+    """
     moved, rotation = rotated(calibration, "triangular")
     accelerometer, gyroscope = moved.both()
     fields = {}

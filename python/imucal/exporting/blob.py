@@ -1,7 +1,7 @@
 """A calibration as data for firmware: its binary form with a checksum, and the C header that reads this form.
 
-The bytes are those of `imucal_core::stored` (rust/imucal-core/src/stored.rs), whose documentation is the
-definition of the form.
+The documentation of the Rust module `imucal_core::stored` (rust/imucal-core/src/stored.rs) defines the bytes
+of the binary form.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def write(
     axes: str = UNCHANGED,
     resolution: tuple[float, float] | None = None,
 ) -> Written:
-    """The binary form. It omits all user-defined effects, including formulas.
+    """Write the binary form. It omits all user-defined effects, including formulas.
 
     axes         axes of the corrected samples, in terms of the body frame, such as "x,-y,-z"
     resolution   counts per g and per deg/s, if the calibration is in SI units and the firmware has raw
@@ -107,7 +107,7 @@ def _too_large_counts(calibration: Calibration) -> list[str]:
 
 
 def _of_counts(calibration: Calibration, accel_lsb_per_g: float, gyro_lsb_per_dps: float) -> Calibration:
-    """A calibration of SI units, converted to a calibration of raw samples in counts."""
+    """Convert a calibration of raw samples in SI units to a calibration of raw samples in counts."""
     if calibration.gyroscope is None or "lsb" in (calibration.accel_unit, calibration.gyro_unit):
         raise InputError(
             "this calibration is for raw counts already: remove --accel-lsb-per-g and --gyro-lsb-per-dps"
@@ -202,7 +202,7 @@ def _effect(values: EffectValues) -> bytes:
 
 
 def write_loader(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The C header. Only its comment depends on the calibration; its code is the same for all units."""
+    """Write the C header. Only its comment depends on the calibration; its code is the same for all units."""
     kept = _kept(calibration)
     return Written(
         body=files("imucal.exporting").joinpath("calibration_loader.h").read_text(),

@@ -4,7 +4,8 @@ The field of a parameter is the error that an effect adds to the true rate or fo
 
 The variables of the C code are: w, the true angular rate; f, the true specific force; t, the time; d, the
 temperature minus the reference temperature; a, the angular acceleration. The variables of the temperature
-history are rate_kps, direction, gyro_lag and accel_lag.
+history are rate_kps, direction, gyro_lag and accel_lag. The exponential functions of the time in the warm-up
+effects are gyro_cold and accel_cold.
 """
 
 from __future__ import annotations

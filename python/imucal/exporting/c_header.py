@@ -50,7 +50,7 @@ ARGUMENTS: Final = {
 
 
 def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PREFIX) -> Written:
-    """Write the C header. User-defined effects that are Python functions are left out; formulas are written."""
+    """Write the C header with the user-defined effects that are formulas, but not Python functions."""
     formulas = [own for own in calibration.user_effects if isinstance(own, FormulaEffect)]
     known = {*FIELDS, *(own.name for own in formulas)}
     effects = [values for values in calibration.effects if values.name in known]
@@ -244,7 +244,7 @@ def _removal(
 ) -> list[str]:
     """C code of the fixed-point iteration that compensates the effects.
 
-    fields    field of each effect as C expressions
+    fields    for each effect, the error per unit of each parameter as C expressions
     on_force  names of the effects of the accelerometer
     """
     epsilon, largest = ("FLT_EPSILON", "FLT_MAX") if single else ("DBL_EPSILON", "DBL_MAX")
@@ -306,7 +306,7 @@ def _constants_of_a_sample(
     literal: Callable[[float], str],
     single: bool,
 ) -> list[str]:
-    """C code of local variables for all quantities on which the fields depend, except rate and force."""
+    """C code of local variables for all quantities on which the effects depend, except rate and force."""
     used = " ".join(
         expression
         for values in effects

@@ -35,7 +35,7 @@ PER_SI_UNIT: Final = {"gyroscope": 180 / np.pi, "accelerometer": 1 / STANDARD_GR
 
 
 def write(calibration: Calibration, noise: NoiseResult | None, prefix: str | None = None) -> Written:
-    """The C constants of both sensors.
+    """Write the C constants of both sensors.
 
     The sensitivity matrix is T = diag(gain) N, where the rows of N are the unit vectors of the sensor axes.
     The misalignment is N^-1.

@@ -32,7 +32,7 @@ SENSORS: Final = {
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The SDF element with bias, white noise and random walk of each axis."""
+    """Write the SDF element with bias, white noise and random walk of each axis."""
     if noise is None:
         raise ValueError("noise figures are needed")
     lines = ["<imu>"]

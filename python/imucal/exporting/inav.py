@@ -52,7 +52,7 @@ def write(
     accel_lsb_per_g: float = ACCEL_LSB_PER_G,
     gyro_lsb_per_dps: float = GYRO_LSB_PER_DPS,
 ) -> Written:
-    """The commands, one per line, with the values rounded to integers."""
+    """Write the commands, one per line, with the values rounded to integers."""
     moved, _ = rotated(calibration, "symmetric")
     accel, gyro = moved.accelerometer, moved.gyroscope
     _require_resolution(moved, accel_lsb_per_g, gyro_lsb_per_dps)
@@ -145,7 +145,7 @@ def _require_resolution(calibration: Calibration, accel_lsb_per_g: float, gyro_l
 
 
 def _whole(name: str, values: FloatArray) -> FloatArray:
-    """The values rounded to integers. Raises InputError for a value outside the range of the setting."""
+    """Round values to integers. Raises InputError for a value outside the range of the setting `name`."""
     low, high = RANGES[name]
     found = np.rint(values)
     if not ((found >= low) & (found <= high)).all():

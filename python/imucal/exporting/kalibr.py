@@ -33,7 +33,7 @@ G_SENSITIVITY = "gyro_g_sensitivity"
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The block `imu0`, in the triangular frame."""
+    """Write the block `imu0`, in the triangular frame."""
     model = triangular_model(calibration)
     moved, rotation, gyro, to_gyro = model.same_as, model.rotation, model.gyro, model.to_gyro
     accelerometer, gyroscope = moved.both()
@@ -93,7 +93,7 @@ class TriangularModel:
 
 
 def triangular_model(calibration: Calibration) -> TriangularModel:
-    """The model of Kalibr and OpenVINS. Raises InputError for left-handed axes."""
+    """Convert a calibration to the model of Kalibr and OpenVINS. Raises InputError for left-handed axes."""
     moved, rotation = rotated(calibration, "triangular")
     from_body = moved.both()[1].sensitivity
     gyro, to_gyro = _lower_times_rotation(from_body)
@@ -126,7 +126,7 @@ def matrix_text(matrix: FloatArray) -> str:
 
 
 def write_imu(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """imu.yaml with the noise figures of a recording at rest, corrected by this calibration."""
+    """Write imu.yaml with the noise figures of a recording at rest, corrected by this calibration."""
     if noise is None:
         raise ValueError("noise figures are needed")
     return Written(

@@ -15,7 +15,7 @@ __all__ = ["MATLAB"]
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The MATLAB function. Each row of its arrays is one sample, as in `Calibration.apply`."""
+    """Write the MATLAB function. Each row of its arrays is one sample, as in `Calibration.apply`."""
     has_gyroscope = calibration.gyroscope is not None
     lines = [
         "function [rate, force] = imucal_correct(raw_rate, raw_force)"

@@ -50,7 +50,7 @@ def inverse(triad: Triad) -> FloatArray:
 
 
 def along_columns(calibration: Calibration, *, with_body: bool = False) -> Calibration:
-    """The calibration for raw samples in the columns of the recordings, before axis remapping (`axes`).
+    """Convert a calibration to one for raw samples before the axis remapping `axes` of the recordings.
 
     Firmware and other programs correct such samples. The body frame of the corrected samples stays the same.
     With `with_body`, the axes of the body frame also follow the columns. The result has no covariance,
@@ -83,12 +83,12 @@ def axes_note(calibration: Calibration) -> str:
 
 
 def linear(calibration: Calibration, effects: Iterable[EffectValues] = ()) -> Calibration:
-    """The calibration with only the given effects, and without covariance."""
+    """Return the calibration with `effects` as its only effects, and without covariance."""
     return replace(calibration, effects=tuple(effects), covariance=None, covariance_names=())
 
 
 def rotated(calibration: Calibration, frame: Frame) -> tuple[Calibration, FloatArray]:
-    """Both triads in another body frame, without effects, and the rotation (3, 3) to that frame.
+    """Convert a calibration, without its effects, to another body frame; also returns the rotation (3, 3).
 
     v_new = rotation v_old. Raises InputError if the accelerometer axes are left-handed, because no rotation
     maps them to a right-handed frame.
@@ -124,7 +124,7 @@ def _is_in(frame: Frame, sensitivity: FloatArray) -> bool:
 
 
 def turned_axes(calibration: Calibration, rotation: FloatArray) -> Calibration:
-    """The calibration for raw and corrected samples that are both rotated: v_new = rotation v_old.
+    """Convert a calibration to raw and corrected samples that are both rotated: v_new = rotation v_old.
 
     Of the effects, only temperature effects of the biases are rotated, because formats that use this rotation
     export no other effects.

@@ -34,7 +34,7 @@ FIRST_LINE: Final = "%YAML:1.0"
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The block `imu0`, in the triangular frame, with the noise figures if there are any."""
+    """Write the block `imu0`, in the triangular frame, with the noise figures if there are any."""
     model = triangular_model(calibration)
     accelerometer, gyroscope = model.same_as.both()
     matrices = {

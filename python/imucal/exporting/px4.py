@@ -34,7 +34,7 @@ RANGE_DEGC: Final = (0.0, 100.0)
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The parameters of the first accelerometer and the first gyroscope, one per line."""
+    """Write the parameters of the first accelerometer and the first gyroscope, one per line."""
     model = per_axis_model(calibration)
     rows: list[tuple[str, float | int]] = []
     for i, axis in enumerate("XYZ"):

@@ -50,7 +50,7 @@ NOT_VALID, VALID = 0, 1
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """S = T^-1 and T^-1 b of both sensors, as JSON; T is the sensitivity and b the bias of a sensor."""
+    """Write S = T^-1 and T^-1 b of both sensors as JSON; T is the sensitivity and b the bias of a sensor."""
     imu = {}
     for sensor in ("accelerometer", "gyroscope"):
         triad = getattr(calibration, sensor)
@@ -74,7 +74,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
 
 
 def write_table(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The calibration table as an EEPROM image, which consists of three nested tables."""
+    """Write the calibration table as an EEPROM image, which consists of three nested tables."""
     numbers = []
     for sensor, per_si in (("accelerometer", 1.0), ("gyroscope", 180 / np.pi)):
         triad = getattr(calibration, sensor)

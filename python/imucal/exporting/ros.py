@@ -26,7 +26,7 @@ __all__ = ["ROS"]
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """SM = T^-1 and bias = T^-1 b, where T and b are the sensitivity and the bias of the accelerometer."""
+    """Write SM = T^-1 and bias = T^-1 b; T and b are sensitivity and bias of the accelerometer."""
     scale = inverse(calibration.accelerometer)
     bias = scale @ calibration.accelerometer.bias
     gyro = calibration.gyroscope

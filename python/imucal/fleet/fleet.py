@@ -105,7 +105,7 @@ class Fleet(Judging):
             return run_jobs(store, jobs, options, make_pool, total=known, retry=retry, tell=tell, tally=tally)
 
     def merge(self, *stores: str | os.PathLike[str]) -> int:
-        """Copy the rows of other stores. Returns the number of rows that were not in this store."""
+        """Copy the rows of other stores into this store. Returns the number of rows that were new to it."""
         for path in stores:
             if Path(path).exists() and Path(self.path).exists() and Path(path).samefile(self.path):
                 raise InputError(f"{os.fspath(path)} cannot be merged with itself: give other stores")
@@ -123,14 +123,14 @@ class Fleet(Judging):
     def rows(
         self, columns: Sequence[str], **selection: str | None
     ) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """Names and values of the given columns of the SQL view `measurements`, in order of dates."""
+        """Names of the given columns of the SQL view `measurements`, and its selected rows, by date."""
         where, arguments = _selected(selection)
         with self._reading() as connection:
             sql = f"SELECT {', '.join(columns)} FROM measurements WHERE {where} ORDER BY date, serial, id"
             return query(connection, sql, arguments)
 
     def count(self, **selection: str | None) -> dict[str, int]:
-        """The number of selected rows by verdict."""
+        """The number of selected rows for each verdict."""
         where, arguments = _selected(selection)
         with self._reading() as connection:
             sql = f"SELECT verdict, count(*) FROM measurements WHERE {where} GROUP BY verdict"

@@ -155,7 +155,7 @@ class KeyedJob:
     hashes: tuple[str, ...]
 
     def with_job(self, job: Job) -> KeyedJob:
-        """The same hashes with another job."""
+        """A copy with the same hashes and key, and another job."""
         return replace(self, job=job)
 
 
@@ -174,7 +174,10 @@ def keyed_by(job: Job, options: str, hashes: tuple[str, ...]) -> KeyedJob:
 
 
 def unread(job: Job, options: str) -> KeyedJob:
-    """A job whose files cannot be read. It has no hashes, and its key consists of the paths."""
+    """The keyed form of a job whose files cannot be read.
+
+    It has no hashes, and its key consists of the serial number, the paths and the options.
+    """
     place = UNREAD + "\0".join((job.serial, *job.files, "", *job.control, options))
     return KeyedJob(job, place, place, ())
 

@@ -34,7 +34,7 @@ MOST_UNITS: Final = 50
 
 
 class Judging(ABC):
-    """Statistics over selected units; `selection` has the arguments of `Fleet.measurements`."""
+    """Statistics over selected units; `selection` takes the arguments by which `Fleet` selects rows."""
 
     @abstractmethod
     def measurements(self, *, covariances: bool = False, **selection: str | None) -> Measurements:
@@ -99,7 +99,7 @@ class Judging(ABC):
         step: Callable[[], None] = lambda: None,
         **selection: str | None,
     ) -> FleetGap:
-        """The effects that are significant over several units together, from the recordings of these units.
+        """Search the recordings of several units for effects that are significant over all units together.
 
         effects    names of effects of the catalogue; None for all effects
         units      maximum number of units that are searched, evenly spread over the selected units
@@ -107,7 +107,7 @@ class Judging(ABC):
                    `Client.get_executor()` of Dask
         step       callback after each unit
 
-        Raises InputError if the recordings of fewer than five units determine at least one effect.
+        Raises InputError if there are fewer than five units whose recordings determine any of the effects.
         """
         names = searchable(effects)
         found = self._files(units, selection)
@@ -137,8 +137,8 @@ class Judging(ABC):
         for serial, files, text in rows:
             if serial in wanted and serial not in found:
                 options = json.loads(text)
-                # The unit's profile is not used, because it would add bias instabilities to the standard
-                # deviations. Bias instabilities average out in means over units.
+                # The datasheet of the unit (argument `unit`) is not used, because its bias instabilities
+                # would be added to the standard deviations. They average out in means over units.
                 arguments = {k: v for k, v in options["calibrate"].items() if k not in ("unit", "folds")}
                 found[serial] = UnitFiles(serial, tuple(json.loads(files)), options["read"], arguments)
         return list(found.values())

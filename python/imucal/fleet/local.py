@@ -46,7 +46,7 @@ ONE_THREAD: Final = {
 
 
 class Pool(Protocol):
-    """Processes that do work.
+    """Interface of a pool of processes that compute submitted tasks.
 
     processes  number of processes
     capacity   maximum number of tasks that are running or waiting in the pool
@@ -64,7 +64,10 @@ class Pool(Protocol):
         """Submit work."""
 
     def next(self) -> Done:
-        """Wait until any submitted work ends, and return it. Raises ImucalError if no more work will end."""
+        """Wait until any submitted work ends. Returns the work with its answer.
+
+        Raises ImucalError if no more work will end.
+        """
 
     def close(self) -> None:
         """End the pool. Tasks in the pool are lost."""
@@ -149,7 +152,7 @@ class LocalPool:
             self._end(child)
 
     def _started(self, number: int | None) -> subprocess.Popen[bytes] | None:
-        """A new process, bound to the processor with this number if one is given; None after `close`."""
+        """Start a process, bound to the processor `number` if it is given. Returns None after `close`."""
         with self._lock:
             if self._closed:
                 return None

@@ -1,4 +1,4 @@
-"""The jobs of a run from the rows of a manifest."""
+"""Reads the jobs of a run from a manifest, a CSV file with one job per row."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Serial numbers from the paths of files, by a pattern such as `{date}/{serial}-{role}.csv`.
+"""Derives serial numbers from file paths, by a pattern such as `{date}/{serial}-{role}.csv`.
 
-A pattern is matched with the end of a path. The fields of a pattern are the columns of a manifest without
-`files` and `control`; `*` is any text within one file or folder name. A file with the role `control` is a
-control recording.
+A pattern is matched against the end of a path. Its fields in braces have the names of the columns of a
+manifest, except `files` and `control`; `*` is any text within one file or folder name. A file with the role
+`control` is a control recording.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Naming:
     pattern: str = ""
 
     def jobs(self, files: Iterable[str], *, with_lone_controls: bool = True) -> list[Job]:
-        """The jobs of files: all files of a unit in one folder form one job.
+        """Group files into jobs: all files of a unit in one folder, also control recordings, form one job.
 
         Raises InputError for a file without serial number. A control recording without another recording of
         its unit in the same folder raises InputError, or is omitted if `with_lone_controls` is false.
@@ -92,14 +92,14 @@ class Naming:
 
 
 def naming_of(pattern: str | None) -> Naming:
-    """The naming for a pattern. Raises InputError if the pattern has no fields or unknown fields."""
+    """The `Naming` for a pattern. Raises InputError if the pattern has no {serial} or an unknown field."""
     if pattern is not None:
         _expression(pattern)
     return Naming(pattern or "")
 
 
 def files_of(patterns: Sequence[str], *, or_none: bool = False) -> list[str]:
-    """The files that paths, folders and glob patterns name, sorted.
+    """The files to which paths, folders and glob patterns refer. Those of each folder or pattern are sorted.
 
     Raises InputError for a pattern without any file.
     """

@@ -151,7 +151,7 @@ def full_covariance(upper: bytes, size: int) -> FloatArray:
 
 
 def _in_order(covariance: FloatArray, own: tuple[str, ...], names: tuple[str, ...]) -> FloatArray:
-    """The covariance in the order of `names`; NaN for a parameter without a covariance."""
+    """Reorder a covariance from the parameter order `own` to `names`; NaN for a parameter not in `own`."""
     if own == names:
         return covariance
     place = {name: index for index, name in enumerate(own)}

@@ -1,4 +1,4 @@
-"""Computation of the jobs of a fleet that are not in the store.
+"""Computes the jobs of a fleet that have no outcome in the store.
 
 A task is a group of jobs that one process computes. An outcome is stored before it is counted. If a process
 ends without an answer, its task is divided in halves until single jobs remain. A single job is tried again
@@ -210,7 +210,7 @@ class _Run:
                 self._put([Outcome(found, "poisoned", "poisoned", message)])
 
     def _tasks(self, jobs: Iterable[Job]) -> Iterator[Task]:
-        """Tasks of the jobs that have to be computed."""
+        """Yield tasks, which are groups of the jobs that have to be computed."""
         waiting: list[Job | KeyedJob] = []
         jobs = iter(jobs)
         while block := list(islice(jobs, PER_TASK)):
@@ -235,7 +235,7 @@ class _Run:
         return max(1, min(most, self._total // (TASKS_PER_PROCESS * self._pool.processes)))
 
     def _new_ones(self, jobs: Sequence[Job]) -> list[KeyedJob]:
-        """The jobs that are not in the store. Jobs that are in the store are reported by `tell`."""
+        """Select the jobs without an outcome in the store. Outcomes in the store are counted and reported."""
         readable = [each for job in jobs if (each := self._keyed(job)) is not None]
         known = self._store.known([each.key for each in readable])
         again = [key for key, found in known.items() if self._is_tried_again(found)]

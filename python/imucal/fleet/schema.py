@@ -60,7 +60,7 @@ TEMPERATURES: Final = ("temperature_low_degc", "temperature_high_degc")
 
 
 def _first(connection: sqlite3.Connection) -> None:
-    """Version 1: all tables."""
+    """Version 1: creates all tables."""
     numbers = ", ".join(f"{name} REAL" for name in FIGURES)
     parameters = ", ".join(f"{name} REAL, {name}_sigma REAL" for name in BASE_NAMES)
     for statement in (

@@ -112,7 +112,7 @@ class Store:
             self._connection.close()
 
     def known(self, keys: Sequence[str]) -> dict[str, Known]:
-        """The jobs with these keys that are in the store."""
+        """The stored outcomes of the jobs with these keys; a key that is not in the store is omitted."""
         with self._failing():
             rows = self._connection.execute(
                 "SELECT key, verdict, code, message FROM jobs WHERE key IN (SELECT value FROM json_each(?))",
@@ -140,7 +140,7 @@ class Store:
         return new
 
     def describe(self, jobs: Sequence[KeyedJob]) -> None:
-        """Copy date, station, operator, batch and role, if they are known, to stored jobs with equal keys."""
+        """Copy the known dates, stations, operators, batches and roles of `jobs` to the stored jobs."""
         changes = ", ".join(f"{name} = ifnull(?, {name})" for name in ABOUT)
         with self._transaction():
             self._connection.executemany(

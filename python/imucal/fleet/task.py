@@ -52,7 +52,7 @@ class Task:
         return len(self.jobs)
 
     def run(self) -> list[Outcome]:
-        """The outcome of each job. An error of a job is the outcome of this job only; the next job follows.
+        """Compute the outcome of each job. The failure of a job is its outcome; the next job then follows.
 
         A job that exceeds the time limit ends the task, because the thread of the job cannot be ended.
         """

@@ -1,4 +1,4 @@
-"""Motions that distinguish effects on a stand, in ascending order of effort."""
+"""Motions of a stand that help to distinguish between effects, in ascending order of effort."""
 
 from __future__ import annotations
 

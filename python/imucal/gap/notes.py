@@ -1,4 +1,4 @@
-"""Notes on the result of a search, and descriptions of residuals that no effect explains."""
+"""Notes on a search for missing effects, and descriptions of residuals that no effect explains."""
 
 from __future__ import annotations
 

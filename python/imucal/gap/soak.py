@@ -43,8 +43,8 @@ FOLDS: Final = 10
 BLOCK: Final = 3
 # A simpler model is preferred if its prediction of held-out epochs is worse than the best prediction by at
 # most this number of standard errors over the folds. In tests on sensors with a constant reading, a model
-# with a term was wrongly chosen for one of eight sensors with the threshold 1, and for none of 40 with the
-# threshold 2.
+# with a temperature term was wrongly chosen for one of eight sensors with the threshold 1, and for none of 40
+# with the threshold 2.
 STANDARD_ERRORS: Final = 2.5
 # Maximum angle between the gravity direction of an epoch and the median direction, rad. A larger angle means
 # that the unit was moved.
@@ -103,7 +103,7 @@ class Form:
 
     @property
     def size(self) -> int:
-        """Number of parameters of all axes."""
+        """Number of parameters of all axes, including the time constants."""
         return sum(count for _, count in self.effects) + len(self.taus_s)
 
     @property
@@ -214,7 +214,7 @@ def _scaled(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 class _Search:
-    """Models of one sensor, with their predictions of held-out epochs."""
+    """Compares models of the mean reading of one sensor by their predictions of held-out epochs."""
 
     def __init__(
         self,
@@ -248,7 +248,7 @@ class _Search:
         return np.hstack(columns)
 
     def _cause(self, name: str, tau_s: float | None) -> FloatArray:
-        """The variable on which a term depends, at each sample: temperature, lag, rate or direction."""
+        """The variable of a term at each sample: temperature, or its lag, rate or direction of change."""
         if tau_s is not None:
             return self.history.lag_k(tau_s)
         if name.endswith("_rate"):

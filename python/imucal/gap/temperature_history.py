@@ -1,4 +1,4 @@
-"""Variables of the temperature history at each sample (docs/model.md (43))."""
+"""Rate, direction of change and lag of the temperature at each sample (docs/model.md (43))."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["TemperatureHistory"]
 
 
 class TemperatureHistory:
-    """The rate of the temperatures `degc` (N,) at `time_s` (N,), their direction, and their lag."""
+    """Rate, direction of change and lag of the temperatures `degc`, (N,), at the times `time_s`, (N,)."""
 
     def __init__(self, time_s: FloatArray, degc: FloatArray) -> None:
         self.time_s, self.degc = time_s, degc

@@ -88,8 +88,8 @@ def read_calibration(
 
     The result has no covariance, and `provenance.imported` lists all that the files do not state.
 
-    Raises InputError if a file cannot be read or several formats are possible, and FormatError that names
-    the field if a file is damaged or incomplete.
+    Raises InputError if a file cannot be read or several formats are possible. Raises FormatError with the
+    name of the field if a file is damaged or incomplete.
     """
     if not paths:
         raise InputError("no file is given: give the file of a calibration")
@@ -238,7 +238,7 @@ def _calibration(
 
 
 def _frame(accelerometer: Triad, gyroscope: Triad | None) -> Frame:
-    """The body frame; "given" for left-handed gyroscope axes, which the other frames do not permit."""
+    """The name of the body frame: "given" for left-handed gyroscope axes, which no other frame permits."""
     if gyroscope is not None and np.linalg.det(gyroscope.sensitivity) < 0:
         return "given"
     return frame_of(accelerometer.sensitivity)

@@ -43,7 +43,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The accelerometer and the gyroscope with the number `instance`, from 0."""
+    """Read the calibration of the accelerometer and of the gyroscope with the number `instance`, from 0."""
     parameters = Parameters.of(contents[0])
     if not wanted.instance < len(NUMBERS):
         raise InputError(

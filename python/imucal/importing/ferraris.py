@@ -34,7 +34,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The calibration of both sensors."""
+    """Read the calibration of both sensors."""
     document = contents[0].document
     assert document is not None
     accelerometer, accel_unit = _triad(document, "a", "accelerometer", "acc", "m/s^2", wanted.accel_unit)

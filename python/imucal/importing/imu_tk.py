@@ -44,7 +44,7 @@ def _numbers(text: str) -> list[float] | None:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The calibration of the sensors in one or two files."""
+    """Read the calibration of the sensors from one or two files."""
     triads: dict[str, Triad] = {}
     units = {"accelerometer": "m/s^2", "gyroscope": "rad/s"}
     given = {"accelerometer": wanted.accel_unit, "gyroscope": wanted.gyro_unit}

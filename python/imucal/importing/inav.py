@@ -45,7 +45,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The zeros and gains in a file."""
+    """Read the calibration of both sensors from the zeros and gains in a file."""
     (content,) = contents
     settings = _settings(content)
     per_g = wanted.accel_lsb_per_g or ACCEL_LSB_PER_G

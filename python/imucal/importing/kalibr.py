@@ -47,7 +47,7 @@ def _is_imu(fields: object) -> bool:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The calibration in one block of the file."""
+    """Read the calibration from one block of the file."""
     (content,) = contents
     block, notes = block_of(content, wanted.instance)
     fields, noise = block.mapping(), noise_of(block)

@@ -36,7 +36,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The calibration in one block of the file."""
+    """Read the calibration from one block of the file."""
     (content,) = contents
     block, notes = block_of(content, wanted.instance)
     fields = block.mapping()

@@ -1,4 +1,4 @@
-"""Parameter files of autopilots from ground stations and consoles, and the thermal terms of biases."""
+"""Reads parameter files of autopilots, and converts their thermal terms to offsets and effects."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Parameters:
         return np.array([self.number(name.format(axis), default) for axis in axes])
 
     def scale(self, name: str) -> FloatArray:
-        """Three scale factors.
+        """Three scale factors, one per axis.
 
         Raises FormatError if one is not positive, as in an autopilot that was never calibrated.
         """

@@ -34,7 +34,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The accelerometer and the gyroscope with the number `instance`."""
+    """Read the calibration of the accelerometer and of the gyroscope with the number `instance`."""
     parameters = Parameters.of(contents[0])
     n = wanted.instance
     for name in SENSORS.values():

@@ -28,7 +28,7 @@ def is_calibration(content: Content) -> bool:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The calibration of one IMU in the file."""
+    """Read the calibration of one IMU in the file."""
     (content,) = contents
     assert content.document is not None
     device = content.document.mapping().get("device_type")
@@ -64,7 +64,7 @@ def _messages(content: Content) -> list[Node]:
 
 
 def read_info(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The calibration from the messages of both sensors, in one file or in two."""
+    """Read the calibration from the messages of both sensors, in one file or in two."""
     triads: dict[str, Triad] = {}
     for node in (message for content in contents for message in _messages(content)):
         matrix = node.get("data").array(12).reshape(3, 4)

@@ -44,7 +44,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The calibration in the contents of the camera's EEPROM.
+    """Read the calibration from the contents of the camera's EEPROM.
 
     Raises FormatError if librealsense would reject these contents: wrong size, wrong CRC, or no valid
     numbers.

@@ -22,7 +22,7 @@ def recognises(content: Content) -> bool:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """The calibration of the accelerometer."""
+    """Read the calibration of the accelerometer."""
     document = contents[0].document
     assert document is not None
     matrix = document.get("SM").array(9).reshape(3, 3)

@@ -1,4 +1,4 @@
-"""Description of calibration formats of other programs: how a file is recognised and read."""
+"""Classes that describe how a calibration file of another program is recognised and read."""
 
 from __future__ import annotations
 
@@ -70,8 +70,8 @@ class Found:
     accel_unit, gyro_unit      raw units: m/s^2 and rad/s, or lsb
     noise                      noise figures, named as in a calibration file
     temperature_range_degc     range outside which the thermal terms are constant
-    missing                    further parts of a calibration that the files do not state, see
-                               `Imported.missing`
+    missing                    parts of a calibration, besides covariance and gravity, that the files do not
+                               state; see `Imported.missing`
     notes                      remarks for the user
     """
 

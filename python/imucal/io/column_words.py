@@ -1,4 +1,4 @@
-"""Quantity and axis of one column, inferred from the words of its name."""
+"""Infers the quantity and the axis of a column from the words of its name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ArduPilot dataflash logs (.bin): the messages IMU, or the messages ACC and GYR at the rates of the sensors.
+"""Reads ArduPilot dataflash logs (.bin): messages IMU, or messages ACC and GYR at the rates of the sensors.
 
 The units are those declared in the log and in ArduPilot's list of log messages (ardupilot.org, logmessages):
 m/s/s and rad/s in the body frame (front, right, down), degC, and microseconds since boot. ArduPilot has

@@ -1,4 +1,4 @@
-"""Dates and times of day in the forms that loggers write, as nanoseconds.
+"""Converts dates and times of day, in the forms that loggers write, to nanoseconds.
 
     2026-01-31 12:00:00.123   2026/01/31T12:00:00,123Z   20260131T120000.123   31.01.2026 12:00:00:123
     31-Jan-2026 12:00:00.123  Jan 31, 2026 12:00:00 PM   12:00:00.123  12:00:00:123  00:12.3 (minutes)

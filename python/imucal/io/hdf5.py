@@ -1,4 +1,4 @@
-"""HDF5 files, including MATLAB files from version 7.3 on."""
+"""Reads HDF5 files, including MATLAB files from version 7.3 on."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Text tables with a header.
+"""Reads text tables with a header.
 
-The column names in the header are canonical, or the caller assigns canonical names, or the names state all
-sensors, axes and units in other words.
+The column names in the header are canonical (such as `accel_x_g`), or the caller assigns canonical names, or
+the names state all sensors, axes and units in other words.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def recording_of_text(text: Text, columns: str | Sequence[str] | None, rate_hz: 
 
 
 def layout_header(layout: Layout) -> Header:
-    """The roles of the columns of a layout."""
+    """The role (sensor, axis and unit) of each column in the header of a text."""
     return header_of(layout.names or [], layout.described, layout.preamble)
 
 

@@ -107,7 +107,7 @@ _Groups: TypeAlias = dict[tuple[str, str], dict[str, tuple[str, str | None]]]
 def header_of(
     names: Sequence[str], described: Sequence[str] | None = None, preamble: Sequence[str] = ()
 ) -> Header:
-    """The roles of the columns.
+    """Infer the role (sensor, axis and unit) of each column from its name.
 
     described  the names, each with the unit from a line of units, if there is one
     preamble   lines before the header
@@ -231,7 +231,7 @@ def _has(groups: _Groups, what: str) -> bool:
 
 
 def _sensors_by_unit(names: Sequence[str], described: Sequence[str], groups: _Groups) -> None:
-    """Add a sensor that only its unit identifies, such as AsX(°/s).
+    """Add a sensor that is identified only by the unit in its column names, such as AsX(°/s), to `groups`.
 
     Three columns of which only the first has a name and a unit are also such a sensor. GoPro's telemetry
     without names of axes has this form: `Gyroscope [rad/s]`, `1`, `2`.

@@ -1,4 +1,4 @@
-"""Lines that contain the three axes of a sensor, as printed by the examples of Arduino libraries.
+"""Converts lines with the three axes of a sensor, as printed by examples of Arduino libraries, to a table.
 
 The examples of Adafruit print one line per sensor. The lines of all sensors together form one sample:
 
@@ -41,7 +41,10 @@ def are_blocks(start: bytes) -> bool:
 
 
 def rows_of_blocks(lines: list[str]) -> tuple[list[str], int]:
-    """A header line and one row per complete block, and the number of lines outside complete blocks."""
+    """Convert lines to a table: a header, and one row per complete block (the lines of one sample).
+
+    Returns the lines of the table, and the number of lines outside complete blocks.
+    """
     blocks: list[dict[str, str]] = [{}]
     sizes: list[int] = [0]
     other = 0

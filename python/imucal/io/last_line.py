@@ -1,4 +1,4 @@
-"""The last line of a text, which is incomplete if the recording stopped while it was written."""
+"""Skips the last line of a text if it is incomplete because the recording stopped while it was written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The option `columns`: a list of names, or canonical=name pairs."""
+"""Parses the option `columns`: a list of names, or canonical=name pairs such as time_s=t."""
 
 from __future__ import annotations
 

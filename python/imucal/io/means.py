@@ -1,4 +1,4 @@
-"""Reading tables of mean readings."""
+"""Reads tables of mean readings."""
 
 from __future__ import annotations
 

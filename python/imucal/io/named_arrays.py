@@ -52,7 +52,7 @@ class StoredArray:
 
     @classmethod
     def of(cls, array: Array) -> StoredArray:
-        """An array that is in memory."""
+        """A `StoredArray` for an array that is in memory."""
         return cls(array.shape, array.dtype, lambda: array)
 
 

@@ -1,4 +1,4 @@
-"""Tables of Parquet files and data frames whose column names are not canonical but state all units."""
+"""Assigns canonical names to columns of Parquet files and data frames whose names state all units."""
 
 from __future__ import annotations
 

@@ -30,8 +30,8 @@ VALUES: Final = ("3DOF_x", "3DOF_y", "3DOF_z")
 STREAMS: Final = {"Accel": "the accelerometer", "Gyro": "the gyroscope"}
 # Two clocks count as having the same unit if their elapsed times differ by at most this relative difference.
 SAME_UNIT: Final = 0.1
-# Lines of a stream that do not consist of numbers are skipped. The file is refused if their share of all
-# lines exceeds this number.
+# Lines of a stream that do not consist of numbers are skipped. The file is refused if their share of the
+# lines of the stream exceeds this number.
 MOST_GARBLED: Final = 0.01
 
 

@@ -57,7 +57,8 @@ STARTS: Final = (
 BLACKBOX: Final = b"H Product:Blackbox flight data recorder"
 # First line of a log of ArduPilot that Mission Planner has converted to text.
 ARDUPILOT_TEXT: Final = rb"FMT, ?\d+, ?\d+, ?\w+, ?\w+, "
-# Start of a text in JSON. A line of a log may also start with a bracket: `[12.5][STATE] ...`.
+# Start of a text in JSON. A bracket must be followed by a JSON value, because a line of a log may also start
+# with a bracket: `[12.5][STATE] ...`.
 JSON: Final = rb"\s*(?:\{|\[\s*(?:[\[{\"]|[-\d.eE+]+\s*,))"
 # Start of a cell with a list or an object in JSON.
 CELL_LIST: Final = rb'"[\[{]'

@@ -1,4 +1,4 @@
-"""Findings of a reader about a whole file."""
+"""Builds the warnings of readers that concern a whole file, such as skipped lines or a missing sensor."""
 
 from __future__ import annotations
 

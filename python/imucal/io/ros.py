@@ -1,4 +1,4 @@
-"""sensor_msgs/Imu messages in ROS 1 bags, ROS 2 bags (sqlite3 and MCAP storage) and MCAP files.
+"""Reads sensor_msgs/Imu messages from ROS 1 bags, ROS 2 bags (sqlite3 and MCAP storage) and MCAP files.
 
 The message (docs.ros.org, sensor_msgs/Imu) is in m/s^2 and rad/s. A value of -1 as the first element of a
 covariance means "not measured". `header.stamp` is the time at which the sample was taken. The time at which

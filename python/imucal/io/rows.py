@@ -165,7 +165,7 @@ def cleaned_columns(
 
 
 def _valid_text(buffer: Any) -> Any:
-    """The text with marks in place of invalid UTF-8, because Arrow does not report rows with invalid text."""
+    """The text with U+FFFD in place of invalid UTF-8. Arrow does not report rows with invalid UTF-8."""
     import pyarrow as pa
 
     content = buffer.to_pybytes()

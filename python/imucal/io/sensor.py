@@ -1,4 +1,4 @@
-"""A text file with the samples of one sensor: identification of the sensor, its unit, and its time column."""
+"""Identifies the sensor, its unit and its time column in a text file with the samples of one sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings in one text file per sensor, as phone apps and some loggers write: two files, folder, or zip.
+"""Reads recordings with one text file per sensor, which phone apps write: two files, a folder, or a zip.
 
 The files have separate time stamps, and both sensors are resampled to one clock as described in `streams`.
 """

@@ -1,4 +1,4 @@
-"""Time stamps of ROS in two columns, the seconds and the nanoseconds, joined to one column."""
+"""Joins the two columns of a ROS time stamp, seconds and nanoseconds, to one column."""
 
 from __future__ import annotations
 

@@ -20,6 +20,6 @@ MATLAB_MAGIC: Final = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 PARQUET_MAGIC: Final = b"PAR1"
 # Start of the header that rs-convert and rs-data-collect write.
 REALSENSE_HEADER: Final = b"Stream Type,F#,HW Timestamp (ms)"
-# A ROS 1 bag.
+# First bytes of a ROS 1 bag.
 ROS1_MAGIC: Final = b"#ROSBAG V"
 ULOG_MAGIC: Final = b"ULog\x01\x12\x35"

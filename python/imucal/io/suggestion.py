@@ -134,9 +134,9 @@ def _likely_first(header: Header, numbers: Callable[[str], Any]) -> Header:
 
 
 def _with_rates(header: Header, names: Sequence[str]) -> Header:
-    """The header, in which the columns in a unit of angular rate, such as p, q, r, become the gyroscope.
+    """The header with a gyroscope of the three columns in a unit of angular rate, such as p, q, r in deg/s.
 
-    This applies only if there are three such columns, and the header has no other gyroscope.
+    The header is unchanged if there are not three such columns, or if it already has a gyroscope.
     """
     units = {name: unit for name in names if (unit := split_unit(name)[1]) is not None and unit[0] == "gyro"}
     if header.gyro or len(units) != 3 or len(set(units.values())) > 1:

@@ -1,4 +1,4 @@
-"""The table that the reader of a format returns."""
+"""The columns that the reader of a format returns, before they are converted to a recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""PX4 ULog: sensor_accel with sensor_gyro, or sensor_combined.
+"""Reads PX4 ULog files: the messages sensor_accel and sensor_gyro, or the message sensor_combined.
 
 Units and frames follow PX4's message definitions (docs.px4.io, msg_docs): m/s^2 and rad/s in the board's
 frame (front, right, down), degC, and microseconds since boot. sensor_accel and sensor_gyro contain

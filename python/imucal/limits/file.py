@@ -74,7 +74,7 @@ def document_of(
 
 
 def fields_of(node: Node, user_effects: Sequence[UserEffect]) -> dict[str, Any]:
-    """The fields of Limits in a document, by name; FormatError names an invalid field."""
+    """Read the fields of Limits from a document, by name. Raises FormatError that names an invalid field."""
     node.require_schema(SCHEMA)
     _require_known(node, FIELDS)
     given = node.mapping()

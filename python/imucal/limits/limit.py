@@ -28,7 +28,7 @@ FIGURES: Final[dict[str, tuple[str, ...]]] = {
     "control_set": (*FIGURE_UNITS, *COUNTS),
     "held_out": ("gravity_direction_rms_deg",),
 }
-# For each set of recordings, the reason why a check on it fails if the set is missing.
+# For each set of recordings, the reason that a failed check states if this set is missing.
 MISSING: Final = {
     "calibration_set": "the calibration has no figures of its calibration recordings",
     "control_set": "there is no control recording: give one with --control",

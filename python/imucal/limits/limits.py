@@ -31,7 +31,7 @@ __all__ = ["Limits"]
 
 
 class CalibrationRun(Protocol):
-    """Attributes of a calibration result that checks against limits use."""
+    """The attributes of a calibration result that are checked against limits."""
 
     @property
     def calibration(self) -> Calibration:
@@ -39,7 +39,7 @@ class CalibrationRun(Protocol):
 
     @property
     def held_out(self) -> object:
-        """Figures on held-out rests and moves; None without folds."""
+        """Figures of the cross-validation on held-out rests and moves; None without cross-validation."""
 
 
 @dataclass(frozen=True)

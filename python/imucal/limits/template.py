@@ -31,7 +31,7 @@ STD_MARGIN: Final = 2.0
 
 
 def limits_from(calibrations: Sequence[Calibration], *, deviations: float = DEVIATIONS) -> Limits:
-    """Limits for units of the same kind as the calibrated units.
+    """Derive limits for units of the same kind as the calibrated units.
 
     The limits of a parameter are its mean over the units plus and minus `deviations` standard deviations over
     the units. The limit of a figure is its mean plus `deviations` standard deviations. The limit for the

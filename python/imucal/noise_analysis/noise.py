@@ -1,4 +1,4 @@
-"""Noise of a unit from a recording at rest: Allan deviations and noise figures."""
+"""Identifies the noise of a unit from a recording at rest: Allan deviations and noise figures."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class Step:
 
     time_s  time of the first sample after the step
     sample  index of the first sample after the step in the recording
-    sizes   size of the step in each axis that shows it
+    sizes   size of the step in each axis in which it was detected
     """
 
     time_s: float

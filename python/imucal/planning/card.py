@@ -83,7 +83,7 @@ def _item(number: int, attitude: FloatArray, hold_s: float) -> str:
 
 
 def _words(attitude: FloatArray) -> str:
-    """The axes that point up or down, with their angles."""
+    """The axes that point up or down, such as `z up` or `between x up and y down`."""
     up = attitude[2]
     names = [
         f"{'xyz'[axis]} {'up' if up[axis] > 0 else 'down'}"

@@ -179,7 +179,7 @@ class _Planner:
     gravity_mps2: float
 
     def optimal(self, targets: Mapping[str, float], minutes: float | None) -> tuple[Program, bool]:
-        """The optimal program, and whether the program reaches the targets."""
+        """Search the optimal program. Also returns whether the program reaches the targets."""
         minutes_allowed = DEFAULT_MINUTES if minutes is None else minutes
         if not targets:
             return self._search(minutes_allowed, None, self.proposals)
@@ -199,7 +199,7 @@ class _Planner:
     def rounds_of_faces(
         self, targets: Mapping[str, float], options: dict[str, float | int]
     ) -> tuple[Motion, bool]:
-        """The motion `faces` with the fewest rounds that reach the targets, and whether it reaches them."""
+        """Find the fewest rounds of the motion `faces` that reach the targets; also return whether any do."""
         if "rounds" in options:
             raise InputError(
                 "the number of rounds is computed from the targets: leave out rounds or the targets"
@@ -214,7 +214,7 @@ class _Planner:
         return motion, False
 
     def predicted(self, kind: str, motion: Motion, targets: Mapping[str, float], thorough: bool) -> Plan:
-        """The plan that consists of this motion, with the predicted accuracy."""
+        """The plan for this motion: predicted accuracy and, if `thorough`, detection limits of effects."""
         minutes = motion.duration_s / 60.0
         sigma, rests = self._sigma([motion], minutes)
         run = self._run(motion)
@@ -295,7 +295,7 @@ class _Planner:
         return [*base, *_core.plan_effect_parameters(self._sensors(minutes))]
 
     def _run(self, motion: Motion) -> Recording:
-        """A simulated recording of the motion."""
+        """Simulate a recording of the motion."""
         if self.limits.in_hand and isinstance(motion, Program):
             motion = Program(motion.steps, Stand(tremor_deg=TREMOR_DEG, tremor_seed=self.seed))
         run = simulate(
@@ -314,7 +314,7 @@ class _Planner:
         )
 
     def _prospect(self, run: Recording) -> _core.Prospect:
-        """The parameters that a run determines, and the missing motion."""
+        """Predict which parameters a calibration from the recording `run` determines, and how accurately."""
         return _core.prospect([run], self._options())
 
     def _visible(self, run: Recording) -> tuple[dict[str, Size], tuple[NotObservable, ...], list[str]]:
@@ -328,7 +328,7 @@ class _Planner:
         return limits, tuple(NotObservable(name, needs) for name, needs in blind), []
 
     def _papers(self) -> tuple[ComparedProgram, ...]:
-        """The programs and the stand of the paper cited in docs/model.md, with the noise of this unit."""
+        """Predict the accuracy of this unit with programs and stand of the paper cited in docs/model.md."""
         own = dataclasses.replace(self, limits=stand_limits_of("paper"), effects=())
         grid, random = Program.grid(), Program.random(seed=self.seed)
         rows = []

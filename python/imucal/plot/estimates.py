@@ -88,7 +88,7 @@ def sigmas(result: CalibrationResult | Calibration) -> Figure:
 
 
 def limits(judgement: Judgement) -> Figure:
-    """Every check relative to its limits, with error bars of +-1 sigma; the allowed range is -1 to 1.
+    """Every checked value relative to its limits, with error bars of +-1 sigma; -1 to 1 is allowed.
 
     A one-sided maximum is at 1, and a value that satisfies a one-sided minimum is drawn at 0. Values beyond
     1.5 and missing values are drawn at the edge. Raises ImucalError if plotly is not installed.

@@ -1,4 +1,4 @@
-"""Plots of the residuals of a search that are computed from the motion in its recordings."""
+"""Plots of residuals at the rests and moves of the recordings of a search for missing effects."""
 
 from __future__ import annotations
 
@@ -60,7 +60,9 @@ class Dependence:
 def move_signals(signals: MoveSignals, *, has_effects: bool = True, is_hand_moved: bool = False) -> Figure:
     """The signal of the accelerometer in one move, and the signal predicted from the gyroscope.
 
-    The axis is the one whose residual after the move is the largest. Lower panel: measured minus predicted.
+    The plot shows the body axis with the largest residual after the move. The lower panel shows the residual,
+    measured minus predicted.
+
     With `is_hand_moved`, the range of the lower panel is set by the residuals at the rests, because during
     the move the accelerometer also measures the acceleration of the hand.
 

@@ -29,7 +29,7 @@ def evenly(count: int, most: int = MOST) -> list[int]:
 
 
 def thinned(importance: FloatArray, most: int = MOST) -> list[int]:
-    """At most `most` indices, increasing.
+    """Select at most `most` of the items by their importance; returns their indices, increasing.
 
     One half are the indices of the most important items, and the other half are evenly spaced.
 

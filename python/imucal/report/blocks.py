@@ -1,4 +1,4 @@
-"""Tabs and figures shared by several pages."""
+"""Tabs and figures that several report pages share, such as the residuals and the coverage of poses."""
 
 from __future__ import annotations
 

@@ -287,7 +287,7 @@ def _units(measured: Measurements, shown: Sequence[str], odd: OutlierResult | st
 
 
 def _shown(measured: Measurements, odd: OutlierResult | str, drift: DriftResult | str) -> list[str]:
-    """Serial numbers of the units with a section."""
+    """Serial numbers of the outlying, drifting and poor units, which have a section in the report."""
     poor = np.unique(measured.serials[measured.verdicts == "poor"]).tolist()
     return list(
         dict.fromkeys(

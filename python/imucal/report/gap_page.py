@@ -94,7 +94,7 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
         if gap.is_hand_moved
         else ""
     )
-    yield heading("The seconds that disagree most")
+    yield heading("The move with the largest residual")
     yield Shown(
         "signals",
         plot.move_signals(

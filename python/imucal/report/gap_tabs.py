@@ -115,7 +115,9 @@ def laws(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
 def _curve(law: Law, motion: OwnMotion | None) -> Shown:
     points = {} if motion is None else plot.law_points(motion, law)
     measured = (
-        " Markers: the law plus the residual with it, at each rest or move that shows it." if points else ""
+        " Markers: the law plus the residual that remains, for each rest or move in which it is measured."
+        if points
+        else ""
     )
     assert law.curve is not None
     return Shown(
@@ -207,7 +209,7 @@ def visible(gap: Gap) -> Iterator[str]:
 
 
 def next_motion(motion: Any) -> Iterator[str]:
-    """The recording that distinguishes the rivals."""
+    """Description and stand program of the motion that distinguishes the rivals."""
     yield paragraph(motion["description"])
     if motion.get("program") is not None:
         yield file_button("program", "next-motion.json", to_json(motion["program"]))

@@ -33,7 +33,7 @@ def html_of(result: Any) -> str:
 
 @html_of.register
 def of_calibration(calibration: Calibration) -> str:
-    """HTML of a calibration: its frame and the table of its parameters."""
+    """HTML for a calibration: its frame and the table of its parameters."""
     unit = f" of unit {calibration.serial_number}" if calibration.serial_number else ""
     return paragraph(f"Calibration{unit}, {calibration.frame} frame") + parameter_table(
         calibration.parameters

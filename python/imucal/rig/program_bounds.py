@@ -1,4 +1,4 @@
-"""Bounds of a program. Values that no stand and no gyroscope can follow are mistakes in the file."""
+"""Checks a program for a stand: values that no stand or gyroscope can follow are mistakes in the file."""
 
 from __future__ import annotations
 

@@ -36,7 +36,9 @@ FORMS: Final = (
 
 @dataclass(frozen=True, eq=False)
 class Temperature:
-    """Knots: `time_s` (K,), increasing, and `temp_degc` (K,). One knot is a constant temperature.
+    """Temperature over time, linear between the knots `time_s` (K,), increasing, and `temp_degc` (K,).
+
+    One knot is a constant temperature.
 
     Raises InputError for times that do not increase, and for missing or impossible temperatures.
     """

@@ -174,7 +174,7 @@ def _without_formulas(
 
 
 def run(setup: Setup, auxiliary: Auxiliary | None = None, *, keep_temperature: bool = False) -> Simulation:
-    """Simulate a setup."""
+    """Simulate the run that a setup describes; `auxiliary` as in `simulate`."""
     samples: dict[str, FloatArray] = {}
     sampled_s = np.zeros(0)
     added: dict[str, FloatArray | None] = {}

@@ -1,4 +1,4 @@
-"""Time between the last sample of an interrupted run and the first sample after it.
+"""Determines the time between the last sample of an interrupted run and the first sample after it.
 
 After an interruption, samples may be delivered late, because a device or a network has stored them while no
 program read them. They are never delivered early. The first samples are therefore held back until their times

@@ -1,6 +1,6 @@
-"""States in which a GRBL controller pauses.
+"""Monitors a GRBL controller for states in which it pauses, such as a feed hold.
 
-These states are reported at once. The run fails unless the user ends them.
+A pause is reported at once. The run fails unless the user ends the pause.
 """
 
 from __future__ import annotations

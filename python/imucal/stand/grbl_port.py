@@ -25,6 +25,7 @@ QUERY_S: Final = 0.04
 # Relative variation of the intervals between queries. Some controllers and ports have a fixed cycle (20 ms in
 # a simulator, 16 ms in a USB converter). With equal intervals, they would always answer with the same delay.
 SPREAD: Final = 0.25
+# Golden ratio minus 1. Its multiples modulo 1, which vary the intervals, are evenly distributed from 0 to 1.
 GOLDEN: Final = 0.618
 # Length of the longest report, characters. The rate of queries is limited, so that reports of this length use
 # at most a third of the capacity of the serial line.

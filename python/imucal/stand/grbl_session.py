@@ -212,7 +212,7 @@ class GrblSession:
         return True
 
     def pause(self, duration_s: float) -> Waiting:
-        """Wait for a time."""
+        """Wait for `duration_s`, s."""
         yield from self.until(lambda: False, duration_s)
 
     def command(self, text: str) -> Waiting:

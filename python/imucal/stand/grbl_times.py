@@ -1,4 +1,4 @@
-"""Instants of reported motor positions.
+"""Determines the instants of reported motor positions.
 
 The latest possible instant of a position is the arrival of its report minus the shortest transmission time.
 If a report is delivered late, this instant is too late. Later reports correct the instant, because motors do

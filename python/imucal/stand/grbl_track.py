@@ -1,4 +1,4 @@
-"""Plausibility of reported motor positions, which have no checksum.
+"""Checks the plausibility of reported motor positions, which have no checksum.
 
 A position is accepted if it is near the straight line of the commanded move, and if the motors can have
 reached it since the last accepted position. All other reports are considered damaged, unless three

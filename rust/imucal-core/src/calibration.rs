@@ -6,8 +6,8 @@
 //! raw_rate  = T_G (rate  + effects) + b_G      rate and effects in rad/s
 //! ```
 //!
-//! Effects are errors that sensitivity and bias do not describe. Effects on the encoders of a stand are ignored here,
-//! because the stand is not part of the unit.
+//! T_A and T_G are the sensitivities, and b_A and b_G are the biases. Effects are errors that sensitivity and bias do
+//! not describe. Effects on the encoders of a stand are ignored here, because the stand is not part of the unit.
 //!
 //! The correction is `T^-1 (raw - b)`, followed by [`EffectSet::remove`] if there are effects (`docs/model.md` (16)).
 //!

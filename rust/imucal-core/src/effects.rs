@@ -159,8 +159,8 @@ pub struct Effect<F: RealField + Copy> {
     pub reads: &'static [Sensor],
     /// Quantities of [`Surroundings`] on which the field depends.
     pub needs: &'static [Need],
-    /// Computes the field times the parameters, `Phi theta`, from the state, the shape and theta. Entries of theta
-    /// after the last parameter are zero.
+    /// Computes the field times the parameters, `Phi theta`, from the state, the shape (nonlinear parameter) and theta.
+    /// Entries of theta after the last parameter are zero.
     pub sum: fn(&State<F>, F, &[F; MAX_PARAMETERS]) -> Vector3<F>,
     /// Computes the field: sets the columns of Phi, one for each parameter, from the state and the shape.
     #[cfg(feature = "catalogue")]
@@ -349,7 +349,8 @@ impl<F: RealField + Copy> Effect<F> {
     }
 
     /// Computes the field Phi at a state: sets the first entries of `columns` to the columns of Phi, one for each of
-    /// the [`parameters`](Self::parameters). `shape` is ignored if [`shape`](Self::shape) is `None`.
+    /// the [`parameters`](Self::parameters). The argument `shape` is the value of the nonlinear parameter. It is
+    /// ignored if [`shape`](Self::shape) is `None`.
     #[inline]
     pub fn field(&self, state: &State<F>, shape: F, columns: &mut Columns<F>) {
         (self.columns)(state, shape, columns);

@@ -1,4 +1,4 @@
-//! Integration of angular rate to a rotation (`docs/model.md` (6)).
+//! Integrates the angular rate to a rotation (`docs/model.md` (6)).
 //!
 //! The angular rate is assumed to be linear in time between two samples. The rotation over the step is then
 //!

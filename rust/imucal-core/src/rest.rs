@@ -1,4 +1,4 @@
-//! Rest detection on a stream of samples, with fixed memory.
+//! Detects rests in a stream of samples, with fixed memory.
 //!
 //! Samples are summed in short blocks, and a window consists of the last few blocks. The six channels are the three
 //! components of the rate and of the force. A window is still if its rest statistic ([`rest_statistic`]) is below a
@@ -127,7 +127,7 @@ impl<F: RealField + Copy> RestDetector<F> {
         self.judge_window()
     }
 
-    /// Whether the last complete window was still.
+    /// Whether the last complete window was still, which means that its rest statistic was below the threshold.
     pub fn is_still(&self) -> bool {
         self.open.is_some_and(|rest| rest.end_block == self.blocks)
     }

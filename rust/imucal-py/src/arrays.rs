@@ -1,4 +1,4 @@
-//! Conversion of arrays between Python and Rust.
+//! Converts arrays between Python and Rust.
 //!
 //! `as_slice` of rust-numpy accepts Fortran-ordered arrays as contiguous and returns them column by column. This module
 //! therefore verifies that all arrays are in C order. The Python package converts its arrays beforehand; other callers

@@ -1,4 +1,4 @@
-//! Conversion of calibrations from Python objects to the types of the library.
+//! Converts calibrations from Python objects to the types of the library.
 
 use imucal::error::Error;
 use imucal_core::calibration::Calibration;

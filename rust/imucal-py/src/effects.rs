@@ -1,6 +1,6 @@
-//! The catalogue of effects for Python: definitions of the effects, evaluation of their fields (the derivatives of an
-//! effect's error with respect to its parameters), and conversion of effects and their parameter values from Python
-//! objects to the types of the library.
+//! Gives Python access to the catalogue of effects. Evaluates the fields of effects (the derivatives of an effect's
+//! error with respect to its parameters), and converts effects and their parameter values from Python objects to the
+//! types of the library.
 
 use imucal::calibrate::EffectChoice;
 use imucal::correct::temperature_history_of;

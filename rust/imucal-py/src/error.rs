@@ -1,4 +1,4 @@
-//! Conversion of the library's errors to the classes of `imucal.errors`, which are defined in Python.
+//! Converts the library's errors to the classes of `imucal.errors`, which are defined in Python.
 
 use imucal::error::Error;
 use imucal::finding::{Finding, Severity};

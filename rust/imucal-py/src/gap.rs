@@ -70,8 +70,8 @@ pub(crate) struct SessionStep {
 
 /// Name of an effect, and two measures of the residuals that remain if a unit has an effect of typical size and the
 /// fitted model lacks this effect. The first measure lists, for each kind of residual, its name and the rms of the
-/// residuals, divided by their standard deviation from noise. The second measure is the share of the chi2 caused by the
-/// effect that disappears when the other parameters are fitted.
+/// residuals, divided by their standard deviation from noise. The missing effect increases chi2. The second measure is
+/// the share of this increase that disappears when the other parameters are fitted.
 type Trace = (String, Vec<(&'static str, f64)>, f64);
 
 /// Result of a search for effects: the score of each candidate effect, the detection limits, and `generic`, a variation
@@ -121,10 +121,10 @@ pub(crate) struct GapAnalysis {
     /// The fit with the accepted effects; None if no effect was accepted.
     after: Option<Py<GapFit>>,
     effects: Vec<Py<EffectScore>>,
-    /// For each accepted effect: its name, and three shares of the excess chi2 of unseen data (chi2 beyond noise) that
-    /// the effect removes. The shares are for three kinds of residuals: norms of the specific force at rest, gravity
-    /// directions after moves, and mean rates at rest. A share is None if the residuals of its kind hardly exceed
-    /// noise.
+    /// For each accepted effect: its name, and the share of the excess chi2 (chi2 beyond noise) of unseen data that the
+    /// effect removes. There is one share for each of three kinds of residuals: norms of the specific force at rest,
+    /// gravity directions after moves, and mean rates at rest. A share is None if the residuals of its kind hardly
+    /// exceed noise.
     shares: Vec<(String, [Option<f64>; 3])>,
     /// Name of an accepted effect, name of a rival (an effect that explains nearly the same residuals), and the
     /// estimated parameters of the rival in a fit in which it replaces the effect. The estimated parameters are None if

@@ -1,4 +1,4 @@
-//! Calculations that can be ended by a signal, for example by Ctrl-C.
+//! Runs calculations that a signal, for example from Ctrl-C, can end.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

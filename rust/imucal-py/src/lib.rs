@@ -247,9 +247,9 @@ mod _core {
         Evaluation::new(py, evaluation, &recordings)
     }
 
-    /// Raises an error if a control recording is a part or an altered copy of a calibration recording. For each
-    /// recording, `rests` and `control_rests` contain, for each rest, the index of its first sample and the index of
-    /// its last sample plus one.
+    /// Raises an error if a control recording is a part or an altered copy of a calibration recording. `rests` and
+    /// `control_rests` contain a list of rests for each recording. A rest is given by the index of its first sample and
+    /// the index of its last sample plus one.
     #[pyfunction]
     fn require_independent(
         py: Python<'_>,
@@ -268,9 +268,9 @@ mod _core {
         py.detach(check).to_python(py)
     }
 
-    /// Reason for the verdict `poor` from these figures of merit; None if they do not give this verdict. `set` states
-    /// which recordings the figures of merit refer to: `"calibration set"` or `"control set"`. If `has_gyroscope` is
-    /// false, the verdict does not require any moves.
+    /// Returns the reason why these figures of merit give the verdict `poor`; None if they do not give this verdict.
+    /// `set` states which recordings the figures of merit refer to: `"calibration set"` or `"control set"`. If
+    /// `has_gyroscope` is false, the verdict does not require any moves.
     #[pyfunction]
     #[pyo3(signature = (set, rests, moves, chi2_per_dof, has_gyroscope = true))]
     fn poor_figures(
@@ -399,7 +399,8 @@ mod _core {
         Ok((to_rows(py, rate)?, to_rows(py, force)?))
     }
 
-    /// Time derivative of the angular rate at each sample, rad/s^2, (N, 3). The result is empty for a single sample.
+    /// Computes the time derivative of the angular rate at each sample, rad/s^2, (N, 3). The result is empty for a
+    /// single sample.
     #[pyfunction]
     fn angular_acceleration<'py>(
         py: Python<'py>,

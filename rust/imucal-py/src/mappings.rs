@@ -1,5 +1,5 @@
-//! Conversion of parts of a result to mappings, which are written to JSON documents unchanged. The library uses NaN for
-//! a value that does not exist. Such values, and all other values that are not finite, become None.
+//! Converts parts of a result to mappings, which are written to JSON documents unchanged. The library uses NaN for a
+//! value that does not exist. Such values, and all other values that are not finite, become None.
 
 use imucal::Termination;
 use imucal::calibrate;

@@ -43,8 +43,8 @@ pub(crate) struct AxisNoise {
 }
 
 /// Change of the mean reading of one axis of a unit at rest. The values are: index of the axis (0 to 2 for the
-/// accelerometer, 3 to 5 for the gyroscope); size of the change; its standard deviation; and the increase of 2 ln L by
-/// a model with this change, where L is the likelihood of the samples.
+/// accelerometer, 3 to 5 for the gyroscope); size of the change; its standard deviation; and the increase of 2 ln L
+/// when this change is added to the noise model, where L is the likelihood of the samples.
 type Departure = (usize, f64, f64, f64);
 /// A step of the mean readings: its time (s), the index of the first sample after the step, and the change of each
 /// affected axis.
@@ -157,8 +157,8 @@ impl Series<'_> {
     }
 }
 
-/// Overlapping Allan deviations of each series. Each entry of `factors` is an averaging time, in samples. The series
-/// are not copied.
+/// Computes the overlapping Allan deviations of each series in `values`. Each entry of `factors` is an averaging time,
+/// in samples. The series are not copied.
 #[pyfunction]
 pub(crate) fn allan_deviations<'py>(
     py: Python<'py>,

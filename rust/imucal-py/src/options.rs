@@ -1,4 +1,4 @@
-//! Options of a calibration, converted from Python.
+//! Converts the options of a calibration from Python.
 
 use imucal::calibrate::{BiasWander, Options, References, UnitWander};
 use imucal::error::Error;

@@ -12,7 +12,8 @@ use crate::interrupt::interruptible;
 use crate::options::{CalibrateOptions, HeldTuple, priors};
 use crate::simulation::{Motion, StepTuple, UnitArrays, steps};
 
-/// The simulated unit for which a plan is made, and its sampling rate, effects and options, from a Python object.
+/// The unit for which a plan is made, with its sampling rate, its effects and the options of the calibration, converted
+/// from the attributes of a Python object.
 #[derive(FromPyObject)]
 pub(crate) struct PlanSensors<'py> {
     unit: UnitArrays<'py>,
@@ -83,8 +84,8 @@ pub(crate) fn plan_effect_parameters(
     Ok(sensors.sensors(py)?.effect_parameters())
 }
 
-/// Predicted standard deviation, in SI units, of every parameter in a calibration from these motions. The second result
-/// is the number of rests.
+/// Predicts the standard deviation, in SI units, of every parameter in a calibration from these motions. The second
+/// result is the number of rests.
 #[pyfunction]
 pub(crate) fn predict_sigma(
     py: Python<'_>,
@@ -100,9 +101,9 @@ pub(crate) fn predict_sigma(
     Ok((found.sigma, found.rests))
 }
 
-/// Steps of the best program, and whether it reaches the target standard deviations `sigma`. With `sigma`, the best
-/// program is the shortest one that reaches the targets. Without `sigma`, it is the program of at most `duration_s`
-/// that gives the most information about all parameters.
+/// Finds the best program. Returns its steps, and whether it reaches the target standard deviations `sigma`. With
+/// `sigma`, the best program is the shortest one that reaches the targets. Without `sigma`, it is the program of at
+/// most `duration_s` that gives the most information about all parameters.
 #[pyfunction]
 #[pyo3(signature = (sensors, limits, duration_s, sigma, seed, proposals))]
 pub(crate) fn optimal_program(
@@ -125,7 +126,8 @@ pub(crate) fn optimal_program(
 /// second list contains, for each effect that is not observable, its name and the data that would make it observable.
 type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
-/// Detection limit of each effect in `candidates`: the smallest size that is significant in the recordings.
+/// Computes the detection limit of each effect in `candidates`: the smallest size that is significant in the
+/// recordings.
 #[pyfunction]
 pub(crate) fn smallest_visible(
     py: Python<'_>,

@@ -1,4 +1,4 @@
-//! Results of the library as immutable Python objects.
+//! Converts results of the library to immutable Python objects.
 
 use std::ops::Range;
 

@@ -180,13 +180,13 @@ pub(crate) fn steps(program: &Program) -> Vec<StepTuple> {
     program.steps().iter().map(|step| (step.turn_rad, step.move_s, step.hold_s)).collect()
 }
 
-/// Steps of the grid program: rests on a grid of the angles of two motors.
+/// Returns the steps of the grid program, whose rests form a grid in the angles of two motors.
 #[pyfunction]
 pub(crate) fn grid_program(py: Python<'_>, step_rad: f64, move_s: f64, hold_s: f64) -> PyResult<Vec<StepTuple>> {
     Ok(steps(&Program::grid(&Grid { step_rad, move_s, hold_s }).to_python(py)?))
 }
 
-/// Steps of the random program: random turns of all three motors.
+/// Returns the steps of the random program, in which all three motors make random turns.
 #[pyfunction]
 pub(crate) fn random_program(
     py: Python<'_>,

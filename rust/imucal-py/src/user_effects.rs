@@ -1,4 +1,4 @@
-//! User-defined effects, which are evaluated by Python functions that the library calls during a fit.
+//! Evaluates user-defined effects with Python functions, which the library calls during a fit.
 
 use std::sync::Arc;
 

@@ -106,7 +106,7 @@ pub struct Options<'a> {
     pub max_iterations: u64,
 }
 
-/// The model that is fitted to checked recordings.
+/// Options of the model that is fitted to checked recordings: its effects, and the folds of a cross-validation.
 #[derive(Clone, Debug, Default)]
 pub struct ModelOptions<'a> {
     /// Effects of the catalogue ([`Effect`](imucal_core::effects::Effect)) that are estimated together with the base
@@ -192,8 +192,8 @@ impl Options<'_> {
         self.joint || self.has_effects() || !self.priors.is_empty()
     }
 
-    /// Whether a requested effect depends on time or temperature. A user-defined effect counts as dependent on them.
-    /// The readings of a sensor may then drift during a rest.
+    /// Whether the readings of a sensor may drift during a rest, because a requested effect depends on time or
+    /// temperature. A user-defined effect counts as dependent on both.
     fn may_drift(&self) -> bool {
         let drifts = |choice: &EffectChoice| {
             choice.effect.needs.iter().any(|need| matches!(need, Need::Time | Need::Temperature))

@@ -3,7 +3,7 @@
 //!
 //! The checks run in stages. Each stage runs as soon as its inputs are available. [`check_columns`] uses a single
 //! recording, [`check_shared`] uses all recordings, and [`check_rests`] uses the detected rests. [`check_kinematics`]
-//! uses a first linear fit of the gyroscope, and [`check_gains`] uses the resulting calibration. Several faults of one
+//! uses a first linear fit of the gyroscope, and [`check_gains`] uses the finished calibration. Several faults of one
 //! kind give one finding, which states their number and the location of the first fault. Samples that are not finite
 //! (NaN or infinity) are reported once, and all other checks ignore them.
 

@@ -6,8 +6,8 @@
 //! ```
 //!
 //! T is the sensitivity and b the bias of a triad. `seen` is the true value plus the effects. Phi_c is the field of
-//! effect c and theta_c its parameters. The second line is repeated until `true` converges, because the fields depend
-//! on `true`.
+//! effect c: the derivatives, with respect to the parameters theta_c of the effect, of the error that the effect adds.
+//! The second line is repeated until `true` converges, because the fields depend on `true`.
 //!
 //! Effects may depend on other quantities in addition to rate and force. A recording provides the time since its first
 //! sample. If it has a temperature column, it also provides the temperature minus [`REFERENCE_TEMPERATURE_DEGC`], and
@@ -211,9 +211,9 @@ mod tests {
         unit
     }
 
-    /// Largest errors of rate and force in a round trip: `unit` measures a simulated motion, and the samples are
-    /// corrected. Rate and force of the motion are quadratic in time. The gyroscope has a delay of `delay_s`, if the
-    /// unit has the effect `gyro_time_offset`.
+    /// Simulates the samples that `unit` measures during a motion, corrects them, and returns the largest errors of
+    /// rate and force. Rate and force of the motion are quadratic in time. The gyroscope has a delay of `delay_s`, if
+    /// the unit has the effect `gyro_time_offset`.
     fn round_trip(unit: &Calibration<f64>, delay_s: f64, with_temperature: bool) -> (f64, f64) {
         let time_s = uneven_time(200);
         let temperature: Vec<f64> = time_s.iter().map(|t| 20.0 + 3.0 * (t - 70.0)).collect();

@@ -328,8 +328,8 @@ fn judge(
     })
 }
 
-/// Figures of merit over all used rests and moves. `parameters` is the number of parameters that were fitted to these
-/// rests and moves.
+/// Computes the figures of merit over all used rests and moves. `parameters` is the number of parameters that were
+/// fitted to these rests and moves.
 pub(crate) fn figures(
     rests: &[RestReport],
     moves: &[MoveReport],
@@ -414,8 +414,8 @@ pub(crate) fn unusable_report(m: &Move, reason: &'static str) -> MoveReport {
     }
 }
 
-/// Gravity propagated from the first rest through the whole recording. Later rests do not correct the propagated
-/// gravity, so its errors accumulate, as in an application that only integrates the rates.
+/// Propagates gravity from the first rest through the recording with the index `index`. Later rests do not correct the
+/// propagated gravity, so its errors accumulate, as in an application that only integrates the rates.
 fn carried_gravity(
     index: usize,
     [recorded, judged]: [&Recording<'_>; 2],

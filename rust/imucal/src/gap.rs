@@ -21,8 +21,8 @@
 //! * `fits`, `acceptance`: an effect is accepted unless it makes the prediction of unseen data significantly worse.
 //!   Unseen data are control recordings (recordings that no fit uses) or, without control recordings, held-out rests
 //!   and moves.
-//! * `mount`, `clock`: faults of the unit's mount on a stand (a device with motors that rotates the unit), and faults
-//!   of the clock. Such faults prevent conclusions about effects.
+//! * `mount`, `clock`: detection of faults of the unit's mount on a stand (a device with motors that rotates the unit),
+//!   and of faults of the clock. Such faults prevent conclusions about effects.
 //! * `verdict`, `remainder`: the conclusion of a search, and a description of the residuals that the accepted effects
 //!   do not explain.
 //! * `session`: tests whether the biases changed between the calibration recordings and the control recordings.
@@ -96,9 +96,9 @@ pub struct Search {
     pub path: Vec<Score>,
     /// Scores of all candidates relative to the model without effects, in descending order of the log Bayes factor.
     pub ranking: Vec<Score>,
-    /// The variation of a bias or scale that no effect of the catalogue describes (a generic hypothesis), if it
-    /// explains the residuals better than the selected effects. If several generic hypotheses do so, this is the one
-    /// with the largest log Bayes factor.
+    /// The variation of a bias or scale that no effect of the catalogue describes (a generic hypothesis), if such a
+    /// variation explains a significant part of the residuals that the selected effects leave unexplained. If several
+    /// hypotheses do so, this is the hypothesis with the largest log Bayes factor.
     pub generic: Option<GenericFinding>,
     /// Effects with a large log Bayes factor on these recordings that were not selected, because they do not improve
     /// the prediction of held-out rests and moves.
@@ -110,9 +110,9 @@ pub struct Search {
     /// Name of each effect that is not observable in these recordings, and the data that would make it observable.
     pub not_observable: Vec<(String, String)>,
     /// Detection limit of each effect: the name of the effect, the smallest rms value of its parameters that is
-    /// detected with 90 % probability, and the unit of this value. The limit applies to an addition of the effect to
-    /// the final model. If the final model already contains the effect, the limit applies to an addition to the model
-    /// without effects.
+    /// detected with 90 % probability, and the unit of this value. It is the limit of a test in which the effect is
+    /// added to the final model. If the final model already contains the effect, the effect is added to the model
+    /// without effects instead.
     pub smallest_visible: Vec<(String, f64, String)>,
     /// For each effect: the residuals that remain after a fit if the unit has this effect at its typical size and the
     /// fitted model lacks the effect.
@@ -147,8 +147,8 @@ pub struct Score {
     pub parameters: usize,
     /// Log Bayes factor of the model with the effect relative to the model without the effect, nats.
     pub log_bayes_factor: f64,
-    /// Likelihood ratio statistic 2 ln(L_with / L_without): maximum likelihoods of the models with and without the
-    /// effect.
+    /// Likelihood ratio statistic 2 ln(L_with / L_without), where L_with and L_without are the maximum likelihoods of
+    /// the models with and without the effect.
     pub statistic: f64,
     /// Degrees of freedom of `statistic`: the number of observable directions in the space of the effect's parameters.
     pub dof: usize,

@@ -92,12 +92,12 @@ use reweighting::Reweighting;
 use start::Prior;
 use weights::Weights;
 
-/// Observability limit of an effect: minimum norm of the change of the whitened residuals if the parameters of the
-/// effect change by one typical size (`Term::typical`) in their least observable direction. At the limit of 0.1, a
+/// Observability limit of an effect. If its parameters change by one typical size (`Term::typical`) in their least
+/// observable direction, the whitened residuals must change by at least this value (norm). At the limit of 0.1, a
 /// change by ten typical sizes changes chi2 by one (model.md (18)).
 const LEAST_CHANGE: f64 = 0.1;
-/// Observability limit of an effect with a prior. It is a limit of the same norm as `LEAST_CHANGE`, but for a change of
-/// the parameters in their most observable direction. At 0.01, a change by a hundred typical sizes changes chi2 by one.
+/// Observability limit of an effect with a prior. It limits the same norm as `LEAST_CHANGE`, but the parameters change
+/// in their most observable direction. At 0.01, a change by a hundred typical sizes changes chi2 by one.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
 /// Initial standard deviation of the prior of an effect, in typical sizes of its parameters. Only effects that are
 /// permitted even if the recordings do not determine all their parameters (`Term::partly`) have such a prior.
@@ -114,8 +114,8 @@ const NOT_SETTLED: f64 = 0.1;
 /// Maximum number of fits with new weights. If the parameters have not converged after this number, the result is
 /// reported as not converged. Most runs converge within five fits.
 const MAX_ROUNDS: usize = 16;
-/// If the residuals of the start model of a search for effects scatter by more than this multiple of their noise, the
-/// weights estimated from these residuals are too small. The fit is then repeated with new weights.
+/// A search for effects estimates its first weights from the residuals of its start model. If these residuals scatter
+/// by more than this multiple of their noise, the weights are too small. The fit is then repeated with new weights.
 const MISLEADING: f64 = 10.0;
 /// The repeated fits of a search for effects end if, for every kind of residuals, the ratio of scatter to noise changes
 /// by less than this factor from one fit to the next.
@@ -186,10 +186,10 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
-/// Joint fit for a search for effects, from the model `start`, with a relative tolerance of 1e-5. If the residuals of
-/// the start model are far above noise, the fit is repeated with new weights until the weights hardly change.
-/// Otherwise, the fit is repeated once if encoders are used. `width` returns the standard deviation of an effect's
-/// prior, in typical sizes; `None` means no prior. Returns the residuals at the estimate and their derivatives.
+/// Runs the joint fit of a search for effects, from the model `start`, with a relative tolerance of 1e-5. If the
+/// residuals of this model are far above noise, the fit is repeated with new weights until the weights hardly change.
+/// Otherwise, it is repeated once if encoders are used. `width` returns the standard deviation of an effect's prior, in
+/// typical sizes; `None` means no prior. Returns the residuals at the estimate and their derivatives.
 pub(crate) fn fit_for_search(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -220,7 +220,7 @@ fn minimize(problem: &Joint<'_>, start: &[f64], tolerance: f64) -> Result<Soluti
     minimize_within(problem, start, tolerance, problem.prepared.max_iterations)
 }
 
-/// Fit like [`minimize`], with at most `iterations` iterations.
+/// Fits all parameters, starting from `start`, with at most `iterations` iterations.
 fn minimize_within(problem: &Joint<'_>, start: &[f64], tolerance: f64, iterations: u64) -> Result<Solution, Error> {
     let found = lsq::minimize_within(problem, start, tolerance, iterations.min(lsq::ITERATION_LIMIT))?;
     if found.termination == Termination::NotFinite {
@@ -230,7 +230,7 @@ fn minimize_within(problem: &Joint<'_>, start: &[f64], tolerance: f64, iteration
     Ok(found)
 }
 
-/// Gravity directions at the ends of each move, and the rotation over the move. They are computed with the known model
+/// Computes the gravity directions at the ends of each move and the rotation over the move, with the known model
 /// `model`.
 pub(crate) fn predict(
     prepared: &Prepared<'_>,
@@ -268,7 +268,7 @@ fn begin(
     problem.weigh_by(&Solution::at(parameters, residuals, jacobian))
 }
 
-/// Largest change of a parameter between two fits, in units of its standard deviation.
+/// Returns the largest change of a parameter from `before` to the fit `found`, in standard deviations of the parameter.
 fn largest_move(before: &[f64], found: &Solution) -> f64 {
     let covariance = lsq::covariance(&found.jacobian);
     let change = |p: usize| (found.parameters[p] - before[p]).abs() / covariance[(p, p)].sqrt();
@@ -368,7 +368,7 @@ fn not_determined(term: &terms::Term<'_>, open: usize) -> String {
     message
 }
 
-/// Start values of the time constant of an effect, as fractions of the duration of the longest recording.
+/// Returns the start values of the time constant of `effect`, as fractions of the duration of the longest recording.
 pub(crate) fn start_shares(effect: &Effect<f64>) -> &'static [f64] {
     if effect.needs.contains(&Need::TemperatureHistory) { &LAG_SHARES } else { &SHAPE_SHARES }
 }

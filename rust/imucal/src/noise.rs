@@ -1,4 +1,5 @@
-//! Noise identification from a recording at rest: the kinds of noise, their magnitudes and the confidence intervals.
+//! Identifies the noise of a unit from a recording at rest: the kinds of noise, their magnitudes and confidence
+//! intervals.
 //!
 //! ```text
 //!                      power density, two-sided       Allan deviation              figure
@@ -51,8 +52,8 @@ use stretch::Stretch;
 /// Minimum number of samples of a noise identification. Fewer samples would determine only the white noise, with poor
 /// accuracy.
 const FEWEST_SAMPLES: usize = 1000;
-/// A finding reports the longest rest if this rest covers less than this share of the examined interval: the longest
-/// interval with at most 1 lost or repeated sample in 10 000.
+/// A warning is reported if the longest rest covers less than this share of the examined interval. The examined
+/// interval is the longest one with at most 1 lost or repeated sample in 10 000.
 const WHOLE_SHARE: f64 = 0.9;
 
 /// The noise of the accelerometer and of the gyroscope of a unit.
@@ -70,11 +71,11 @@ pub struct Noise {
     pub accelerometer: Option<[AxisNoise; 3]>,
     /// Noise of the gyroscope's axes x, y, z, in the recording's unit; `None` for an accelerometer alone.
     pub gyroscope: Option<[AxisNoise; 3]>,
-    /// Steps of the mean within the used samples. The estimated noise includes them.
+    /// Steps of the mean reading within the used samples. The estimated noise includes them.
     pub steps: Vec<Step>,
-    /// Steps of the mean that were cut out, so that the used samples contain none of them.
+    /// Steps of the mean reading that were cut out, so that the used samples contain none of them.
     pub cut_steps: Vec<Step>,
-    /// Drifts of the mean, for example while the unit warms up. The estimated noise includes them.
+    /// Drifts of the mean reading, for example while the unit warms up. The estimated noise includes them.
     pub drifts: Vec<Drift>,
     /// Findings about the recording.
     pub findings: Vec<Finding>,
@@ -85,8 +86,8 @@ pub struct Noise {
 pub struct Options {
     /// Minimum duration of an interval that counts as a rest, s.
     pub min_rest_s: f64,
-    /// Whether steps of the mean are cut out. If so, only the longest part of the rest in which no channel has a step
-    /// is used.
+    /// Whether steps of the mean reading are cut out. If so, only the longest part of the rest in which no sensor axis
+    /// has a step is used.
     pub cut_steps: bool,
 }
 
@@ -149,7 +150,7 @@ struct Analysis {
     /// Noise of the six channels, accelerometer first; `None` for the channels of a missing sensor.
     axes: [Option<AxisNoise>; 6],
     steps: Vec<Step>,
-    /// Steps that were cut out. The analysis covers the remaining samples.
+    /// Steps that were cut out of the rest. The analysis covers the longest part without a step.
     cut: Vec<Step>,
     drifts: Vec<Drift>,
 }
@@ -206,7 +207,7 @@ impl Analysis {
     }
 }
 
-/// Sample range of the longest rest in a part of the recording.
+/// Finds the longest rest within the samples `part` of the recording, and returns its sample range.
 fn longest_rest(recording: &Recording<'_>, part: &Range<usize>, min_rest_s: f64) -> Result<Range<usize>, Error> {
     if part.len() < FEWEST_SAMPLES && part.len() < recording.len() {
         return Err(too_short(recording, part, "the longest part without lost or repeated samples"));
@@ -287,7 +288,8 @@ fn moving(recording: &Recording<'_>, rest: &Range<usize>) -> Finding {
     }
 }
 
-/// Findings about the noise of the axes. `axes` has the order accelerometer x, y, z, gyroscope x, y, z.
+/// Returns the findings about the noise of the axes, for example that a filter has changed the spectrum. `axes` has the
+/// order accelerometer x, y, z, gyroscope x, y, z.
 fn remarks(recording: &Recording<'_>, duration_s: f64, rate_hz: f64, axes: &[Option<AxisNoise>]) -> Vec<Finding> {
     let columns = |of: &dyn Fn(&AxisNoise) -> bool| -> Vec<String> {
         let found = check::CHANNELS.iter().zip(axes).filter(|(_, axis)| axis.as_ref().is_some_and(of));

@@ -12,7 +12,7 @@ use cursor::{Cursor, Number};
 
 use crate::numerics::workers::{in_order, processors};
 
-/// Minimum size of a block, in bytes, whose lines are read by several threads.
+/// Several threads read the lines of a block if the block has at least this number of bytes.
 const WORTH_THREADS: usize = 1 << 20;
 /// If the first block has at least this number of bytes, the text counts as long, because many more blocks may follow.
 /// Each column then reserves memory for [`RESERVED`] values.

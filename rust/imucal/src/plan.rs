@@ -1,10 +1,10 @@
-//! Planning of motions: the accuracy of the calibration after a program (a sequence of turns and holds of the unit),
-//! and the program with the best accuracy (`docs/model.md` (33)).
+//! Plans motions: predicts the accuracy of a calibration from a program (a sequence of turns and holds of the unit),
+//! and finds the program with the best accuracy (`docs/model.md` (33)).
 //!
 //! * [`Sensors`]: derivatives of the sensor readings with respect to the parameters, and the white noise of the
 //!   sensors.
-//! * [`predict()`]: predicted standard deviation of every parameter after any [`Motion`](crate::simulate::Motion), from
-//!   the model of the sensors only, without any data.
+//! * [`predict()`]: predicted standard deviation of every parameter in a calibration from any
+//!   [`Motion`](crate::simulate::Motion). The prediction uses only the model of the sensors, without any data.
 //! * [`Limits`]: limits of the motors' angles, rates and accelerations.
 //! * [`optimal()`]: the program with the most information in a given time, or the shortest program that reaches given
 //!   standard deviations.

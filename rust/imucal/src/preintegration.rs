@@ -60,8 +60,8 @@ pub struct Preintegrated {
     pub bias_sum: Matrix3<f64>,
 }
 
-/// Rotation from sample `first` to sample `last` of a recording. Between samples, the rate is a cubic polynomial if the
-/// time steps permit it, otherwise linear (`docs/model.md` (17)).
+/// Integrates the rotation from sample `first` to sample `last` of a recording. Between samples, the rate is a cubic
+/// polynomial if the time steps permit it, otherwise linear (`docs/model.md` (17)).
 pub(crate) fn integrate_rotation(
     recording: &Recording<'_>,
     first: usize,
@@ -72,8 +72,7 @@ pub(crate) fn integrate_rotation(
     paths.fold(Matrix3::identity(), |rotation, path| rotation * path.rotation(gyroscope))
 }
 
-/// Rotation of [`integrate_rotation`] from sample `first` to sample `last`, and the sums from which its derivatives are
-/// computed.
+/// Integrates the rotation like [`integrate_rotation`]. Also returns the sums from which its derivatives are computed.
 pub(crate) fn preintegrate(
     time_s: &[f64],
     rates: Samples<'_>,
@@ -90,8 +89,8 @@ pub(crate) fn preintegrate(
     (rotation, sums)
 }
 
-/// Rotation from sample `first` to sample `last` with linear interpolation of the rate, as in the two-stage fit
-/// (`docs/model.md` (6)).
+/// Integrates the rotation from sample `first` to sample `last` with linear interpolation of the rate, as in the
+/// two-stage fit (`docs/model.md` (6)).
 pub(crate) fn integrate_rotation_linear(
     recording: &Recording<'_>,
     first: usize,
@@ -101,8 +100,8 @@ pub(crate) fn integrate_rotation_linear(
     RateSegment::of(recording, first, last).rotation(gyroscope)
 }
 
-/// Total rotation about each axis between two samples, rad: the integral of the absolute value of the rate about the
-/// axis.
+/// Computes the total rotation about each axis between two samples, rad: the integral of the absolute value of the rate
+/// about the axis.
 pub(crate) fn total_rotation_rad(
     recording: &Recording<'_>,
     first: usize,
@@ -141,9 +140,9 @@ impl Sums {
     }
 
     /// Adds the contribution of effects (sensor errors in addition to sensitivity and bias) over an interval to the
-    /// sums of R times the rate. It is needed because the sensitivity multiplies the sum of the true rate and the rate
-    /// error due to the effects. `beyond` is this rate error, rad/s. `weight` is the integral of R over the interval,
-    /// s.
+    /// sums of R times the rate. `beyond` is the rate error due to the effects, rad/s. Its contribution is needed
+    /// because the sensitivity multiplies the sum of the true rate and this error. `weight` is the integral of R over
+    /// the interval, s.
     pub(crate) fn add_beyond(&mut self, weight: &Matrix3<f64>, beyond: &Vector3<f64>) {
         self.sensitivity.iter_mut().zip(beyond).for_each(|(sum, part)| *sum += weight * *part);
     }
@@ -158,7 +157,7 @@ impl Sums {
     }
 }
 
-/// Rotation vector, rad, of a step of `h` seconds, from its mean rate and the rates at its ends, rad/s.
+/// Computes the rotation vector, rad, of a step of `h` seconds from its mean rate and the rates at its ends, rad/s.
 #[inline(always)]
 pub(crate) fn turn(mean: &Vector3<f64>, [w0, w1]: [&Vector3<f64>; 2], h: f64) -> Vector3<f64> {
     mean * h + w0.cross(w1) * (h * h / 12.0)

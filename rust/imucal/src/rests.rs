@@ -1,5 +1,5 @@
-//! Detection of the rests in a recording and of the moves between them. Estimation of the white noise of the sensors
-//! and of the tremor of the hand that holds the unit.
+//! Detects the rests in a recording and the moves between them. Estimates the white noise of the sensors and the tremor
+//! of the hand that holds the unit.
 
 pub(crate) mod moves;
 mod noise_check;

@@ -1,4 +1,4 @@
-//! Error of the mean of rounded samples (model.md (37)).
+//! Computes the error of the mean of rounded samples (model.md (37)).
 //!
 //! A converter rounds every reading to a multiple of its quantisation step q (LSB). If the noise of a sample is far
 //! above q, rounding adds white noise of variance q^2 / 12. If the noise is below q, the mean over a rest has a
@@ -58,18 +58,18 @@ pub struct Rounding {
     pub is_determined: bool,
 }
 
-/// Rounding of one axis in one recording.
+/// Rounding errors of one axis in one recording.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AxisRounding {
     /// Rounding errors for the noise that most rests have in common.
     pub(crate) common: Rounding,
-    /// Rounding at each rest; empty if the noise of the axis is not below its step.
+    /// Rounding errors at each rest; empty if the noise of the axis is not below its step.
     pub(crate) at_rests: Vec<Rounding>,
 }
 
 impl Rounding {
-    /// Rounding for known noise with the standard deviation `noise`; used in predictions. `None` if rounding causes no
-    /// error of the mean of a rest.
+    /// Computes the rounding errors for noise with the known standard deviation `noise`; used in predictions. `None` if
+    /// rounding causes no error of the mean of a rest.
     pub(crate) fn of_noise(step: f64, noise: f64) -> Option<Self> {
         let coarse = step > 0.0 && (noise / step).hypot(1.0 / 12f64.sqrt()) < LEAST_SCATTER;
         coarse.then(|| Self {
@@ -80,8 +80,8 @@ impl Rounding {
         })
     }
 
-    /// Computes the rounding of the three axes of a sensor. For each axis, `axes` contains the quantisation step and,
-    /// for each rest, the number of samples at each level; `None` if the noise of the axis is not below its step.
+    /// Computes the rounding errors of the three axes of a sensor. For each axis, `axes` contains the quantisation step
+    /// and, for each rest, the number of samples at each level; `None` if the noise of the axis is not below its step.
     ///
     /// The noise that most rests have in common is estimated from the levels that occur at these rests. The axes of a
     /// triad usually have similar noise, so the levels of the other axes also contribute to the likelihood of the
@@ -113,8 +113,9 @@ impl Rounding {
         })
     }
 
-    /// Rounding for unknown noise. The variance of the noise and the error variance are means over the trial values of
-    /// the noise, weighted by their likelihood. If only one level occurs, all small trial values are equally likely.
+    /// Computes the rounding errors for unknown noise. The variance of the noise and the error variance are means over
+    /// the trial values of the noise, weighted by their likelihood. If only one level occurs, all small trial values
+    /// are equally likely.
     fn of_likelihood(step: f64, weights: &[f64; NOISES]) -> Self {
         let all: f64 = weights.iter().sum();
         let mean = |of: &dyn Fn(f64) -> f64| (0..NOISES).map(|k| weights[k] * of(trial_noise(k))).sum::<f64>() / all;
@@ -138,7 +139,8 @@ impl Rounding {
     }
 
     /// Variance of the error of one sample while the true value passes through many quantisation steps. Noise and
-    /// rounding errors are then independent. `colour` is the factor c for coloured noise (model.md (10)).
+    /// rounding errors are then independent. `colour` is the factor by which the correlation of the noise increases the
+    /// variance of a mean (model.md (10)).
     pub(crate) fn sweeping_variance(&self, colour: f64) -> f64 {
         self.noise * self.noise * colour + self.step * self.step / 12.0
     }
@@ -180,8 +182,8 @@ mod tests {
         }
     }
 
-    /// Rounding of the first axis of a sensor, for the noise that most rests have in common. `axis` contains the levels
-    /// of this axis, and `other` the levels of the second axis.
+    /// Computes the rounding errors of the first axis of a sensor, for the noise that most rests have in common. `axis`
+    /// contains the levels of this axis, and `other` the levels of the second axis.
     fn common(axis: Option<(f64, Vec<Levels>)>, other: Option<(f64, Vec<Levels>)>) -> Rounding {
         let [found, ..] = Rounding::of_levels([axis, other, None]);
         found.common

@@ -155,7 +155,8 @@ impl Simulation {
         }
     }
 
-    /// A run of which only the time stamps and rests are set. All other values are zero; [`block::fill`] computes them.
+    /// Creates a run in which only the time stamps and rests are set. All other values are zero; [`block::fill`]
+    /// computes them.
     fn blank(samples: usize, setup: &Setup, clock: &Clock) -> Self {
         let on_a_stand = matches!(setup.motion, Motion::Stand { .. });
         let rests = setup.motion.rests().into_iter();

@@ -1,1 +1,1 @@
-"""The commands, one module each."""
+"""The commands of the command line tool `imucal`, one module for each command or group of commands."""

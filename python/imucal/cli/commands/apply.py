@@ -1,4 +1,4 @@
-"""`imucal apply`."""
+"""The command `imucal apply`, which corrects a recording by a calibration."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class _Empty:
         self.count += int(empty.sum())
 
     def warning(self, reason: str) -> list[str]:
-        """The warning about the uncorrected samples; empty if there are none."""
+        """The warning that the counted samples are empty, with the reason; an empty list if none are."""
         if not self.count:
             return []
         samples = "1 sample is" if self.count == 1 else f"{self.count} samples are"

@@ -1,4 +1,4 @@
-"""`imucal calibrate`."""
+"""The command `imucal calibrate`, which calibrates one unit from its recordings."""
 
 from __future__ import annotations
 

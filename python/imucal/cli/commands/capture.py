@@ -231,7 +231,10 @@ def _order(
 
 
 def _calibrated(recording: Recording, known: Mapping[str, Any]) -> tuple[CalibrationResult, str]:
-    """The calibration of a recording, and the option with which `imucal calibrate` gives the same result."""
+    """Calibrate a recording, without its saturated rests and moves if it has any.
+
+    Also returns the option with which `imucal calibrate` gives the same result; may be empty.
+    """
     import imucal
 
     try:

@@ -1,4 +1,4 @@
-"""`imucal compose`."""
+"""The command `imucal compose`, which combines two calibrations of a unit into one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`imucal convert`."""
+"""The command `imucal convert`, which converts files of other programs to a recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`imucal demo`."""
+"""The command `imucal demo`, which simulates and calibrates a unit and writes a report."""
 
 from __future__ import annotations
 

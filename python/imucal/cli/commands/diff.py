@@ -1,4 +1,4 @@
-"""`imucal diff`."""
+"""The command `imucal diff`, which tests whether two calibrations of a unit differ significantly."""
 
 from __future__ import annotations
 

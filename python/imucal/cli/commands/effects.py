@@ -1,4 +1,4 @@
-"""`imucal effects`."""
+"""The command `imucal effects`, which lists the sensor errors beyond bias, scale and misalignment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`imucal evaluate`."""
+"""The command `imucal evaluate`, which evaluates a calibration on further recordings of the unit."""
 
 from __future__ import annotations
 

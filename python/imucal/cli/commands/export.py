@@ -1,4 +1,4 @@
-"""`imucal export`."""
+"""The command `imucal export`, which writes a calibration in the format of another program."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ def export(
 
 
 def _noise(unit: Calibration, reading: Reading, path: Path, min_rest_s: float) -> NoiseResult:
-    """The noise figures of a raw recording at rest, corrected by the calibration."""
+    """Estimate the noise figures of a raw recording at rest, after correction by the calibration."""
     import imucal
 
     return imucal.noise(unit.apply_recording(reading.one([path])), min_rest_s=min_rest_s)

@@ -1,4 +1,4 @@
-"""`imucal fleet`: many units in one store."""
+"""The group of commands `imucal fleet`, for calibrations of many units in one store (an SQLite file)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`imucal fleet gap`: one effect over all units."""
+"""`imucal fleet gap`: searches for an effect that is missing in the sensor model of many units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`imucal fleet report` and `certificate`: pages of a fleet and of one unit."""
+"""`imucal fleet report` and `certificate`: write a page about all units, or the certificate of one unit."""
 
 from __future__ import annotations
 

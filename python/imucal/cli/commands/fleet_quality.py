@@ -1,4 +1,4 @@
-"""`imucal fleet capability` and `grr`: capability for given limits, and gauge repeatability study."""
+"""`imucal fleet capability` and `grr`: process capability, and gauge repeatability and reproducibility."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`imucal gap`."""
+"""The command `imucal gap`, which searches the residuals of a calibration for a missing effect."""
 
 from __future__ import annotations
 

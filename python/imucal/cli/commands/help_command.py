@@ -1,4 +1,4 @@
-"""`imucal help`."""
+"""The command `imucal help`, which shows the help of a command or explains a reason code."""
 
 from __future__ import annotations
 

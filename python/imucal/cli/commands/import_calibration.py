@@ -1,4 +1,4 @@
-"""`imucal import`."""
+"""The command `imucal import`, which converts a calibration of another program to a calibration file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`imucal inspect`."""
+"""The command `imucal inspect`, which shows rests and faults of recordings and predicts the accuracy."""
 
 from __future__ import annotations
 

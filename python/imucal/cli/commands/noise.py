@@ -1,4 +1,4 @@
-"""`imucal noise`."""
+"""The command `imucal noise`, which estimates noise figures from a recording at rest."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def _print(out: Output, found: NoiseResult, units: Units) -> None:
 
 
 def _white_noise(axis: str, density: NoiseFigure) -> list[str] | None:
-    """Table cells of the white noise in the definitions of filters and datasheets; None if not available."""
+    """The row of an axis in the table of white noise; None if the noise density or its unit is not known."""
     scales = WHITE_NOISE_UNITS.get(density.unit)
     if density.value is None or scales is None:
         return None

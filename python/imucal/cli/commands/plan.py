@@ -1,4 +1,4 @@
-"""`imucal plan`."""
+"""The command `imucal plan`, which plans a motion and predicts the accuracy of a calibration from it."""
 
 from __future__ import annotations
 

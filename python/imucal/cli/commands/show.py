@@ -1,4 +1,4 @@
-"""`imucal show`."""
+"""The command `imucal show`, which prints the contents of a calibration file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`imucal simulate`."""
+"""The command `imucal simulate`, which simulates a recording of a unit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`imucal soak`."""
+"""The command `imucal soak`, which finds how biases depend on temperature, from a recording at rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ageing of parameters: the mean slope over all units, and by batch, station and temperature."""
+"""Ageing of parameters: their mean slope over time, for all units, batches, stations and temperatures."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Ageing:
 
 
 def ageing_of(dated: Measurements, columns: Columns, slopes: Slopes) -> tuple[Ageing, ...]:
-    """Mean slopes of all units and of each group; groups with few units are omitted."""
+    """Mean slope of each parameter over all units, and over each group with at least `FEWEST` units."""
     stats: Any = scipy_part("stats")
     groups = [("all", "", np.ones(len(slopes.first), dtype=bool)), *_groups(dated, slopes)]
     rows = []
@@ -109,8 +109,8 @@ def _mean_of(slopes: FloatArray, stds: FloatArray) -> tuple[float, float, float]
     """Mean slope over units, its standard deviation, and the spread of the slopes without measurement noise.
 
     The spread is the moment estimate of DerSimonian and Laird (Controlled Clinical Trials 7, 1986). A unit
-    has the weight 1 / (spread^2 + noise^2). The mean is not robust: if a third of the units drifts, the mean
-    is a third of their slope, whereas a robust mean would be the slope of the majority.
+    has the weight 1 / (spread^2 + noise^2). If only a third of the units drifts, this mean is a third of
+    their slope. A robust mean is not used, because it would be the zero slope of the majority.
     """
     weight = 1.0 / stds**2
     total = weight.sum()

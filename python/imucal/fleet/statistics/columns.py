@@ -44,7 +44,7 @@ class Columns:
 
 
 def columns_of(measurements: Measurements, *, figures: bool = True) -> Columns:
-    """The columns of measurements that are in order of time.
+    """Convert measurements, which must be sorted by date, to columns.
 
     Columns with too few values and columns whose values are all equal are omitted.
     """

@@ -45,7 +45,7 @@ FitAll = Callable[[Sequence[str], Sequence[str]], Mapping[str, Mapping[str, Fitt
 
 @dataclass(frozen=True)
 class MeanParameter:
-    """A parameter of an effect over units.
+    """The distribution of one parameter of an effect over the units.
 
     mean, mean_std   mean over the units, and its standard deviation
     spread           standard deviation of the units, without the noise of their fits
@@ -73,7 +73,7 @@ class EffectEvidence:
                      parameter
     p_value          p-value corrected for the number of effects
     is_significant   whether p_value is below 0.1 %
-    rivals           effects that explain the units equally well
+    rivals           effects that explain the data of the units about equally well
     beside           effects that were estimated together with this effect
     """
 
@@ -92,7 +92,7 @@ class EffectEvidence:
 
 @dataclass(frozen=True)
 class FleetGap:
-    """The effects of a fleet.
+    """Result of the search for effects over the units of a fleet.
 
     units      number of units whose recordings were searched
     unread     number of units in which no effect could be fitted
@@ -172,7 +172,10 @@ def _ranked(
 ) -> tuple[float, tuple[EffectEvidence, ...]]:
     """The factor by which the stated variances are multiplied, and the evidence for each effect.
 
-    Effects that too few units determine are omitted.
+    Effects that are determined by the recordings of too few units are omitted.
+
+    tests       number of effects for which the p-values are corrected
+    inflation   the factor; None to estimate it
     """
     of_effect = {}
     for name in effects:

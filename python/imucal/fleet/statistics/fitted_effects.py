@@ -1,4 +1,4 @@
-"""Fits of effects, one at a time, to the recordings of a unit, for the search over all units."""
+"""Fits effects, one at a time, to the recordings of a unit, for the search over all units."""
 
 from __future__ import annotations
 

@@ -89,12 +89,12 @@ class SigmaTest:
 
 @dataclass(frozen=True)
 class GaugeStudy:
-    """The study of one quantity.
+    """The repeatability and reproducibility (gauge study) of one quantity.
 
     name, unit     name and unit of the quantity
     table          analysis of variance with the interaction
     pooled         whether the interaction is not significant and therefore pooled with the repeats
-    components     repeatability, operator, interaction, reproducibility, grr, units, total
+    components     repeatability, operator, interaction, reproducibility, grr, unit, total
     ndc            number of distinct categories, truncated to an integer; at least 5 is usually required
     tolerance      six times the standard deviation `grr`, divided by the width of the limits; None without
                    limits
@@ -146,7 +146,7 @@ def gauge_study(
     unit: str = "",
     pooled_above: float = POOLED_ABOVE,
 ) -> GaugeStudy:
-    """The study of measured values, (units, operators, repeats).
+    """The gauge study of measured values, an array with the axes (units, operators, repeats).
 
     sigmas        stated standard deviations of the values
     tolerance     width of the limits
@@ -284,7 +284,7 @@ def _balanced(serials: TextArray, operators: TextArray, by: str) -> Any:
 def _tested(
     stats: Any, squares: dict[str, float], dof: dict[str, int], source: str, against: str
 ) -> tuple[float | None, float | None]:
-    """F and its p-value; None if the variation in the denominator is zero."""
+    """F, the ratio of the mean squares of `source` and `against`, and its p-value; None if F is infinite."""
     if squares[against] <= 0:
         return None, None
     f = squares[source] / squares[against]

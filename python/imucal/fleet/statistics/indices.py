@@ -24,8 +24,8 @@ __all__ = ["Index", "Indices", "capability_indices", "moving_range_std"]
 # Mean range of two standard normal values (d2 of control charts): 2 / sqrt(pi).
 MEAN_RANGE_OF_TWO: Final = 2.0 / math.sqrt(math.pi)
 # If a standard deviation is estimated from the mean moving range of n values, its effective degrees of
-# freedom are this number times n - 1, because the relative variance of the estimate is 0.826 / (n - 1) (Cryer
-# and Ryan, Journal of Quality Technology 22, 1990).
+# freedom are this number times n - 1. The reason is that the relative variance of the estimate, which is
+# 1 / (2 degrees of freedom), is 0.826 / (n - 1) (Cryer and Ryan, Journal of Quality Technology 22, 1990).
 MOVING_RANGE_DOF: Final = 1.0 / (2.0 * 0.826)
 # Minimum number of values for an index.
 FEWEST_VALUES: Final = 2

@@ -1,11 +1,11 @@
-"""Outlying units, by a robust distance of each unit from the fleet over parameters and figures of merit.
+"""Detects outlying units by a robust Mahalanobis distance over all parameters and figures of merit.
 
     d_i^2 = (y_i - mean)^T (S + C_i)^-1 (y_i - mean)
 
 d_i is the distance of unit i, and y_i are its parameters and figures of merit. S is the covariance of the
 true values over the units, and C_i is the covariance of the measurement noise of unit i. Mean and S come from
 the minimum covariance determinant (MCD) with a deterministic start (Hubert, Rousseeuw and Verdonck, Journal
-of Computational and Graphical Statistics 21, 2012), with the measurement noise subtracted.
+of Computational and Graphical Statistics 21, 2012). The measurement noise is subtracted from S.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ CHUNK: Final = 4000
 
 @dataclass(frozen=True)
 class Deciding:
-    """A parameter or figure of merit of an outlying unit.
+    """A parameter or figure of merit that contributes much to the distance of a unit from the fleet.
 
     value, expected   measured value after removal of the shifts of its station, and mean of the fleet; for a
                       figure of merit, their natural logarithms
@@ -60,7 +60,7 @@ class Deciding:
 
 @dataclass(frozen=True)
 class UnitDistance:
-    """The distance of one unit.
+    """The distance of one unit from the mean of the fleet.
 
     distance   distance d, the square root of d^2
     p_value    p-value under the null hypothesis that the unit belongs to the fleet
@@ -126,7 +126,8 @@ def outliers(measurements: Measurements) -> OutlierResult:
     common = np.isfinite(values).mean(axis=0) > 0.9
     names = tuple(name for name, is_common in zip(all_columns.names, common, strict=True) if is_common)
     complete = np.isfinite(values[:, common]).all(axis=1)
-    # A column with fewer than ten values is not in `names`, so a small fleet may have no column at all.
+    # A small fleet may have no column in `names`, because columns with fewer than ten values are omitted. The
+    # number of parameters is therefore a lower bound of the number of columns.
     needed = max(UNITS_PER_COLUMN * max(len(names), len(kept.names)), 10)
     if complete.sum() < needed:
         raise InputError(
@@ -209,9 +210,10 @@ def _noise(
 def _distances(
     residuals: FloatArray, noise: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """d^2 of each unit; and for each column of each unit, the decrease of d^2 without it, and the deviation.
+    """Returns d^2 of each unit, and two arrays with a value for each column of each unit.
 
-    A deviation is the residual of a column, divided by its standard deviation.
+    The first array contains the decrease of d^2 if the column is omitted. The second contains the residual of
+    the column, divided by its standard deviation.
     """
     total = spread + noise
     inverse = np.linalg.inv(total)

@@ -33,7 +33,7 @@ def robust_location(values: FloatArray, noise: FloatArray) -> tuple[FloatArray, 
     """Mean and covariance of the true values of units.
 
     values   (n, c), scaled to comparable widths
-    noise    (n, c, c) covariances of the measurements
+    noise    (n, c, c) covariances of the measurement noise
 
     The iteration starts from medians, median absolute deviations and rank correlations. The first steps use
     the half of the units with the smallest distances. The last steps use all units within the 97.5 % point of

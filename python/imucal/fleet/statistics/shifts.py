@@ -79,7 +79,7 @@ class Shifts:
 
 
 def common_shifts(measurements: Measurements, columns: Columns) -> Shifts:
-    """The significant shifts, the largest first. Each shift is removed before the next one is searched."""
+    """Find the significant shifts, sorted by |z|. Each shift is removed before the next one is searched."""
     stats: Any = scipy_part("stats")
     numbers = unit_numbers(measurements.serials)
     partitions = _partitions(measurements.stations, days_of(measurements))

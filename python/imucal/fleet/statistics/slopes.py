@@ -1,4 +1,4 @@
-"""Slopes of all parameters of all units, and tests of these slopes."""
+"""Estimates the slope of each parameter of each unit over time, and tests whether it is zero."""
 
 from __future__ import annotations
 
@@ -151,9 +151,10 @@ def _joint(
 def _inverse(
     dated: Measurements, columns: Columns, values: FloatArray, rows: np.ndarray, picked: np.ndarray
 ) -> FloatArray:
-    """Inverse covariances of calibrations, whose variances include the excess variance.
+    """Invert the covariances of calibrations, with the variances of `columns` on their diagonals.
 
-    Rows and columns of missing values are 0.
+    These variances include the excess variance of repeated calibrations. In the inverse, the rows and columns
+    of missing values are 0.
     """
     assert dated.covariances is not None
     covariances = dated.covariances[rows[:, None, None], picked[:, None], picked[None, :]].copy()

@@ -27,7 +27,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Law:
-    """A law.
+    """A formula for residuals that no effect of the catalogue describes, with its evidence.
 
     name              name of the effect in the calibration
     formula           formula in the form of the option `--effect`

@@ -1,4 +1,4 @@
-"""The candidate forms of laws: one-line formulas of one input variable, in groups by sensor and variable.
+"""The candidate forms of laws: formulas of one or two input variables, in groups by sensor and variables.
 
 The input variables are observed quantities: the rate or force along an axis, temperature, time, time since
 the last motion, angles of a stand, and further columns. The forms of a variable are powers, a limiter, steps,
@@ -44,13 +44,13 @@ LEAST_ANGLE_RAD: Final = np.pi
 # the best product is used. The factors cover the interval between adjacent trial values.
 REFINEMENT: Final = (0.7, 0.76, 0.82, 0.88, 0.94, 1.0, 1.06, 1.13, 1.21, 1.3, 1.4)
 _Make = Callable[..., "Form"]
-# Number of samples from which quantiles are computed.
+# Approximate number of samples of each recording from which quantiles are computed.
 SAMPLES: Final = 20000
 
 
 @dataclass(frozen=True)
 class Form:
-    """A candidate law.
+    """A formula that a law can have.
 
     sensor     "gyro" or "accel"
     driver     name of the variable on which the law depends, as formulas write it
@@ -151,7 +151,7 @@ def _of_further(sensor: str, recordings: Sequence[Recording]) -> Iterator[Form]:
 
 
 def _smooth(form: _Make, driver: str, sizes: FloatArray, *, is_own: bool) -> Iterator[Form]:
-    """Forms that are smooth functions of a component of the rate or force."""
+    """Forms that depend on a component of the rate or force; `sizes` are the magnitudes of its samples."""
     yield form(driver, f"k*abs({driver})")
     yield form(driver, f"k*{driver}**2", None, 1)
     yield form(driver, f"k*{driver}*abs({driver})", None, 2)

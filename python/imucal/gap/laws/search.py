@@ -127,7 +127,7 @@ def _selected(
 
 
 def _count(effect: Mapping[str, Any]) -> int:
-    """Number of parameters of a named effect, not counting its time constant."""
+    """Number of parameters of an effect, not counting its time constant."""
     row = catalogue_by_name().get(effect["name"])
     return len(effect["parameters"]) - (row is not None and row.shape is not None)
 
@@ -306,7 +306,10 @@ def _values_of(variable: str, state: State) -> FloatArray:
 
 
 def _sweep(variable: str, at: FloatArray) -> State:
-    """A state with these values of one variable; other quantities are zero, unknown or arbitrary."""
+    """A state with one sample per element of `at`, in which only `variable` has these values.
+
+    All other quantities are zero, unknown or arbitrary.
+    """
     count = len(at)
     alike = np.repeat(at[:, None], 3, axis=1)
     still = np.zeros((count, 3))

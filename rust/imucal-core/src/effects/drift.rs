@@ -1,4 +1,4 @@
-//! Changes of bias and scale with time.
+//! Effects that change bias and scale with time.
 //!
 //! ```text
 //! *_bias_drift        k_i t
@@ -15,7 +15,8 @@ use nalgebra::RealField;
 
 const HEAT_AND_COOL: &str = "a run that heats and cools again";
 const LONGER: &str = "a run of several time constants";
-/// Shape of the warm-up effects: the time constant of self-heating, typically 100 s for a small package.
+/// Shape (nonlinear parameter) of the warm-up effects: the time constant of self-heating, typically 100 s for a small
+/// package.
 const TAU: Option<Parameter> = Some(Parameter { name: "tau", unit: "s", typical: 100.0 });
 
 impl<F: RealField + Copy> Effect<F> {

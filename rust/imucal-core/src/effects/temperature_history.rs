@@ -28,7 +28,7 @@ use nalgebra::RealField;
 #[cfg(feature = "catalogue")]
 const OBSERVABLE: &str = "rests while the temperature rises and while it falls";
 const SEVERAL_RATES: &str = "temperature changes of several rates and durations";
-/// Shape of the lag effects: the time constant, typically 60 s for a sensor on a board.
+/// Shape (nonlinear parameter) of the lag effects: the time constant, typically 60 s for a sensor on a board.
 const TAU: Option<Parameter> = Some(Parameter { name: "tau", unit: "s", typical: 60.0 });
 /// Typical value of (coefficient of dT/dt) / (coefficient of T) of a bias, s. If the temperature changes slowly, such a
 /// bias follows a temperature that leads the thermometer by this time.

@@ -1,5 +1,5 @@
-//! Variables of the temperature history: the lag of a first-order low-pass of the temperature, the rate of change of
-//! the temperature, and the direction in which the temperature last changed (`docs/model.md` (43)).
+//! Computes the variables of the temperature history: the lag of a first-order low-pass of the temperature, the rate of
+//! change of the temperature, and the direction in which the temperature last changed (`docs/model.md` (43)).
 //!
 //! ```text
 //! lag         T_tau - T,          tau dT_tau/dt = T - T_tau
@@ -7,8 +7,9 @@
 //! direction   s <- clamp(s + change of (2 T_1 - T_2) / 1 K, -1, 1)
 //! ```
 //!
-//! s is the direction. At the first reading of the thermometer, T_tau = T_1 = T_2 = T and s = 0. T is assumed to be
-//! linear in time between two readings of the thermometer, and the outputs of the low-passes are exact for this input.
+//! T is the temperature, T_tau is T after a low-pass with the time constant tau of an effect, and s is the direction.
+//! At the first reading of the thermometer, T_tau = T_1 = T_2 = T and s = 0. T is assumed to be linear in time between
+//! two readings of the thermometer, and the outputs of the low-passes are exact for this input.
 //!
 //! ```
 //! use imucal_core::effects::{Effect, EffectSet, EffectValues, Surroundings};

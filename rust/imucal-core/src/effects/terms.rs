@@ -1,6 +1,6 @@
-//! Evaluation of the field Phi of an effect with the parameters theta. The formula of a field is written once. The
-//! formula passes the columns of Phi to a receiver (`Terms`). The receiver either stores the columns or computes the
-//! error `Phi theta` that the effect adds.
+//! Evaluates the field Phi of an effect: the derivatives of the error that the effect adds with respect to its
+//! parameters theta. The formula of a field is written once. The formula passes the columns of Phi to a receiver
+//! (`Terms`). The receiver either stores the columns or computes the error `Phi theta` that the effect adds.
 
 #[cfg(feature = "catalogue")]
 use super::Columns;

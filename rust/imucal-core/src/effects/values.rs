@@ -244,9 +244,9 @@ pub enum EffectError {
     Count {
         /// Name of the effect.
         name: &'static str,
-        /// Number of parameters of the plain form.
+        /// Number of parameters of the plain form, which has the fewest parameters.
         plain: usize,
-        /// Number of parameters of the full form.
+        /// Number of parameters of the full form, which has all parameters.
         all: usize,
         /// Number of parameters given.
         given: usize,

@@ -1,4 +1,5 @@
-//! Running sums over a block of samples, for rest detection on a device and on a PC.
+//! Computes the mean and the variance of a block of samples from running sums, for rest detection on a device and on a
+//! PC.
 
 use nalgebra::{RealField, Vector3, Vector6, convert};
 

@@ -1,5 +1,5 @@
-//! Conversion of the residuals, grouped by kind, rest and move, and of the predicted errors to mappings for JSON
-//! documents.
+//! Converts the residuals (grouped by kind, rest and move) and the predicted errors of corrected samples to mappings
+//! for JSON documents.
 
 use imucal::gap as library;
 use imucal::recording::Recording;

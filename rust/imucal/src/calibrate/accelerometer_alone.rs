@@ -1,8 +1,8 @@
 //! Calibration of an accelerometer without a gyroscope. The nine parameters are estimated from the means of the rests.
 //!
-//! The residuals of the fit are those of model.md (5), and the covariance of the parameters is that of model.md (9).
-//! Without a gyroscope, moves are not used, and neither hand tremor nor effects (further terms of the sensor model) are
-//! estimated.
+//! The residuals of the fit are the norms of the specific force at the rests minus local gravity (model.md (5)). The
+//! covariance of the parameters is computed as in model.md (9). Without a gyroscope, moves are not used, and neither
+//! hand tremor nor effects (further terms of the sensor model) are estimated.
 
 use faer::Mat;
 use imucal_core::sensor::Triad;
@@ -133,14 +133,15 @@ pub(super) fn refuse_options(options: &Options<'_>) -> Result<(), Error> {
     }
 }
 
-/// The held parameters that belong to the accelerometer.
+/// Returns the held parameters (parameters with a prior) that belong to the accelerometer.
 pub(super) fn of_accelerometer(held: Vec<HeldParameter>) -> Vec<HeldParameter> {
     held.into_iter().filter(|held| ACCEL.contains(&held.parameter())).collect()
 }
 
 impl AccelerometerOutcome {
-    /// The result of an accelerometer fit to `rests`. `reports` are the reports of these rests. The fields `thresholds`
-    /// and `findings` stay empty, and `noise_density` is NaN. The caller sets them.
+    /// Creates the result from the accelerometer fit `fit` to `rests`. `reports` are the reports of these rests, and
+    /// `held` are the parameters with a prior. The fields `thresholds` and `findings` stay empty, and `noise_density`
+    /// is NaN. The caller sets them.
     pub(super) fn of_fit(
         fit: &AccelerometerFit,
         rests: &[&Rest],
@@ -181,8 +182,8 @@ impl AccelerometerOutcome {
         })
     }
 
-    /// The parts of this result for a message that offers a model with fewer parameters: the held parameters, and the
-    /// errors that their priors cause. `None` if the verdict is `poor`.
+    /// Returns the parts of this result that a message needs to offer a model with fewer parameters: the held
+    /// parameters, and the errors that their priors cause. `None` if the verdict is `poor`.
     pub(super) fn as_reduced(&self) -> Option<Reduced> {
         let is_usable = !matches!(self.verdict(), Verdict::Poor(_));
         is_usable.then(|| Reduced { held: self.held.clone(), cost: self.prior_cost, condition: None })

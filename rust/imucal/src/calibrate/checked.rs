@@ -137,8 +137,8 @@ impl<'a> Checked<'a> {
         outcome
     }
 
-    /// Findings about recordings that cannot be fitted together. `plain` is the result of the joint fit without
-    /// effects.
+    /// Returns the findings about recordings that cannot be fitted together. `plain` is the result of the joint fit
+    /// without effects.
     fn units(&self, plain: Result<&Outcome, &Error>) -> Result<Vec<Finding>, Error> {
         if let Some(known) = self.units.get() {
             return Ok(known.clone());
@@ -210,7 +210,7 @@ impl<'a> Checked<'a> {
         }
     }
 
-    /// For a search for effects: prepares the input of a joint fit and calls `work` with this input and both triads.
+    /// Prepares the input of a joint fit for a search for effects, and calls `work` with this input and both triads.
     /// The triads, rests and moves are those of the joint fit without effects. If this fit excluded too many outliers,
     /// all rests and moves are used. The input allows both sensors to drift within a rest. Its temperatures are
     /// `temperatures_degc` instead of those of the recordings.
@@ -268,7 +268,7 @@ impl<'a> Checked<'a> {
     }
 }
 
-/// The fit without effects to one recording, in the symmetric frame.
+/// Performs the fit without effects to a single recording, in the symmetric frame.
 fn fit_alone(recording: &Recording<'_>, options: &Options<'_>) -> Result<Outcome, Error> {
     let options = Options { frame: Frame::Symmetric, joint: true, ..options.without_model() };
     Checked::of_determined(std::slice::from_ref(recording), &options)?

@@ -1,4 +1,4 @@
-//! Test that control recordings are independent of the calibration recordings.
+//! Refuses control recordings that are not independent of the calibration recordings.
 
 use std::ops::Range;
 

@@ -1,4 +1,4 @@
-//! Cross-validation: prediction errors at rests and moves that the fit does not use.
+//! Cross-validation: computes the prediction errors at rests and moves that a fit does not use.
 
 use super::Options;
 use super::unit_data::UnitData;
@@ -31,8 +31,8 @@ impl CrossValidation {
     }
 }
 
-/// Cross-validation of the two-stage fit. The gyroscope is fitted `folds` times. Each of these fits omits every
-/// `folds`-th move, and its prediction errors are computed on the omitted moves.
+/// Performs the cross-validation of the two-stage fit. The gyroscope is fitted `folds` times. Each of these fits omits
+/// every `folds`-th move, and its prediction errors are computed on the omitted moves.
 pub(super) fn cross_validate(
     data: &UnitData<'_>,
     accelerometer: &AccelerometerFit,

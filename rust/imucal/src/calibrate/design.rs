@@ -1,6 +1,6 @@
-//! The design matrix of the joint fit, computed before any fit. It shows which parameters are determined if rests and
-//! moves are used together. Its least-squares solution for these parameters provides the start values of a fit
-//! (model.md (12)).
+//! Computes the design matrix of the joint fit before any fit. The matrix shows which parameters are determined if
+//! rests and moves are used together. Its least-squares solution for these parameters provides the start values of a
+//! fit (model.md (12)).
 
 use std::ops::Range;
 
@@ -21,14 +21,14 @@ const STEPS: usize = 3;
 /// step changes a parameter by more, the data are faulty, and the step is not applied.
 pub(super) const FAR_OFF: f64 = 0.3;
 
-/// The design matrix: the Jacobian of the residuals with respect to the parameters `OBSERVED`. The row of a residual is
-/// divided by the typical error of the sensor model for a real unit ([`REST_ERROR_MPS2`] or [`MOVE_ERROR_RAD`]). The
-/// column of a parameter is multiplied by a hundredth of the size of the parameter (`sizes`). The row of a prior is
-/// divided by the standard deviation of the prior.
+/// The design matrix: the Jacobian of the residuals with respect to the 18 parameters [`OBSERVED`] (all base parameters
+/// except the gyroscope bias). The row of a residual is divided by the typical error of the sensor model for a real
+/// unit ([`REST_ERROR_MPS2`] or [`MOVE_ERROR_RAD`]). The column of a parameter is multiplied by a hundredth of the size
+/// of the parameter (`sizes`). The row of a prior is divided by the standard deviation of the prior.
 #[derive(Default)]
 pub(super) struct Design {
-    /// Rows of the matrix, with one column for each entry of [`OBSERVED`]. First come the rows of the residuals, then
-    /// the rows of the parameters with a prior.
+    /// Rows of the matrix, with one column for each entry of [`OBSERVED`]. The rows of the residuals are first,
+    /// followed by the rows of the priors.
     rows: Vec<[f64; 18]>,
     /// Residuals, one for each row of the matrix and divided by the same number as the row.
     residuals: Vec<f64>,
@@ -94,8 +94,8 @@ impl Design {
         self.open_to(ACCELEROMETER..OBSERVED.len(), |source| matches!(source, Source::Move(_)))
     }
 
-    /// Parameters that are not determined by the residuals that `is_used` selects. Only the parameters with these
-    /// `columns` of the matrix are considered; all others count as known.
+    /// Returns the parameters that are not determined by the residuals for which `is_used` is true. Only the parameters
+    /// in the columns `columns` of the matrix are considered; all others count as known.
     fn open_to(&self, columns: Range<usize>, is_used: impl Fn(Source) -> bool) -> Result<Open, Error> {
         let rows: Vec<&[f64; 18]> =
             self.rows.iter().zip(&self.lines).filter(|(_, line)| is_used(line.source)).map(|(row, _)| row).collect();

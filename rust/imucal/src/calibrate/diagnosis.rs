@@ -1,4 +1,4 @@
-//! Parameters that a calibration determines poorly, with the motion that would improve them (model.md (12)).
+//! Finds parameters that a calibration determines poorly, and the motion that would improve them (model.md (12)).
 //!
 //! ```text
 //! traded_off   |C_ij| > 0.95 sqrt(C_ii C_jj)
@@ -54,7 +54,7 @@ pub fn diagnose(outcome: &Outcome, recordings: &[Recording<'_>]) -> Vec<Diagnosi
     found
 }
 
-/// One diagnosis for each group of parameters that are linked by correlations above [`TRADED`].
+/// Returns one diagnosis for each group of parameters whose estimates are linked by correlations above [`TRADED`].
 fn traded_off(outcome: &Outcome) -> Vec<Diagnosis> {
     let (names, covariance) = (&outcome.names, &outcome.covariance);
     let correlation = |i: usize, j: usize| covariance[i][j] / (covariance[i][i] * covariance[j][j]).sqrt();
@@ -89,7 +89,8 @@ fn traded_off(outcome: &Outcome) -> Vec<Diagnosis> {
     found
 }
 
-/// One diagnosis for each parameter without a prior whose standard deviation is larger than its usual size.
+/// Returns one diagnosis for each parameter that has no prior and a standard deviation above its usual size
+/// ([`usual_size`]).
 fn flat(outcome: &Outcome) -> Vec<Diagnosis> {
     let mut found = Vec::new();
     for (p, name) in outcome.names.iter().enumerate() {
@@ -162,8 +163,8 @@ fn usual_size(outcome: &Outcome, p: usize) -> Option<f64> {
     }
 }
 
-/// Text that recommends the motion with which these parameters can be distinguished from each other and from all other
-/// parameters.
+/// Returns a text that recommends motion. With this motion, the parameters with the indices `parameters` can be
+/// distinguished from each other and from all other parameters.
 fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
     let free = outcome.frame.free_entries();
     const AXES: [&str; 3] = ["x", "y", "z"];

@@ -64,9 +64,10 @@ impl HeldEstimate {
     }
 }
 
-/// Estimates of the held parameters, and the part B of the covariance that is due to their priors. Both are computed
-/// from the parameters and the covariance of a fit with these held parameters. `residuals` is empty or has one entry
-/// for each held parameter: the residual of its prior in standard deviations, and 1 - leverage of this residual.
+/// Returns the estimates of the held parameters `held`, and the part B of the covariance that is due to their priors.
+/// Both are computed from the parameters and the covariance of a fit with these held parameters. `residuals` is empty
+/// or has one entry for each held parameter: the residual of its prior in standard deviations, and 1 - leverage of this
+/// residual.
 pub(super) fn held_estimates(
     (parameters, covariance): (&[f64], &Mat<f64>),
     held: &[HeldParameter],
@@ -103,9 +104,9 @@ fn contradiction(held: &HeldParameter, (residual, free): (f64, f64)) -> Option<f
     held.usual.is_none_or(|usual| of_recordings < usual).then_some(residual)
 }
 
-/// Errors that parameter errors with the covariance `covariance` (symmetric frame) cause in a measured gravity
-/// direction and in a measured rotation by 90 deg. Each error is a standard deviation: the rms over the gravity
-/// directions, or over the rotation axes, that [`directions`] returns.
+/// Computes the error of a measured gravity direction and the error of a measured rotation by 90 deg if the errors of
+/// the parameters have the covariance `covariance` (symmetric frame). Each error is a standard deviation, averaged
+/// (rms) over the gravity directions or rotation axes that [`directions`] returns.
 pub(super) fn prior_cost(covariance: &Mat<f64>, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>) -> PriorCost {
     let block = |first: usize| SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(first + i, first + j)]);
     let (force, rate) = (block(ACCEL.start), block(GYRO_SENSITIVITY.start));
@@ -126,7 +127,7 @@ pub(super) fn prior_cost(covariance: &Mat<f64>, accelerometer: &Triad<f64>, gyro
     PriorCost { gravity_direction_deg: mean(&gravity), rotation_deg: mean(&turned) }
 }
 
-/// The directions to the faces, edges and corners of a cube.
+/// Returns the unit vectors from the centre of a cube to its faces, edges and corners.
 fn directions() -> Vec<Vector3<f64>> {
     let signs = [-1.0, 0.0, 1.0];
     let all = signs.into_iter().flat_map(|x| signs.into_iter().flat_map(move |y| signs.map(|z| Vector3::new(x, y, z))));

@@ -1,4 +1,5 @@
-//! The joint fit to a unit's recordings, with exclusion of outliers (model.md (18), (25)).
+//! The joint fit of all parameters of both sensors to a unit's recordings, with exclusion of outliers (model.md (18),
+//! (25)).
 
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -107,15 +108,16 @@ impl UnitData<'_> {
         self.all_where(Option::is_none)
     }
 
-    /// All rests whose reason for exclusion satisfies `is_kept`, and the moves between them.
+    /// Returns the rests for which `is_kept` is true, and the moves between them. The argument of `is_kept` is the
+    /// reason why a rest is excluded, or `None` for a rest without known faults.
     fn all_where(&self, is_kept: impl Fn(&Option<&'static str>) -> bool) -> Selection {
         let used: Vec<bool> = self.excluded.iter().map(is_kept).collect();
         let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
         Selection { used, moves, left_out }
     }
 
-    /// The rests and moves for a search for effects. If the share of outliers exceeds [`OUTLIERS`], the model is
-    /// probably wrong, and all rests and moves are used.
+    /// Returns the rests and moves that a search for effects uses: those in `selection`, which contains no outliers. If
+    /// the share of outliers exceeds [`OUTLIERS`], the model is probably wrong, and all rests and moves are used.
     pub(super) fn for_search(&self, selection: Selection) -> Selection {
         let rests = |selection: &Selection| selection.used.iter().filter(|used| **used).count() as f64;
         let (still, seemingly) =
@@ -129,8 +131,8 @@ impl UnitData<'_> {
         if few { all } else { selection }
     }
 
-    /// The selection `all` without the outliers. If a rest is excluded, the two moves before and after it are replaced
-    /// by a single move.
+    /// Returns the selection `all` without the outliers `contradicts`. If a rest is excluded, the two moves before and
+    /// after it are replaced by a single move.
     pub(super) fn without(&self, all: &Selection, contradicts: &[Item]) -> Selection {
         let mut used = all.used.clone();
         let mut bad = Vec::new();
@@ -150,7 +152,7 @@ impl UnitData<'_> {
         selection
     }
 
-    /// The joint fit of the selected rests and moves.
+    /// Performs the joint fit to the rests and moves in `selection`.
     pub(super) fn fit_jointly(
         &self,
         selection: &Selection,
@@ -164,7 +166,8 @@ impl UnitData<'_> {
         })
     }
 
-    /// Goodness of fit (model.md (26)) of the joint fit `fit`, which started from the triads `model`.
+    /// Computes the goodness of fit of the joint fit `fit` relative to noise (model.md (26)). `model` contains the two
+    /// triads from which the fit started.
     pub(super) fn misfits(
         &self,
         fit: &JointFit,
@@ -195,9 +198,9 @@ impl UnitData<'_> {
         })
     }
 
-    /// Cross-validation of the joint fit: the prediction error of each rest and each move, computed with a fit without
-    /// this rest or move. `moves` contains all usable moves, and `model` contains the two triads from which the fit
-    /// started. Moves that the fit excluded as outliers are predicted with the fit itself.
+    /// Performs the cross-validation of the joint fit `fit`: computes the prediction error of each rest and each move
+    /// with a fit without this rest or move. `moves` contains all usable moves, and `model` contains the two triads
+    /// from which the fit started. Moves that the fit excluded as outliers are predicted with the fit itself.
     pub(super) fn held_out(
         &self,
         fit: &JointFit,

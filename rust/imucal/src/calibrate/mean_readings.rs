@@ -63,7 +63,7 @@ pub enum MeanNoise<'a> {
 /// Bias of a gyroscope: its mean reading over all rests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestBias {
-    /// Mean of the gyroscope rows, raw units.
+    /// Mean of the gyroscope readings of all rows of the table, raw units.
     pub value: Vector3<f64>,
     /// Standard deviation of `value`, computed from the scatter of the rows, raw units; NaN for a single row.
     pub std: Vector3<f64>,
@@ -88,9 +88,9 @@ pub fn calibrate_means(
     }
 }
 
-/// The text of a refusal, with the offer of a model with fewer parameters. If the user did not give the noise of the
-/// means, the offer may be made on condition that the user gives it. No model is offered if only this noise is missing
-/// for a calibration, because the refusal `words` already asks for it.
+/// Returns the error message `words`, with the offer of a model with fewer parameters. If the user did not give the
+/// noise of the means, the offer may be made on condition that the user gives it. No model is offered if only this
+/// noise is missing for a calibration, because `words` already asks for it.
 fn with_way_out(table: &MeanReadings<'_>, options: &Options<'_>, words: String) -> String {
     let of_noise_given = |options: &Options<'_>| {
         let noise = MeanNoise::Common(ASSUMED_NOISE_MPS2);
@@ -109,7 +109,8 @@ fn with_way_out(table: &MeanReadings<'_>, options: &Options<'_>, words: String) 
     with_offer(options, &words, fit).unwrap_or(words)
 }
 
-/// The part of [`calibrate_means`] for the accelerometer. Error messages do not offer a model with fewer parameters.
+/// Calibrates the accelerometer from the table, as a part of [`calibrate_means`]. Error messages do not offer a model
+/// with fewer parameters.
 fn of_table(table: &MeanReadings<'_>, options: &Options<'_>) -> Result<AccelerometerOutcome, Error> {
     // For the checks, the rows are converted to a recording in which each rest is one sample.
     let time_s: Vec<f64> = (0..table.specific_force.len()).map(|row| row as f64).collect();
@@ -147,7 +148,7 @@ struct Fitted {
     noise_from_residuals_mps2: Option<f64>,
 }
 
-/// The fit of the means, each weighted with its noise. There are three cases:
+/// Fits the accelerometer to the means, each weighted with its noise. There are three cases:
 ///
 /// * The table contains the noise of each mean. One fit is sufficient.
 /// * The user gave one noise for all means, in m/s^2. The sensitivity of a first fit converts it to raw units.

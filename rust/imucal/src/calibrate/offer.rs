@@ -1,4 +1,4 @@
-//! Offer of a model with fewer parameters if the recordings do not determine all parameters.
+//! Error messages that offer a model with fewer parameters if the recordings do not determine all parameters.
 
 use super::held_estimates::{HeldEstimate, listed};
 use super::{Checked, Options, prospect};
@@ -67,10 +67,10 @@ pub(super) struct Reduced {
     pub(super) condition: Option<&'static str>,
 }
 
-/// The text of a refusal, followed by an offer of a model with fewer free parameters. Of all models that the data
-/// determine, the offered model has the most free parameters. The text also states the error that the priors of this
-/// model cause. `fit` performs a complete calibration with the given options and returns `None` if it has no usable
-/// result.
+/// Returns the error message `words`, followed by an offer of a model with fewer free parameters; `None` if the data
+/// determine no such model. Of all models that the data determine, the offered model has the most free parameters. The
+/// message also states the error that the priors of this model cause. `fit` performs a complete calibration with the
+/// given options and returns `None` if it has no usable result.
 pub(super) fn with_offer(
     options: &Options<'_>,
     words: &str,

@@ -63,8 +63,8 @@ pub struct Outcome {
     /// Report of the joint fit; `None` if no joint fit was requested. With a joint fit, the accelerometer and
     /// gyroscope fits only provide its start values.
     pub joint_fit: Option<FitReport>,
-    /// Goodness of fit (chi2) of the joint fit, if each residual is weighted with sensor noise only (model.md (26));
-    /// `None` without a joint fit.
+    /// Goodness of fit (chi2) of the joint fit; `None` without a joint fit. In this chi2, each residual is weighted
+    /// with sensor noise only (model.md (26)).
     pub misfit: Option<Misfit>,
     /// Goodness of fit of each kind of residuals, relative to noise. The kinds of the two-stage fit are the norms of
     /// the specific force at the rests and the gravity directions after the moves.
@@ -247,7 +247,8 @@ impl Outcome {
     }
 }
 
-/// Goodness of fit of the two-stage fit, in which each residual is weighted with sensor noise only.
+/// Returns the goodness of fit of both kinds of residuals of the two-stage fit. Each residual is weighted with sensor
+/// noise only.
 fn groups_of_two_stages(accelerometer: FitReport, gyroscope: FitReport, figures: &Figures) -> Vec<GroupMisfit> {
     let direction_rad = figures.gravity_direction_rms_deg.to_radians();
     let groups = [

@@ -1,4 +1,4 @@
-//! Prediction, before any fit, of the parameters that the recordings determine, and of their accuracy (model.md (12)).
+//! Predicts, before any fit, which parameters the recordings determine, and how accurately (model.md (12)).
 //!
 //! The residuals of the joint fit are linearised at nominal values of the sensor parameters. Their derivatives form the
 //! design matrix, which shows which parameters are not determined. If its rows are divided by the noise measured at the
@@ -71,7 +71,7 @@ pub fn prospect(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<P
 
 /// The rests and moves of the recordings, and the nominal sensor models before any fit.
 struct Scene {
-    /// Whether each rest is without known faults.
+    /// For each rest, whether it has no known fault.
     used: Vec<bool>,
     /// Moves between the rests without known faults.
     moves: Vec<Move>,
@@ -92,7 +92,7 @@ struct Scene {
 impl UnitData<'_> {
     /// Predicts which parameters the rests and moves together determine, and how accurately. The second result is a
     /// sensor model: determined parameters have their least-squares values, and all others their nominal values. All
-    /// refusals for missing motion are based on this prediction.
+    /// error messages about missing motion are based on this prediction.
     pub(super) fn joint_information(&self, options: &Options<'_>) -> Result<(Prospect, Model), Error> {
         self.prospect(self.scene(options)?, options)
     }

@@ -18,7 +18,7 @@ use imucal_core::effects::Effect;
 use super::Outcome;
 use crate::error::Error;
 
-/// Standard deviations of the references.
+/// Standard deviations of the two references of a calibration: local gravity and the clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct References {
     /// Standard deviation of local gravity, m/s^2.
@@ -69,8 +69,8 @@ impl Outcome {
         covariance
     }
 
-    /// For each parameter, two factors: (its relative error) / (relative error of gravity), and (its relative error) /
-    /// (relative error of the unit of time).
+    /// Returns two factors for each parameter: (its relative error) / (relative error of gravity), and (its relative
+    /// error) / (relative error of the unit of time).
     fn exponents(&self) -> Vec<[f64; 2]> {
         let base = (0..21).map(|p| match p {
             3..9 => [-1.0, 0.0],
@@ -89,15 +89,16 @@ impl Outcome {
     }
 }
 
-/// The two factors of equation (38) for a unit m^a s^b, such as `rad/s/(m/s^2)`. The factor a multiplies the relative
-/// error e of gravity. The factor 2 a + b multiplies the relative error d of the unit of time.
+/// Returns the two factors of equation (38) (module documentation) for the unit `unit` = m^a s^b, for example
+/// `rad/s/(m/s^2)`. The factor a multiplies the relative error e of gravity. The factor 2 a + b multiplies the relative
+/// error d of the unit of time.
 fn in_references(unit: &str) -> [f64; 2] {
     let [metres, seconds] = exponents_of(&mut unit.chars().peekable());
     [metres, 2.0 * metres + seconds]
 }
 
-/// Exponents of metre and second in a unit. The unit ends at a closing bracket or at the end of the text. Other units
-/// (rad, K) are ignored.
+/// Parses the text of a unit and returns its exponents of metre and second. The unit ends at a closing bracket or at
+/// the end of the text. Other units (rad, K) are ignored.
 fn exponents_of(unit: &mut std::iter::Peekable<std::str::Chars<'_>>) -> [f64; 2] {
     let (mut sum, mut sign) = ([0.0; 2], 1.0);
     while let Some(next) = unit.next() {

@@ -51,9 +51,9 @@ struct Difference {
     times_sigma: f64,
 }
 
-/// Findings about recordings that cannot be fitted together. Recordings of several units are an error, and changed
-/// biases of one unit are a warning. `together` is the result of the fit without effects to all recordings. `fit_alone`
-/// performs the fit to a single recording, in the symmetric frame.
+/// Returns findings about recordings that cannot be fitted together. Recordings of several units are an error, and
+/// changed biases of one unit are a warning. `together` is the result of the fit without effects to all recordings.
+/// `fit_alone` performs the fit to a single recording, in the symmetric frame.
 ///
 /// # Errors
 /// [`Error::Cancelled`] if the calculation was cancelled.
@@ -95,7 +95,7 @@ pub(super) fn several_units(
     Ok(moved.into_iter().chain(unused).collect())
 }
 
-/// A warning for each recording of which the fit excludes all rests.
+/// Returns a warning for each recording whose rests are all excluded from the fit.
 fn unused_recordings(recordings: &[Recording<'_>], outcome: &Outcome) -> Vec<Finding> {
     let unused = |(index, recording): (usize, &Recording<'_>)| {
         let rests = || outcome.rests.iter().filter(|rest| rest.recording == index);
@@ -133,8 +133,8 @@ fn is_worse_together(together: &Outcome, alone: &[Alone<'_>]) -> bool {
     sums(&mut std::iter::once(together)) > WORSE_TOGETHER * each
 }
 
-/// Indices of the recordings of each unit. A recording belongs to a unit if its sensitivities agree with those of the
-/// first recording of this unit.
+/// Groups the recordings by unit, and returns their indices. A recording belongs to a unit if its sensitivities agree
+/// with those of the first recording of this unit.
 fn groups(alone: &[Alone<'_>]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for k in 0..alone.len() {
@@ -258,7 +258,7 @@ fn sorted(differences: impl Iterator<Item = Difference>) -> Vec<Difference> {
     all
 }
 
-/// Values of a parameter in both fits, and the standard deviation of their difference.
+/// Returns the values of parameter `p` in the fits `a` and `b`, and the standard deviation of their difference.
 fn pair(a: &Alone<'_>, b: &Alone<'_>, p: usize) -> ([f64; 2], f64) {
     let variance = a.outcome.covariance[p][p] + b.outcome.covariance[p][p];
     ([a.outcome.values[p], b.outcome.values[p]], variance.sqrt())

@@ -67,8 +67,9 @@ impl UnitData<'_> {
             }
             alone => alone?,
         };
-        // The fit returns `used` and `gain` for the rests in `clean`. Here, both are extended to all detected rests.
-        // For an excluded rest, `used` is false, and the column of `gain` is zero.
+        // The fit returns `used` and `gain` (derivatives of the parameters with respect to the errors at the rests) for
+        // the rests in `clean`. Here, both are extended to all detected rests. For an excluded rest, `used` is false,
+        // and the column of `gain` is zero.
         let mut used = vec![false; self.rests.len()];
         let mut gain = Mat::zeros(9, self.rests.len());
         for (column, &k) in clean.iter().enumerate() {
@@ -154,8 +155,8 @@ impl UnitData<'_> {
         accelerometer.used = ranges_of_rests(&self.rests).into_iter().flat_map(of).collect();
     }
 
-    /// For each move: the gravity directions at its ends, with the standard deviation of the move's residual. The
-    /// second result is this standard deviation, rad, without the noise of the mean forces at the adjacent rests.
+    /// Returns two results for each move: first, the gravity directions at its ends and the standard deviation of its
+    /// residual; second, this standard deviation, rad, without the noise of the mean forces at the adjacent rests.
     pub(super) fn ends(
         &self,
         moves: &[Move],
@@ -165,7 +166,8 @@ impl UnitData<'_> {
         self.directions(&accelerometer.triad, gyroscope).ends_of(moves)
     }
 
-    /// Fits the gyroscope to the moves. The start values are those of model.md (10).
+    /// Fits the gyroscope to the moves. The start values are a linear fit of the rates to the rotation of gravity
+    /// (model.md (10)) and, if it is known, the nominal sensitivity.
     pub(super) fn fit_gyroscope(
         &self,
         moves: &[Move],
@@ -215,7 +217,8 @@ impl UnitData<'_> {
         Ok(Gyroscope { moves: moves.to_vec(), fit, ends, random_walk_rad, findings })
     }
 
-    /// Covariance of the 21 parameters in the symmetric frame (model.md (9)).
+    /// Returns the covariance of the 21 parameters of both sensors (model.md (9)). They refer to the symmetric frame,
+    /// in which the accelerometer sensitivity is a symmetric matrix.
     pub(super) fn covariance(&self, accelerometer: &AccelerometerFit, gyroscope: &Gyroscope) -> Mat<f64> {
         let rests: Vec<&Rest> = self.rests.iter().map(|rest| &rest.rest).collect();
         let Gyroscope { moves, fit, ends, random_walk_rad, .. } = gyroscope;

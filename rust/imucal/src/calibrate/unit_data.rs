@@ -127,7 +127,7 @@ impl<'a> UnitData<'a> {
         Ok(Self { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings })
     }
 
-    /// These data with the recordings replaced by `recordings`, which must contain the same samples.
+    /// Returns these data with the recordings replaced by `recordings`, which must contain the same samples.
     pub(super) fn of<'b>(self, recordings: &'b [Recording<'b>]) -> UnitData<'b> {
         let Self { segments, rests, excluded, bias, noise, hands, saturated, findings, .. } = self;
         UnitData { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings }

@@ -90,13 +90,14 @@ impl SampledField {
     }
 }
 
-/// The sampled fields as user-defined effects for [`ModelOptions`].
+/// Converts sampled fields to user-defined effects for [`ModelOptions`].
 pub(crate) fn views(fields: &[SampledField]) -> Vec<UserField<'_>> {
     fields.iter().map(SampledField::view).collect()
 }
 
 impl Checked<'_> {
-    /// The calibration of [`Checked::calibrate`] with the user-defined effects `names`.
+    /// Calibrates like [`Checked::calibrate`], with the user-defined effects `names` in the model. The fit and the
+    /// evaluation of their fields alternate until the fields no longer change.
     ///
     /// # Errors
     /// The errors of [`Checked::calibrate`] and of `user_effects`. If the fields do not converge, this is no error, but

@@ -1,4 +1,4 @@
-//! Verdict of a calibration on the recordings from which it was estimated.
+//! Verdict on a calibration, derived from the recordings from which the calibration was estimated.
 
 use super::Outcome;
 use super::held_estimates::{HeldEstimate, listed};
@@ -92,8 +92,8 @@ impl Outcome {
     }
 }
 
-/// The reason for the verdict `incomplete` if some of the held parameters (parameters with a prior) are determined
-/// neither by the recordings nor by a prior that the user gave; `None` if there are no such parameters.
+/// Returns the reason for the verdict `incomplete` if some of the held parameters (parameters with a prior) are
+/// determined neither by the recordings nor by a prior that the user gave; `None` if there are no such parameters.
 pub(super) fn held_by_default(held: &[HeldEstimate], cost: Option<PriorCost>) -> Option<Reason> {
     let unknown: Vec<&HeldEstimate> = held.iter().filter(|held| held.is_unknown()).collect();
     let cost = cost.filter(|_| !unknown.is_empty())?;

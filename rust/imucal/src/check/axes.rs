@@ -45,9 +45,10 @@ impl SignedPermutation {
         })
     }
 
-    /// The signed permutation that has the largest correlation with P, and this correlation. Only permutations with the
-    /// handedness of P are considered. The correlation is the sum over k of `sign_of[k] P[k, column_of[k]]`, divided by
-    /// sqrt(3) |P|, where |P| is the Frobenius norm. It is 1 if P is a positive multiple of the permutation.
+    /// Returns the signed permutation that has the largest correlation with the matrix P (`p`), and this correlation.
+    /// Only permutations with the handedness of P are considered. The correlation is the sum over k of
+    /// `sign_of[k] P[k, column_of[k]]`, divided by sqrt(3) |P|, where |P| is the Frobenius norm. It is 1 if P is a
+    /// positive multiple of the permutation.
     pub(super) fn closest(p: &Matrix3<f64>) -> (Self, f64) {
         let handedness = p.determinant().signum();
         let norm = 3.0f64.sqrt() * p.norm();
@@ -155,7 +156,8 @@ pub(super) fn recommendation(p: &SignedPermutation) -> String {
     )
 }
 
-/// The causes with det A = +1, where A is the signed permutation of the accelerometer: its axes are right-handed.
+/// Returns the cause with det A = +1, where A is the signed permutation of the accelerometer: its axes are right-handed
+/// and need no correction, and the gyroscope columns need the permutation `p`.
 fn right_accelerometer(p: &SignedPermutation) -> Cause {
     let option = Some(format!("gyro={}", p.option()));
     if *p == REVERSED {
@@ -180,8 +182,8 @@ fn right_accelerometer(p: &SignedPermutation) -> Cause {
     }
 }
 
-/// The causes with det A = -1, where A is the signed permutation of the accelerometer: its axes are left-handed, or its
-/// sign is reversed.
+/// Returns the cause with det A = -1, where A is the signed permutation of the accelerometer: its axes are left-handed,
+/// or its sign is reversed.
 fn mirrored_accelerometer(p: &SignedPermutation) -> Cause {
     if *p == REVERSED {
         return Cause {

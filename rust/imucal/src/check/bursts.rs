@@ -81,7 +81,8 @@ mod tests {
     use super::super::example::Columns;
     use super::*;
 
-    /// Findings for the synthetic recording [`Columns::tumbling`], with the time stamp `stamp_s(i)` for sample i.
+    /// Returns the findings for the synthetic recording [`Columns::tumbling`], with the time stamp `stamp_s(i)` for
+    /// sample i.
     fn found(stamp_s: impl Fn(usize) -> f64) -> Vec<Finding> {
         let mut columns = Columns::tumbling();
         columns.time_s = (0..columns.time_s.len()).map(stamp_s).collect();

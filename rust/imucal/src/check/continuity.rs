@@ -26,18 +26,18 @@ use crate::recording::{Recording, Samples};
 const EVEN: f64 = 0.12;
 /// A lost sample is recognised by the ratio `k` = (change `d_i` of the rate over one step) / (mean `m` of the two
 /// adjacent changes), which is then about 2. The ratio is used only if |m| / (noise standard deviation of `d_i - m`) is
-/// above this value, because it is too noisy if the rate changes more slowly. At this limit, the noise of `k` has a
-/// standard deviation of 1/8.
+/// above this value, because the ratio is too noisy if the rate changes more slowly. At this limit, the noise of `k`
+/// has a standard deviation of 1/8.
 const CLEAR: f64 = 8.0;
 /// The ratio `k` is used only if the motion is smooth, which means |d_(i+1) - d_(i-1)| < SMOOTH x |m|.
 const SMOOTH: f64 = 0.5;
 /// The ratio `k` is used only if (component of `d_i` perpendicular to `m`) / |m| is below this value.
 const ACROSS: f64 = 0.35;
-/// Range of the ratio `k` (rate change / mean of the adjacent changes) that counts as one lost sample. It extends from
-/// 2 by two standard deviations of `k` to both sides. The standard deviation is the one at the limit [`CLEAR`], 1/8.
+/// Range of the ratio `k` (rate change / mean of the adjacent changes) that counts as one lost sample. The limits are 2
+/// minus and plus two standard deviations of `k`. One standard deviation is 1/8 at the limit [`CLEAR`].
 const LOST: [f64; 2] = [1.75, 2.25];
-/// Range of `k` between the peaks at 1 and 2. Rough motion gives about as many values of `k` in this range as near 2,
-/// so it is a reference for the peak at 2.
+/// Range of `k` between the peaks of its histogram at 1 (no loss) and 2 (one lost sample). Rough motion gives about as
+/// many values of `k` in this range as near 2, so it is a reference for the peak at 2.
 const BETWEEN: [f64; 2] = [1.35, 1.65];
 /// Range of `k` that is as far from 1 as the range [`LOST`], on the other side. Coarsely rounded rates give ratios of
 /// small integers, and motion that is too fast for the sampling rate gives any ratio, on both sides of 1. A lost sample
@@ -139,13 +139,14 @@ fn additional(recording: &Recording<'_>, repeats: &Repeats, noise: f64) -> Optio
     })
 }
 
-/// Four consecutive samples of the angular rate, starting at each sample that is followed by three others.
+/// Returns every group of four consecutive samples of the angular rate, in ascending order.
 fn fours(rows: &[[f64; 3]]) -> impl Iterator<Item = [Vector3<f64>; 4]> + '_ {
     rows.windows(4).map(|rows| std::array::from_fn(|k| rows[k].into()))
 }
 
-/// The ratio `k` of the module documentation for the change between the two middle rows of four; `None` if the motion
-/// is too slow or too rough, or if a value is not finite.
+/// Returns the ratio `k` (module documentation) for four consecutive rates: the change between the two middle rates,
+/// relative to the mean `m` of the two adjacent changes. `None` if the motion is too slow or too rough, or if a value
+/// is not finite.
 #[inline]
 fn change_over_neighbours([a, b, c, d]: [Vector3<f64>; 4], noise: f64) -> Option<f64> {
     let (before, change, after) = (b - a, c - b, d - c);

@@ -44,7 +44,7 @@ pub fn check_gains(recording: &Recording, calibration: &Calibration<f64>) -> Vec
     findings
 }
 
-/// The checks that [`check_gains`] makes, for a calibration of an accelerometer without a gyroscope.
+/// Performs the checks of [`check_gains`] for an accelerometer without a gyroscope.
 pub fn check_accelerometer_gains(recording: &Recording, accelerometer: &Triad<f64>) -> Option<Finding> {
     gains_of_sensor(recording, recording.accel_unit, accelerometer, (ACCEL, "accel_units"))
 }

@@ -1,4 +1,4 @@
-//! Long time steps. They are caused by lost samples, or by samples whose time stamps are late.
+//! Finds long time steps and their cause: lost samples, or samples whose time stamps are late.
 //!
 //! After a lost sample, the time stamps continue at the usual rate. A late time stamp, for example because the computer
 //! was busy, is followed by shorter steps until the stamps are on time again. If stamps are only late, the number of

@@ -155,8 +155,8 @@ mod tests {
     use super::*;
     use crate::finding::Severity;
 
-    /// Finding for the synthetic recording [`Columns::tumbling`] with its accelerometer axes multiplied by `accel`.
-    /// `stand` contains motor angles that agree with the true up direction.
+    /// Returns the finding for the synthetic recording [`Columns::tumbling`] with its accelerometer axes multiplied by
+    /// `accel`. `stand` contains motor angles that agree with the true up direction.
     fn found(accel: [f64; 3], stand: Option<&[[f64; 3]]>) -> Option<Finding> {
         let mut columns = Columns::tumbling();
         columns.force.iter_mut().for_each(|row| *row = [0, 1, 2].map(|k| accel[k] * row[k]));

@@ -180,9 +180,9 @@ fn starts(at_rest: &AtRest<'_>, samples: usize) -> Vec<usize> {
     starts
 }
 
-/// The pair of recordings that have the noise of the template in common. One is the recording from which the template
-/// is taken. The other is the recording at the position of `peak`, where the correlation with the template is largest.
-/// The position is that on the tape, which contains all recordings one after another. `None` if it is in no recording.
+/// Returns the two recordings that have the noise of the template in common: the recording from which the template is
+/// taken, and the recording on the tape at the position of `peak`, the largest correlation with the template. The tape
+/// contains recordings one after another. `None` if there is no recording at this position.
 fn copy_at(template: &Template, peak: &Peak, tape: &Tape) -> Option<Copy> {
     let middle = (peak.at + (TEMPLATE / 2) as isize).clamp(0, template.until as isize - 1) as usize;
     let (of, range) = tape.parts.iter().find(|(_, range)| range.contains(&middle))?;

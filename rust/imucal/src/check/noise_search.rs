@@ -36,7 +36,8 @@ const NEAR: usize = 64;
 
 /// Number of samples in each part into which [`Transform::sigmas_without_pulses`] divides a block.
 const PART: usize = 64;
-/// Number of these parts that are left out. A short pulse (knock or wrong sample) covers at most this number of parts.
+/// Number of parts that [`Transform::sigmas_without_pulses`] leaves out. A short pulse (knock or wrong sample) covers
+/// at most this number of parts.
 const PULSE_PARTS: usize = 2;
 
 /// The two groups of signals, as ranges of their indices. Each group is correlated separately. The first group has the
@@ -99,7 +100,7 @@ impl Transform {
         }
     }
 
-    /// The template that begins `first` samples after the start of `range`. `range` contains the samples of the
+    /// Returns the template that begins `first` samples after the start of `range`. `range` contains the samples of the
     /// recording on the tape `from` (concatenated recordings). `ratio` is the sampling rate of the searched tape
     /// divided by the sampling rate of the recording.
     ///
@@ -159,9 +160,9 @@ impl Transform {
         tops.iter().map(|kinds| kinds.each_ref().map(|tops| highest(tops))).collect()
     }
 
-    /// The correlation `peak` without the contributions of the [`PULSE_PARTS`] most correlated parts of the block,
-    /// divided by the same standard deviation as the peak. `tape` is the tape in which the template is searched for,
-    /// and `kind` the index of the group of signals in [`KINDS`].
+    /// Returns the correlation at `peak` without the contributions of the [`PULSE_PARTS`] parts of the block that
+    /// contribute most. It is divided by the same standard deviation as `peak`. `tape` is the tape in which the
+    /// template is searched for, and `kind` the index of the group of signals in [`KINDS`].
     ///
     /// Two independent recordings with short pulses (knocks or wrong samples) are correlated at a lag at which pulses
     /// coincide. Only the parts with the pulses contribute to this correlation, so the result is nearly zero for one

@@ -1,4 +1,4 @@
-//! Extraction of the noise at rest as signals that identify a recording.
+//! Extracts the noise at rest as signals that identify a recording.
 //!
 //! The noise of a sensor never repeats, but a motion may, because a stand can run one program many times. Therefore
 //! only samples at rest are used. Second differences of consecutive samples are taken, because they suppress tremor,

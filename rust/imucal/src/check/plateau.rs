@@ -78,8 +78,8 @@ pub(super) struct Plateaus {
     pub(super) elsewhere: Kind,
 }
 
-/// All plateaus of one axis. `ends` contains the lowest and the highest value, and `steps` the converter step, of each
-/// axis of the triad.
+/// Finds all plateaus of the axis `axis`. `ends` contains the lowest and the highest value, and `steps` the converter
+/// step, of each axis of the triad.
 pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], steps: &[f64; 3]) -> Plateaus {
     let mut found = Plateaus::default();
     let mut start = 0;

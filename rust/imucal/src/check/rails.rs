@@ -129,7 +129,7 @@ fn finding(
     })
 }
 
-/// The rails (values at which an axis is clipped) that each axis of a sensor reaches.
+/// Finds the rails (values at which an axis is clipped) that each axis of a sensor reaches.
 ///
 /// There are two kinds of evidence for a rail:
 ///

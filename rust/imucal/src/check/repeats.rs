@@ -1,4 +1,4 @@
-//! Check for repeated rows. The sensor repeated its last sample, or the row was written twice.
+//! Check for repeated rows, which occur if the sensor repeats its last sample or if a row is written twice.
 
 use super::Tally;
 use super::part::{PART, Part};
@@ -56,9 +56,8 @@ pub(crate) fn repeated_share(recording: &Recording<'_>) -> f64 {
 pub(super) struct Repeats {
     /// Counter of the rows that repeat all values of the previous row.
     doubled: Tally,
-    /// Number of rows that pass two tests. First, the row repeats at most one value of the previous row. Second, the
-    /// last row before it that is not in a sequence of repeated rows also repeats at most one value. Repeated rows
-    /// between these two rows are counted.
+    /// Number of rows that repeat at most one value of the previous row and follow another such row, either directly or
+    /// after a sequence of repeated rows. Only repeated rows between two such rows are counted.
     changing: usize,
     /// Number of rows that repeat all but one value of the previous row.
     near: usize,

@@ -13,11 +13,11 @@ use crate::numerics::stats::{MEDIAN_SIZE, median};
 use crate::recording::Recording;
 
 /// The mean rate is stated only if pauses make up less than this share of the duration of the recording. Pauses of this
-/// share can cause the same relative error of the mean rate, and of the scale of a gyroscope calibrated with it.
+/// share can cause a relative error of this size in the mean rate, and in the scale of a gyroscope calibrated with it.
 const MAX_PAUSES: f64 = 2e-4;
 /// Minimum number of samples in a block. With more samples, jitter of the time stamps affects the smallest delay less.
 const BLOCK_SAMPLES: f64 = 64.0;
-/// Minimum number of packets in a block, for the same reason.
+/// Minimum number of packets in a block. With more packets, late packets affect the smallest delay less.
 const BLOCK_PACKETS: f64 = 8.0;
 /// Minimum number of blocks. With fewer blocks, the median shift of the smallest delay from block to block may be
 /// caused by a pause.
@@ -35,8 +35,8 @@ pub(crate) fn from_sensor(recording: &Recording) -> String {
     format!("take the time stamp from the sensor's own clock, not on arrival; or, {}", even(recording))
 }
 
-/// Text that recommends to replace the time stamps by a sampling rate, if the sensor samples at equal intervals. It is
-/// the mean rate if the time stamps determine it, otherwise the rate to which the sensor is set.
+/// Text that recommends to replace the time stamps by a sampling rate, if the sensor samples at equal intervals. The
+/// recommended rate is the mean rate if the time stamps determine it, otherwise the rate to which the sensor is set.
 pub(super) fn even(recording: &Recording) -> String {
     let blocks = Blocks::try_new(recording);
     let rate_hz = blocks.as_ref().and_then(|blocks| blocks.rate_hz(recording));
@@ -52,7 +52,7 @@ pub(super) fn even(recording: &Recording) -> String {
 
 /// Blocks of consecutive samples, each with as many samples and packets as are needed to average jitter.
 struct Blocks {
-    /// Sample with the smallest delay of each block.
+    /// For each block, the index of the sample with the smallest delay.
     earliest: Vec<usize>,
     /// For each block: the shift of the smallest delay from this block to the next, minus the median shift, s. It is
     /// set to zero if it is not significant.
@@ -60,7 +60,8 @@ struct Blocks {
 }
 
 impl Blocks {
-    /// `None` if the recording is too short for [`FEWEST_BLOCKS`] blocks or its time stamps do not increase.
+    /// Divides the recording into blocks; `None` if it is too short for [`FEWEST_BLOCKS`] blocks or its time stamps do
+    /// not increase.
     fn try_new(recording: &Recording) -> Option<Self> {
         let [start_s, end_s] = recording.span_s();
         let step_s = (end_s - start_s) / (recording.len() - 1) as f64;
@@ -123,8 +124,9 @@ impl Blocks {
     }
 }
 
-/// Typical time step between two packets, s. It is the median of the time steps, each weighted by its length, so longer
-/// time steps make up half of the duration. Without packets, it is a usual time step.
+/// Typical time step between two packets, s. It is the median of the time steps, each weighted by its length. The time
+/// steps that are longer than this median therefore make up about half of the duration. Without packets, the result is
+/// a usual time step.
 fn usual_long_step_s(time_s: &[f64]) -> f64 {
     let mut steps_s: Vec<f64> =
         time_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| *step_s > 0.0).collect();
@@ -144,7 +146,7 @@ mod tests {
 
     const PAUSES_AT: [usize; 3] = [2850, 6900, 10050];
 
-    /// Recommendation for 13000 simulated samples with the time stamps `stamp_s(i)`.
+    /// Simulates 13000 samples with the time stamps `stamp_s(i)`, and returns the recommendation of [`even`].
     fn advice(stamp_s: impl Fn(usize) -> f64) -> String {
         let time_s: Vec<f64> = (0..13_000).map(stamp_s).collect();
         let rows = vec![[0.0; 3]; time_s.len()];

@@ -111,7 +111,7 @@ impl Lengths {
     }
 }
 
-/// Checks that need rests: the units (from specific force and angular rate at rest), and the sign of gravity.
+/// Runs the checks that need rests: the units (from the force and the rate at rest), and the sign of gravity.
 ///
 /// `rests` are ranges of sample indices; ranges outside the recording are ignored. Codes: `accel_units`, `gyro_units`,
 /// `gravity_sign`. Findings of [`super::check_columns`] are not repeated.

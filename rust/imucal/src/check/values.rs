@@ -76,8 +76,8 @@ impl NotFinite {
     }
 }
 
-/// Reports NaN and infinity, with the columns. In the columns with the motor angles of a stand, the finding is only a
-/// warning, because only the effects of the angle encoders need these columns.
+/// Reports NaN and infinity, and names their columns. In the columns with the motor angles of a stand, the finding is
+/// only a warning, because only the effects of the angle encoders need these columns.
 pub(super) fn check_finite(recording: &Recording, not_finite: &NotFinite) -> Vec<Finding> {
     let NotFinite { bad, columns, bad_stand, stand_columns, alone, .. } = not_finite;
     let sensors = [&["time_s"], &ACCEL[..], &GYRO[..]].concat();

@@ -1,4 +1,5 @@
-//! Goodness of fit of the rests and moves of control recordings, by kind of residual.
+//! Goodness of fit of a calibration on control recordings. There are two kinds of residuals: the norm of the specific
+//! force at each rest, and the gravity direction after each move.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -18,7 +19,8 @@ pub(super) struct Judged<'a> {
     pub(super) triads: [&'a Triad<f64>; 2],
     /// The rests that are used.
     pub(super) rests: Vec<&'a RestReport>,
-    /// All usable moves, with the gravity directions at their ends and with their rotations.
+    /// All usable moves. `ends` contains the gravity directions at their ends, and `rotations` contains their
+    /// rotations.
     pub(super) moves: &'a [Move],
     pub(super) ends: &'a [Ends],
     pub(super) rotations: &'a [Matrix3<f64>],
@@ -185,8 +187,9 @@ fn with_scale(triad: &Triad<f64>, axis: usize) -> Option<Triad<f64>> {
     Triad::try_new(triad.sensitivity() * Matrix3::from_diagonal(&scale), *triad.bias()).ok()
 }
 
-/// Indices of the rests or moves that are not outliers. Each rest or move has `size` residuals. As in a calibration, a
-/// few disturbed rests or moves are excluded, for example rests that were detected in a slow part of a move.
+/// Returns the indices of the rests or moves that are not outliers. `z` contains `size` residuals of each rest or move.
+/// As in a calibration, a few disturbed rests or moves are excluded, for example rests that were detected in a slow
+/// part of a move.
 fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     let chi2: Vec<f64> = z.chunks_exact(size).map(|own| own.iter().map(|z| z * z).sum()).collect();
     // For noise, the median of chi2 is 0.455 with one residual and 1.386 with two. `scale` is the ratio of the measured

@@ -33,8 +33,9 @@ struct Change {
 }
 
 impl Uncertainty {
-    /// `covariance` is the covariance of the parameters in the order of [`crate::calibrate::parameter_names`], in the
-    /// body frame `frame`. Further rows and columns, for example those of effects, are not used.
+    /// Creates the uncertainty from the covariance matrix `covariance` of the parameters in the body frame `frame`. The
+    /// order of the parameters is that of [`crate::calibrate::parameter_names`]. Further rows and columns, for example
+    /// those of effects, are not used.
     ///
     /// # Errors
     /// [`Error::Input`] if the covariance has fewer than 21 rows or columns, or values that are not finite.

@@ -1,4 +1,4 @@
-//! Reasons for the verdict that follow from the evaluation of a calibration.
+//! Derives the reasons for the verdict `incomplete` or `poor` from the evaluation of a calibration.
 
 use imucal_core::sensor::Triad;
 

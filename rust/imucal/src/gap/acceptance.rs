@@ -1,4 +1,5 @@
-//! Acceptance of selected effects by validation on unseen data: control recordings, or held-out rests and moves.
+//! Decides which effects of the forward search are accepted, by validation on unseen data: control recordings, or
+//! held-out rests and moves.
 
 use std::rc::Rc;
 
@@ -28,8 +29,8 @@ const CERTAIN_NATS: f64 = 8.0;
 /// of the decrease. The threshold applies only to effects with a log Bayes factor below [`CERTAIN_NATS`], and to
 /// effects that are functions of time.
 const LEAST_IMPROVEMENT: f64 = 0.5;
-/// [`EffectShare::closed`] is computed only if chi2 / expected chi2 of unseen data is above this ratio. At smaller
-/// ratios, the excess of chi2 over noise is too small to be used as a divisor.
+/// [`EffectShare::closed`] is computed only if chi2 of unseen data without effects exceeds this multiple of its
+/// expected value. At smaller multiples, the excess of chi2 over noise is too small to be used as a divisor.
 const LEAST_EXCESS: f64 = 1.5;
 /// Maximum p-value of the parameters of an effect in the final fit, under the hypothesis that they are zero. An effect
 /// with a larger p-value is removed. A p-value of 1 % corresponds to 2.6 standard deviations of one parameter.
@@ -38,7 +39,7 @@ const LEAST_SIGNIFICANT: f64 = 0.01;
 /// under the null hypothesis that the fits with and without the effect predict equally well.
 const SIGNIFICANT: f64 = 3.0;
 
-/// A figure of merit on unseen data: control recordings, or held-out rests and moves.
+/// A figure of merit on unseen data (control recordings, or held-out rests and moves).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnseenFigure {
     /// The quantity that measures the quality of the prediction.
@@ -84,8 +85,8 @@ pub enum Refusal {
         error: String,
     },
     /// Unseen data are predicted worse with the effect than without it. The variant is also used if the effect does not
-    /// improve the prediction although an improvement is required. It is required of effects with little evidence and
-    /// of effects that are functions of time.
+    /// improve the prediction although an improvement is required. An improvement is required of effects with little
+    /// evidence and of effects that are functions of time.
     PredictsWorse {
         /// Name of the effect.
         name: String,
@@ -224,8 +225,8 @@ impl Fits<'_> {
         self.without_smoothing(accepted)
     }
 
-    /// Share of the excess chi2 (chi2 beyond noise) of unseen data that each accepted effect removes. Fits that were
-    /// made when the effects were accepted are reused.
+    /// Computes, for each accepted effect, the share of the excess chi2 (chi2 beyond noise) of unseen data that this
+    /// effect removes. Fits that were made when the effects were accepted are reused.
     pub(super) fn shares(&mut self, before: &Rc<Fit>, path: &[String]) -> Result<Vec<EffectShare>, Error> {
         let sums = |fit: &Fit| fit.unseen_items().map(|items| items.into_iter().flatten().sum::<f64>());
         let counts = before.unseen_items().map(|items| items.into_iter().flatten().count());
@@ -263,7 +264,8 @@ impl Fits<'_> {
     }
 }
 
-/// The successful fit, or the error message if the fit failed. Errors other than a failed fit are propagated.
+/// Separates a failed fit from other errors: returns the fit, or the error message if the model could not be fitted,
+/// and propagates all other errors.
 pub(super) fn unless_it_fails(fit: Result<Rc<Fit>, Error>) -> Result<Result<Rc<Fit>, String>, Error> {
     match fit {
         Ok(fit) => Ok(Ok(fit)),
@@ -425,9 +427,9 @@ impl Fit {
     }
 
     /// The kinds of residuals that exceed noise significantly and by more than a factor of 2: sqrt(chi2 / dof) > 2.
-    /// Only the norms at rest and the directions after moves are tested. The residuals are those of the control
-    /// recordings, or of the calibration recordings if there are no control recordings. `is_as_recorded` is as in
-    /// [`unseen_chance`](Self::unseen_chance).
+    /// Only the norms of the specific force at rest and the gravity directions after moves are tested. The residuals
+    /// are those of the control recordings, or of the calibration recordings if there are no control recordings.
+    /// `is_as_recorded` is as in [`unseen_chance`](Self::unseen_chance).
     pub(super) fn unexplained(&self, is_as_recorded: bool) -> Vec<&GroupMisfit> {
         const JUDGED: [ResidualGroup; 2] = [ResidualGroup::RestNorms, ResidualGroup::MoveDirections];
         let groups = match &self.control {

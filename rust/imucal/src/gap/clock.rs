@@ -1,6 +1,6 @@
-//! Detection of clock faults and of excess noise inside moves. The tests use fourth differences of five consecutive
-//! angular rates. Motion is smooth and contributes almost nothing to fourth differences, so these contain only noise
-//! and timing errors.
+//! Detects clock faults and excess noise inside moves. The tests use fourth differences of five consecutive angular
+//! rates. Motion is smooth and contributes almost nothing to fourth differences, so these contain only noise and timing
+//! errors.
 //!
 //! ```text
 //! clock_irregular         inside moves, the rate lacks the changes that uneven time stamps imply, or the variance of
@@ -30,14 +30,14 @@ const REACH: usize = 2;
 /// Distance between two independent fourth differences, samples. Two fourth differences at this distance share no
 /// sample.
 const APART: usize = 2 * REACH + 1;
-/// Norm of the weights 1, -4, 6, -4, 1 of a fourth difference. A fourth difference of white noise, divided by this
-/// norm, has the standard deviation of the noise.
+/// Euclidean norm of the weights 1, -4, 6, -4, 1 of a fourth difference. A fourth difference of white noise, divided by
+/// this norm, has the standard deviation of the noise.
 const FOURTH: f64 = 8.366_600_265_340_756;
 /// Median absolute value of a standard normal variable. Dividing a median of absolute values by it gives a standard
 /// deviation.
 const MEDIAN: f64 = 0.6745;
-/// Threshold for outliers, in standard deviations of a fourth difference. A larger fourth difference is excluded,
-/// because a single wrong sample causes it.
+/// Threshold for outliers, in standard deviations of a fourth difference. Larger fourth differences are excluded,
+/// because single wrong samples cause them.
 const JUMP: f64 = 5.0;
 /// Smallest trial value of the jitter (standard deviation of time-stamp errors): log10(jitter / sample interval). The
 /// largest trial value is the sample interval.
@@ -112,8 +112,8 @@ impl Differences {
     /// Reports time stamps that differ from the true sampling instants. This fault is detected if evenly spaced
     /// sampling instants explain the angular rates better than the time stamps do.
     fn stamp_fault(&self, recording: &Recording<'_>) -> Option<Finding> {
-        // If the samples were taken at the recorded, uneven time stamps, each fourth difference would change by this
-        // value, in standard deviations of the noise.
+        // Expected value of each fourth difference, in standard deviations of the noise, if the samples were taken at
+        // the recorded, uneven time stamps. If they were taken at even intervals, the expected value is zero.
         let late: Vec<f64> = self.slopes.iter().zip(&self.stamps_s).map(|(slope, stamp)| slope * stamp).collect();
         if late.is_empty() || mean_square(&late) < HARMLESS {
             return None;

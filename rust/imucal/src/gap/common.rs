@@ -1,4 +1,4 @@
-//! Elimination of a model's parameters from the normal equations. The elimination is computed once, and its result is
+//! Eliminates the parameters of a model from the normal equations. The elimination is computed once, and its result is
 //! used to score many candidate effects.
 
 use std::ops::Range;
@@ -25,9 +25,9 @@ pub(crate) struct Common<'a> {
 /// for every candidate.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
-    /// `whole` is the sum over the groups of Gram matrix / noise scale, plus the prior precisions of the model. `sums`
-    /// is `whole` after the elimination. `volume` is the log determinant of the rows and columns of `whole` that belong
-    /// to the model's parameters.
+    /// `whole` is the sum of the Gram matrices of all groups, each divided by the noise scale of its group, plus the
+    /// prior precisions of the model. `sums` is `whole` after the elimination. `volume` is the log determinant of the
+    /// rows and columns of `whole` that belong to the model's parameters.
     whole: SymmetricMatrix,
     sums: SymmetricMatrix,
     volume: f64,

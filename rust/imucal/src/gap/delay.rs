@@ -1,4 +1,4 @@
-//! Test whether the output of the gyroscope is only delayed, or also smoothed by a filter.
+//! Tests whether the output of the gyroscope is only delayed, or also smoothed by a filter.
 //!
 //! ```text
 //! delay               w(t - tau)             = w - tau w' + tau^2 / 2 w'' - ...

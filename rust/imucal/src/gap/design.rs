@@ -1,4 +1,5 @@
-//! Linearised residuals of a model, with the Jacobian columns of the model's parameters and of all candidate effects.
+//! Linearises the residuals of a model. The Jacobian has columns for the parameters of the model and for the parameters
+//! of all candidate effects.
 
 use std::borrow::Cow;
 use std::iter::once;
@@ -63,7 +64,7 @@ pub(crate) struct Rows {
     has_variations: bool,
 }
 
-/// Whitened Jacobian columns. The last column is the residual.
+/// Whitened Jacobian columns, and the whitened residual as the last column.
 struct Made {
     /// Rows of the residuals that are not inside moves. If `inside` is `None`, these are all rows.
     head: Lanes,
@@ -109,8 +110,9 @@ impl Rows {
     }
 }
 
-/// Linearises the residuals at the parameters of a model. `own` contains the effects of the model and the precisions of
-/// their priors. `all` contains the effects of the model and all candidates.
+/// Computes the whitened residuals and Jacobian of a model from `linear`, the linearisation at the parameters of the
+/// model. `own` contains the effects of the model, and `precisions` are the precisions of their priors. `all` contains
+/// the effects of the model and all candidates.
 pub(crate) fn design(
     prepared: &Prepared<'_>,
     (own, precisions): (&Terms<'_>, &[f64]),

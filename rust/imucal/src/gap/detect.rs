@@ -1,5 +1,5 @@
-//! Detection limits. The detection limit of an effect is the smallest size at which it is detected with 90 %
-//! probability.
+//! Computes the detection limits of effects. The detection limit of an effect is the smallest size at which it is
+//! detected with 90 % probability.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 use statrs::function::gamma::ln_gamma;
@@ -14,8 +14,8 @@ const POWER: f64 = 0.9;
 /// The search for the detection limit starts with this upper bound of the non-centrality of chi2 (dimensionless). The
 /// bound is doubled until an effect of this non-centrality is detected with the probability [`POWER`].
 const FIRST: f64 = 16.0;
-/// Largest upper bound of the non-centrality, at which the doubling ends. A larger value is not needed, because no
-/// effect has so many parameters.
+/// Largest upper bound of the non-centrality, at which the doubling ends. The required non-centrality grows with the
+/// number of parameters, and no effect has enough parameters to need a larger value.
 const MOST: f64 = 1024.0;
 /// The root search ends if the relative change of the non-centrality is below this value.
 const LAST_STEP: f64 = 1e-9;
@@ -48,7 +48,7 @@ pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     }
 }
 
-/// Probabilities that a chi2 variable exceeds the limit, for `dof`, `dof` + 2, `dof` + 4, ... degrees of freedom. Each
+/// Probabilities that a chi2 variable exceeds `limit`, for `dof`, `dof` + 2, `dof` + 4, ... degrees of freedom. Each
 /// value is computed when first needed.
 struct Tails {
     dof: usize,
@@ -77,9 +77,9 @@ impl Tails {
     }
 }
 
-/// Probability that a non-central chi2 variable exceeds the limit, and the derivative of this probability with respect
-/// to the non-centrality. The non-central distribution is a Poisson-weighted mixture of central chi2 distributions.
-/// Weights below the rounding error are omitted.
+/// Probability that a non-central chi2 variable exceeds the limit of `tails`, and the derivative of this probability
+/// with respect to the non-centrality. The non-central distribution is a Poisson-weighted mixture of central chi2
+/// distributions. Weights below the rounding error are omitted.
 fn exceeds(tails: &mut Tails, noncentrality: f64) -> [f64; 2] {
     let mean = noncentrality / 2.0;
     let (mut weight, mut sum, mut slope, mut k) = ((-mean).exp(), 0.0, 0.0, 0);

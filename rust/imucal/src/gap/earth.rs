@@ -1,4 +1,4 @@
-//! Test whether an estimated constant rate is the rate of the Earth. The magnitude of the Earth's rate is known. An
+//! Tests whether an estimated constant rate is the rate of the Earth. The magnitude of the Earth's rate is known. An
 //! estimate with a significantly different magnitude therefore has another cause.
 //!
 //! The direction of the Earth's rate is not tested, because heading and latitude are unknown.

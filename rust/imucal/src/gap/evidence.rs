@@ -1,4 +1,4 @@
-//! Evidence of a model, computed from the Gram matrices of groups of residuals (docs/model.md (23)).
+//! Computes the evidence of a model from the Gram matrices of groups of residuals (docs/model.md (23)).
 //!
 //! ```text
 //! r(theta) = r + J delta,   theta = theta_0 + delta,   prior theta_p ~ N(0, (s typical_p)^2), none for the base
@@ -96,9 +96,9 @@ impl Gram {
         Some(Mat::from_fn(own.len(), own.len(), |i, k| solved[(own[i], k)] / (size[own[i]] * size[own[k]])))
     }
 
-    /// Selected rows and columns of the sum over the groups of Gram matrix / noise scale s_g^2. Row or column i of the
-    /// result is row or column `place(i)` of the Gram matrices, for i below `count`. Only the columns in the range
-    /// `columns` are computed.
+    /// Sums the Gram matrices of all groups, each divided by the noise scale s_g^2 of its group, and returns selected
+    /// rows and columns of the sum. Row or column i of the result is row or column `place(i)` of the Gram matrices, for
+    /// i below `count`. Only the columns in the range `columns` are computed.
     pub(crate) fn at_scales(
         &self,
         scales: &[f64],

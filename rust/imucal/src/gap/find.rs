@@ -230,9 +230,10 @@ impl Fits<'_> {
         Ok((self.search_again(before, &others, search)?, earth))
     }
 
-    /// Repeats a search with fewer candidates. For the removed candidates, the scores and detection limits of the first
-    /// search are kept. If the first search detected hand motion, the hand-motion test is not repeated, because fewer
-    /// candidates cannot explain more of the residuals inside moves. Otherwise, the test is repeated.
+    /// Repeats a search with fewer candidates. The scores of all candidates, and the detection limits of the removed
+    /// candidates, are those of the first search. If the first search detected hand motion, the hand-motion test is not
+    /// repeated, because fewer candidates cannot explain more of the residuals inside moves. Otherwise, the test is
+    /// repeated.
     fn search_again(&mut self, before: &Fit, choices: &[EffectChoice], first: Search) -> Result<Search, Error> {
         let mut again = self.search(before, choices, first.is_hand_moved)?;
         let is_missing = |name: &str| again.smallest_visible.iter().all(|(own, ..)| own != name);
@@ -304,7 +305,8 @@ impl Fits<'_> {
         Ok(Some([of_given, of_fit(before)?, of_fit(after)?]))
     }
 
-    /// Residuals of the fit `before` by kind, rest and move, compared with the residuals of the fit `after`.
+    /// Computes the residuals of the fit `before` by kind, rest and move, and compares them with those of the fit
+    /// `after`. `inside_moves` is as in [`residuals_by_place`].
     fn residuals(&self, before: &Fit, after: Option<&Fit>, inside_moves: bool) -> Result<ResidualsByPlace, Error> {
         let recordings = self.checked.recordings();
         let samples = |fit: &Fit| {

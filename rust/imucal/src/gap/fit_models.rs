@@ -1,4 +1,4 @@
-//! Fits of the models that the forward search compares. Each fitted model is linearised together with the candidate
+//! Fits the models that the forward search compares, and linearises each fitted model together with the candidate
 //! effects.
 
 use std::sync::Arc;
@@ -107,8 +107,8 @@ impl<'a> ForwardSearch<'a> {
         Ok(Stage { design: Arc::new(design), evidence, members, model, sensors, places })
     }
 
-    /// The linearisation at the solution of a fit. Recent linearisations are kept, because several steps of the search
-    /// use them.
+    /// Fits a model, and returns the linearisation at the solution. Fits are stored under `key`, and recent
+    /// linearisations are kept, because several steps of the search use them.
     fn fitted(
         &self,
         prepared: &Prepared<'_>,
@@ -135,8 +135,9 @@ impl<'a> ForwardSearch<'a> {
         Ok(linear)
     }
 
-    /// Linearises a model together with all candidates. The columns of the model and of the candidates are evaluated at
-    /// the same corrected signals, so one pass over the samples computes both.
+    /// Linearises a model together with all candidates, and passes the linearisation to `work`. The columns of the
+    /// model and of the candidates are evaluated at the same corrected signals, so one pass over the samples computes
+    /// both.
     pub(super) fn with_candidates<T>(
         &self,
         prepared: &Prepared<'_>,

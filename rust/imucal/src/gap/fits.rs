@@ -1,4 +1,4 @@
-//! Models with and without effects, fitted to the recordings of a unit and evaluated on unseen data: control
+//! Fits models with and without effects to the recordings of a unit, and evaluates them on unseen data: control
 //! recordings, or held-out rests and moves.
 
 use std::rc::Rc;
@@ -52,8 +52,8 @@ pub struct Control {
 
 impl Control {
     /// The evaluation on which the acceptance of effects is based. If the biases changed from the calibration
-    /// recordings to the control recordings, this is the evaluation with the changed biases. The biases are changed
-    /// because such a change is evidence neither for nor against an effect.
+    /// recordings to the control recordings, this is the evaluation with the changed biases. The changed biases are
+    /// used because a change of the biases is evidence neither for nor against an effect.
     pub fn judged(&self) -> &Evaluation {
         self.with_own_biases.as_ref().unwrap_or(&self.evaluation)
     }
@@ -84,7 +84,7 @@ impl<'a> Fits<'a> {
         self.made.retain(|fit| fit.effects.is_empty());
     }
 
-    /// The fit with these effects, which may be from the catalogue or user-defined.
+    /// The fit with the effects `names`, which may be from the catalogue or user-defined. Earlier fits are reused.
     pub(super) fn with(&mut self, names: &[String]) -> Result<Rc<Fit>, Error> {
         if let Some(known) = self.made.iter().find(|fit| fit.effects == names) {
             return Ok(Rc::clone(known));
@@ -261,7 +261,7 @@ pub(super) fn with_samples<'a>(recordings: &[Recording<'a>], samples: &'a [Corre
     recordings.iter().zip(samples).map(with).collect()
 }
 
-/// chi2 of the mean angular rate at each rest of the control recordings.
+/// chi2 of the mean angular rate at each rest of the control recordings, see [`Control::rate_chi2`].
 ///
 /// Some gyroscope effects, for example an isotropic g-sensitivity, are observable only in these means. The noise is
 /// estimated from the raw samples. A noise estimate from corrected samples would be too small, because the correction

@@ -92,12 +92,13 @@ pub fn linearise(
     })
 }
 
-/// The first list has one entry for each observable effect: its name, the smallest rms value of its parameters that is
-/// detected with 90 % probability, and the unit of this value. The second list has one entry for each effect that is
-/// not observable: its name, and the data that would make it observable.
+/// Detection limits of effects. The first list has one entry for each observable effect: its name, the smallest rms
+/// value of its parameters that is detected with 90 % probability, and the unit of this value. The second list has one
+/// entry for each effect that is not observable: its name, and the data that would make it observable.
 pub type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
-/// Detection limit of each candidate relative to the model without effects. `is_hand_moved` is as in [`search`].
+/// Computes the detection limit of each candidate effect if this effect is added to the model without effects.
+/// `is_hand_moved` is as in [`search`].
 ///
 /// # Errors
 /// The errors are those of [`search`].
@@ -130,8 +131,9 @@ fn at_start<T>(
     })
 }
 
-/// Temperatures shifted so that their mean over all recordings is the reference temperature. Without this shift, an
-/// effect of the temperature on a bias or scale would mostly act like a constant change of this bias or scale.
+/// Returns the temperatures of all recordings, shifted so that their overall mean is the reference temperature. Without
+/// this shift, an effect of the temperature on a bias or scale would mostly act like a constant change of this bias or
+/// scale.
 fn centred_temperatures(recordings: &[Recording<'_>]) -> Vec<Option<Vec<f64>>> {
     let (sum, count) = (recordings.iter().filter_map(|recording| recording.temperature_degc).flatten())
         .filter(|degc| degc.is_finite())
@@ -175,7 +177,8 @@ pub(super) struct ForwardSearch<'a> {
 }
 
 impl<'a> ForwardSearch<'a> {
-    /// A new search, and the candidates whose requirements (for example a temperature column) the recordings meet.
+    /// Creates a search. The second result contains the candidates whose requirements (for example a temperature
+    /// column) the recordings meet.
     fn new(
         checked: &Checked<'_>,
         candidates: &[EffectChoice],
@@ -296,8 +299,8 @@ impl<'a> ForwardSearch<'a> {
         let Judgement { scores, blind, visible } = first;
         let mut ranking: Vec<Score> = scores.into_iter().map(|judged| judged.score).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
-        // The detection limit of an effect that is not in the final model applies to an addition to this model. The
-        // limit of an effect in the final model applies to an addition to the model without effects.
+        // For an effect that is not in the final model, the detection limit is that of adding it to this model. For an
+        // effect in the final model, it is that of adding the effect to the model without effects.
         let mut smallest_visible = last.map(|last| last.visible).unwrap_or_default();
         for entry in visible {
             if !smallest_visible.iter().any(|(name, ..)| *name == entry.0) {

@@ -1,5 +1,5 @@
-//! Comparison of generic hypotheses with the selected effects (docs/model.md (24)). A generic hypothesis is a variation
-//! of a bias or scale that no effect of the catalogue describes.
+//! Compares generic hypotheses with the selected effects (docs/model.md (24)). A generic hypothesis is a variation of a
+//! bias or scale that no effect of the catalogue describes.
 
 use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;

@@ -1,5 +1,5 @@
-//! Whitened Jacobian columns of generic hypotheses (unknown variations of a bias or scale), and the times, at rests and
-//! inside moves, at which the hypotheses are evaluated.
+//! Computes the whitened Jacobian columns of generic hypotheses (unknown variations of a bias or scale), and selects
+//! the times at rests and inside moves at which the hypotheses are evaluated.
 
 use std::cmp::Ordering::Equal;
 use std::sync::Arc;
@@ -42,7 +42,7 @@ pub(crate) struct Epoch {
     pub(crate) time_s: f64,
 }
 
-/// A linearisation of the residuals, with the quantities on which kernels depend (for example temperature and
+/// A linearisation of the residuals, and the quantities on which generic hypotheses depend (for example temperature and
 /// attitude) at the rests and inside the moves.
 pub(crate) struct Setting<'a> {
     prepared: &'a Prepared<'a>,
@@ -53,9 +53,9 @@ pub(crate) struct Setting<'a> {
 }
 
 impl<'a> Setting<'a> {
-    /// `terms` are the effects of the model. Small effects may be omitted, because they hardly change the Jacobian.
-    /// Large effects must not be omitted, because they may change the body axes that define the directions of the tilt
-    /// residuals, see [`has_axes`](Self::has_axes).
+    /// Linearises the residuals of `model`. `terms` are the effects of the model. Small effects may be omitted, because
+    /// they hardly change the Jacobian. Large effects must not be omitted, because they may change the body axes that
+    /// define the directions of the tilt residuals, see [`has_axes`](Self::has_axes).
     pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, model: &Model) -> Result<Self, Error> {
         let values = if terms.count == 0 { Vec::new() } else { model.values.clone() };
         let plain = Model { values, stand: Vec::new(), ..model.clone() };
@@ -95,9 +95,10 @@ impl<'a> Setting<'a> {
         self.problem.by_field(&self.linear, &self.segments, &field)
     }
 
-    /// The rests and moves (epochs) at which a sensor parameter may deviate, with whitened Jacobian columns. Each epoch
-    /// has one column per axis. The columns of the x axis come first, then the columns of the y axis and of the z axis.
-    /// Accelerometer parameters are observed only at rests, and the gyroscope scale only in moves.
+    /// Returns the rests and moves (epochs) in which the sensor parameter `block` may deviate, and the whitened
+    /// Jacobian columns of these deviations. Each epoch has one column per axis. The columns of the x axis come first,
+    /// then the columns of the y axis and of the z axis. Accelerometer parameters are observed only at rests, and the
+    /// gyroscope scale only in moves.
     pub(crate) fn by_epoch(&self, block: Block) -> (Vec<Epoch>, Mat<f64>) {
         let Moments { used, rests, moves } = &self.moments;
         let has_rests = block != Block::GyroscopeScale;
@@ -171,7 +172,8 @@ impl<'a> Setting<'a> {
     }
 }
 
-/// Quantities on which kernels depend, at the rests that the fit uses and inside the moves between these rests.
+/// Computes the quantities on which kernels depend (for example temperature and attitude) at the rests that the fit
+/// uses and inside the moves between these rests.
 fn moments(prepared: &Prepared<'_>, linear: &Linear, segments: &[MoveSegments]) -> Moments {
     let mut attitude = UnitQuaternion::identity();
     let mut arrived: Vec<Option<(UnitQuaternion<f64>, Vector3<f64>)>> = vec![None; prepared.rests.len()];

@@ -1,5 +1,5 @@
-//! Detection of faults of the mount between a unit and its stand. The stand rotates the unit with three motors, whose
-//! angles are measured by encoders. At each rest, two directions of gravity are compared: the direction measured by the
+//! Detects faults of the mount between a unit and its stand. The stand rotates the unit with three motors, whose angles
+//! are measured by encoders. At each rest, two directions of gravity are compared: the direction measured by the
 //! accelerometer, and the direction computed from the motor angles.
 //!
 //! ```text

@@ -1,4 +1,4 @@
-//! Division of a move into blocks of 40 ms, with the mean attitude, rate and force of each block.
+//! Divides a move into blocks of 40 ms, and computes the mean attitude, rate and force of each block.
 //!
 //! Residuals inside moves are computed from means over 40 ms, because noise dominates single accelerometer samples. The
 //! attitude and the rate change little within 40 ms.
@@ -149,8 +149,8 @@ pub(super) struct RelativeTemperature<'a> {
 }
 
 impl<'a> RelativeTemperature<'a> {
-    /// `None` if the temperature is missing, contains values that are not finite, or has a range below
-    /// [`LEAST_TEMPERATURE_CHANGE_K`].
+    /// The temperatures of `recording` and their mean. `None` if the temperature is missing, contains values that are
+    /// not finite, or has a range below [`LEAST_TEMPERATURE_CHANGE_K`].
     pub(super) fn of(recording: &Recording<'a>) -> Option<Self> {
         let temperature_degc = recording.temperature_degc?;
         let least = temperature_degc.iter().copied().fold(f64::INFINITY, f64::min);

@@ -1,5 +1,5 @@
-//! Expected errors of calibration parameters, and the errors of the corrected signals that result from them. The
-//! signals are averaged over one second.
+//! Computes the expected errors of calibration parameters, and the changes of the corrected signals that parameter
+//! errors cause. The signals are averaged over one second.
 
 use std::ops::Range;
 
@@ -135,9 +135,11 @@ impl Parameters {
     }
 }
 
-/// Expected errors and covariance of the parameters for a narrower prior of one effect. The prior of each parameter of
-/// this effect has the standard deviation s x typical size. The factor s is the estimated size of the effect relative
-/// to its typical size, at most 1. It is the same for all parameters of the effect.
+/// Returns the expected errors and the covariance of all parameters for a narrower prior of one effect. `own` are the
+/// indices of the parameters of this effect. `values` and `typical` are their estimates and their typical sizes, in
+/// standard deviations. The prior of each parameter of this effect has the standard deviation s x typical size. The
+/// factor s is the estimated size of the effect relative to its typical size, at most 1. It is the same for all
+/// parameters of the effect.
 fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64]) -> (Vec<f64>, Mat<f64>) {
     let (n, p) = (covariance.nrows(), own.len());
     let (mut square, mut shift, mut narrowed) = (1.0f64, vec![0.0; n], covariance.clone());
@@ -287,8 +289,9 @@ fn temperature_history(
     }
 }
 
-/// The states at which the fields of the effects are evaluated. A state consists of the corrected signals, the angular
-/// acceleration, the time since the first sample in s, and the temperature.
+/// The states at which the fields of the effects (signal errors per unit of each parameter) are evaluated. A state
+/// consists of the corrected signals, the angular acceleration, the time since the first sample in s, and the
+/// temperature.
 fn states(corrected: &Recording<'_>) -> Vec<State<f64>> {
     let rate: Vec<[f64; 3]> = corrected.angular_rate.iter().collect();
     let acceleration = angular_acceleration(corrected.time_s, &rate);

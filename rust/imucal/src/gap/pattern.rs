@@ -1,7 +1,7 @@
-//! Tests of generic hypotheses (docs/model.md (24)). A generic hypothesis is a variation of a bias or scale, for
-//! example with temperature, that no effect of the catalogue describes. Each hypothesis is added to two models. In the
-//! model without effects, it is an alternative to the selected effects. In the model with the selected effects, it
-//! describes a variation that is present in addition to these effects.
+//! Tests generic hypotheses (docs/model.md (24)). A generic hypothesis is a variation of a bias or scale, for example
+//! with temperature, that no effect of the catalogue describes. Each hypothesis is added to two models. In the model
+//! without effects, it is an alternative to the selected effects. In the model with the selected effects, it describes
+//! a variation that is present in addition to these effects.
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 use nalgebra::Vector3;

@@ -9,16 +9,17 @@
 //! r are the residuals and J is their Jacobian at the parameters theta_0. delta_f is the change of the parameters that
 //! is estimated without fold f. s_g^2 is the noise scale of the group g of a row, and P contains the precisions of the
 //! priors. l_i is the log predictive density of item i, and n is the number of items. u is 0, or the variance of the
-//! prediction J delta_f if the model contains generic hypotheses. For example, the rows outside a fold do not determine
-//! how a random walk continues within the fold. With u = 0, the error of the predicted walk would therefore hide all
-//! other differences between two models.
+//! prediction J delta_f if the model contains generic hypotheses. This variance is needed because, for example, the
+//! rows outside a fold do not determine how a random walk continues within the fold. With u = 0, the error of the
+//! predicted walk would hide all other differences between two models.
 //!
 //! If residuals exceed sensor noise, p-values computed from sensor noise are too small. Cross-validation remains valid
 //! in this case, because an effect that only fits excess scatter does not improve the prediction. Each superfluous
 //! parameter decreases the log predictive density by about half a nat. The standard deviation of the gain is estimated
 //! from the gains of the individual items (Vuong, Econometrica 57, 1989, 307-333). A few outliers therefore cannot make
 //! an effect significant. An item is a rest or a move. A fold is a contiguous period of time. Single rests are not held
-//! out: because biases vary slowly, any model would predict a single rest well from the rests before and after it.
+//! out, because biases vary slowly. Any model would therefore predict a single rest well from the rests before and
+//! after it.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -77,8 +78,8 @@ impl Held<'_> {
         Some(Gain::of(&self.log_densities(without)?, &self.log_densities(with)?))
     }
 
-    /// Log predictive density of the residuals of each rest and move. It is computed with a fit to the folds that do
-    /// not contain the rest or move.
+    /// Log predictive density of the residuals of each rest and move, for a model with these columns and noise scales.
+    /// It is computed with a fit to the folds that do not contain the rest or move.
     pub(crate) fn log_densities(&self, (columns, scales): (&[Column], &[f64])) -> Option<Vec<Option<f64>>> {
         let n = columns.len();
         let scale_of = |group: usize| {
@@ -89,8 +90,8 @@ impl Held<'_> {
         let weight: Vec<f64> = scale.iter().map(|scale| 1.0 / scale.sqrt()).collect();
         let place = |c: usize| columns.get(c).map_or(self.gram.residual, |column| column.place);
         let mut all = self.gram.at_scales(scales, place, n + 1, 0..n + 1);
-        // `all` is the sum over the groups of Gram matrix / noise scale. Its rows and columns are now normalised as in
-        // `Gram::sizes`. The last row and column belong to the residual.
+        // `all` is the sum of the Gram matrices of all groups, each divided by the noise scale of its group. Its rows
+        // and columns are now normalised as in `Gram::sizes`. The last row and column belong to the residual.
         let length = |c: usize| columns.get(c).map_or(1.0, |own| all[(c, c)].max(own.precision).sqrt().max(1e-300));
         let size: Vec<f64> = (0..=n).map(length).collect();
         for (j, of_column) in size.iter().enumerate() {

@@ -1,5 +1,5 @@
-//! Predicted errors of signals that are corrected by a calibration without effects and by a calibration with effects.
-//! The prediction does not need the true signals.
+//! Predicts the errors of signals that are corrected by a calibration without effects and by a calibration with
+//! effects. The prediction does not need the true signals.
 //!
 //! ```text
 //! after^2 = noise^2 + E |D e|^2,   before^2 = noise^2 + E |d + D e|^2          model.md (35)
@@ -53,7 +53,8 @@ pub struct PredictedErrors {
     pub specific_force: PredictedError,
 }
 
-/// Root mean square error over samples and axes of a corrected signal averaged over one second (docs/model.md (35)).
+/// Root mean square error of a corrected signal that is averaged over one second. The mean square is taken over the
+/// seconds and the axes (docs/model.md (35)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PredictedError {
     /// Error after correction without the effects, in the unit of the signal.

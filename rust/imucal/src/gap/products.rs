@@ -1,4 +1,4 @@
-//! Gram matrices (products of Jacobian columns), one for each group of residual rows.
+//! Computes Gram matrices (products of Jacobian columns), one for each group (kind) of residuals.
 
 mod asked;
 mod lanes;
@@ -29,7 +29,7 @@ pub(super) struct Part<'a> {
 }
 
 impl Gram {
-    /// Gram matrix of the columns for each group of rows. The last column is the residual.
+    /// Computes the Gram matrix of `columns` for each group of rows. The last column of `columns` is the residual.
     pub(crate) fn of(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
         let groups = Rows::of_groups(group_of_row);
         let sums = groups.iter().map(|rows| square(rows.part(columns).view(), processors())).collect();

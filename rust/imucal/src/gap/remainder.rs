@@ -1,5 +1,5 @@
-//! Residuals that the final model leaves unexplained. The final model contains the accepted effects. If no effect was
-//! accepted, it is the model without effects.
+//! Describes the residuals that the final model leaves unexplained. The final model contains the accepted effects. If
+//! no effect was accepted, it is the model without effects.
 
 use super::kernel::Kernel;
 use super::session::SessionStep;

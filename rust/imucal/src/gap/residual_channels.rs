@@ -1,5 +1,5 @@
-//! Residuals of a calibration for each kind of residual and each body axis, and the standard deviation of each residual
-//! from sensor noise.
+//! Computes the residuals of a calibration for each kind of residual and each body axis, and the standard deviation of
+//! each residual from sensor noise.
 //!
 //! ```text
 //! rest_norm        |f| - g at a rest
@@ -24,8 +24,8 @@ use crate::evaluate::{MoveReport, RestReport};
 use crate::recording::Samples;
 use crate::rests::noise_density::variance_by_axis;
 
-/// Lower bounds of the noise densities of accelerometer and gyroscope, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). The measured
-/// density is zero in simulations without noise, but residuals are divided by their noise.
+/// Lower bounds of the noise densities of accelerometer and gyroscope, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz). Without these
+/// bounds, residuals divided by their noise would be infinite in simulations without noise.
 const LEAST_DENSITY: [f64; 2] = [1e-5, 1e-6];
 
 /// Lower bound of 1 - u_i^2, where u is the direction up and i a body axis. The variance of a direction residual on
@@ -89,8 +89,9 @@ struct Noise {
 }
 
 impl Residuals {
-    /// `bias_instability` is the bias instability of the gyroscope, rad/s. `inside_moves` is true if the moves rotate
-    /// the unit without translation. The specific force inside moves is compared with gravity only in this case.
+    /// Computes the residuals of `fit` on its own recordings. `bias_instability` is the bias instability of the
+    /// gyroscope, rad/s. `inside_moves` is true if the moves rotate the unit without translation. The specific force
+    /// inside moves is compared with gravity only in this case.
     pub(super) fn new(fit: &CorrectedFit<'_>, bias_instability: Option<[f64; 3]>, inside_moves: bool) -> Self {
         let outcome = fit.outcome;
         let (accelerometer, gyroscope) = noise_densities(outcome);

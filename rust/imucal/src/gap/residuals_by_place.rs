@@ -1,5 +1,6 @@
-//! Residuals of recordings by kind and body axis, by rest and by move, and the quantities on which the residuals
-//! depend. These results show where the recordings disagree with a calibration, and on what the disagreement depends.
+//! Computes the residuals of recordings by kind and body axis, by rest and by move, and tests on which quantities the
+//! residuals depend. These results show where the recordings disagree with a calibration, and on what the disagreement
+//! depends.
 //!
 //! A channel consists of all residuals of one kind on one body axis. A channel, a rest or a move is significant if the
 //! chi2 of its residuals exceeds a threshold. With noise as the only error, the probability that any channel is

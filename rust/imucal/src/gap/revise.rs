@@ -1,4 +1,4 @@
-//! Revision of the selected effects: an alias may replace an effect, the forms of effects are selected, and superfluous
+//! Revises the selected effects: an alias may replace an effect, the forms of effects are selected, and superfluous
 //! effects are removed. An alias of an effect is another effect that causes nearly the same residuals. The forms of an
 //! effect have different numbers of parameters, for example a linear and a quadratic form.
 
@@ -64,7 +64,7 @@ struct Replacement {
 
 impl ForwardSearch<'_> {
     /// The candidate with the largest posterior odds (Bayes factor x prior odds) among the candidates that satisfy
-    /// `good`, and the names of the rivals of this candidate.
+    /// `good`, and the names of its rivals (candidates with nearly the same posterior odds).
     ///
     /// If the largest log posterior odds exceed [`VERY_MUCH`], all candidates whose log posterior odds are above
     /// [`CLOSE`] x the largest ones are fitted. The candidate whose fit has the largest posterior odds is then

@@ -1,4 +1,4 @@
-//! Scores and detection limits of all candidates relative to a model (docs/model.md (23)).
+//! Computes the scores and detection limits of all candidate effects relative to a model (docs/model.md (23)).
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -47,7 +47,7 @@ pub(super) struct Judged {
     pub(super) shape: Option<f64>,
 }
 
-/// Scores of all candidates.
+/// Scores and detection limits of all candidates.
 pub(super) struct Judgement {
     pub(super) scores: Vec<Judged>,
     /// Name of each effect that is not observable, and the data that would make it observable.
@@ -61,8 +61,9 @@ pub(super) struct Judgement {
 pub(super) fn judge(stage: &Stage) -> Judgement {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
-    // Observability is computed with all noise scales s_g^2 equal to one. A missing effect increases the estimated
-    // noise scales. With the increased scales, a large missing effect would seem less observable than it is.
+    // Observability is computed with all noise scales s_g^2 (chi2 per degree of freedom of each group of residuals)
+    // equal to one. A missing effect increases the estimated noise scales. With the increased scales, a large missing
+    // effect would seem less observable than it is.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
     let all = Common::new(gram, model, candidates.iter().flat_map(Candidate::asides).collect());
     let widened = all.sweep(&stage.evidence.scales);
@@ -114,8 +115,8 @@ struct Look {
     /// Number of observable directions in the space of the candidate's parameters. The noise variances are not scaled
     /// (all noise scales s_g^2 are one).
     dof: usize,
-    /// Sum, over the parameters of the candidate, of the change of chi2 that occurs if only this parameter changes, by
-    /// its typical size.
+    /// Sum over the parameters of the candidate. Each term is the change of chi2 if one parameter changes by its
+    /// typical size and the other parameters do not change.
     trace: f64,
     judged: Option<Judged>,
 }

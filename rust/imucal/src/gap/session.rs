@@ -1,4 +1,4 @@
-//! Detection of biases that changed between the calibration recordings and the control recordings.
+//! Detects biases that changed between the calibration recordings and the control recordings.
 //!
 //! ```text
 //! |f_k| - g = u_k . d_a + noise,     mean rate at rest k = d_g + noise,     k over the rests of the control recordings
@@ -70,9 +70,9 @@ impl Change {
 }
 
 impl SessionStep {
-    /// Changes of the biases of both sensors; `None` if neither change is significant. `is_corrected` is true if the
-    /// mean readings at the rests in `evaluation` are already corrected, which is the case if the calibration has
-    /// effects.
+    /// Estimates the changes of the biases of both sensors; `None` if neither change is significant. `is_corrected` is
+    /// true if the mean readings at the rests in `evaluation` are already corrected, which is the case if the
+    /// calibration has effects.
     pub(super) fn find(
         outcome: &Outcome,
         evaluation: &Evaluation,

@@ -1,5 +1,5 @@
-//! Eigenfunctions of covariance kernels, evaluated at rests and inside moves. A generic hypothesis assumes that a bias
-//! or scale varies, and a kernel is the covariance of this variation (docs/model.md (24)).
+//! Evaluates the eigenfunctions of covariance kernels at rests and inside moves. A generic hypothesis assumes that a
+//! bias or scale varies, and a kernel is the covariance of this variation (docs/model.md (24)).
 
 use faer::Mat;
 use nalgebra::Vector3;

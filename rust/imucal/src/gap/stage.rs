@@ -1,4 +1,4 @@
-//! A fitted model of the forward search, with the linearised residuals of this model and of the candidate effects.
+//! A fitted model of the forward search, its linearised residuals, and the Jacobian columns of the candidate effects.
 
 use std::sync::Arc;
 

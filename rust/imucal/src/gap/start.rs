@@ -1,4 +1,4 @@
-//! Start of a search: fit of the model without effects, and test whether the unit was moved by hand.
+//! Starts a search: fits the model without effects, and tests whether the unit was moved by hand.
 
 use std::sync::Arc;
 
@@ -16,8 +16,8 @@ use crate::joint::{BLOCK_S, Kinds, Model, Prepared, Terms, is_unobservable_hand_
 /// Averaging time, s, of the specific force inside moves in the test for hand motion. Accelerations by a hand last
 /// longer than this time, so the average still contains them.
 const STRETCH_S: f64 = 4.0 * BLOCK_S;
-/// Ratio of the scatter of the averaged specific force inside moves to its noise. Hand motion is detected only if the
-/// ratio is above this value and effects do not explain the scatter.
+/// Threshold of the scatter of the averaged specific force inside moves, in multiples of the noise of this average.
+/// Hand motion is detected only if the scatter is above this threshold and effects do not explain the scatter.
 const HAND: f64 = 10.0;
 /// Threshold of the unexplained share of the variance of the averaged specific force inside moves. Hand motion is
 /// detected only if effects that depend on the angular acceleration, for example the lever arm of the accelerometer,
@@ -113,9 +113,10 @@ impl ForwardSearch<'_> {
         let may_explain =
             |choice: &&EffectChoice| choice.effect.sensor != Sensor::Encoder && choice.effect.shape.is_none();
         let explaining: Vec<EffectChoice> = open.iter().filter(may_explain).copied().collect();
-        // The largest share of the variance of a recording that is attributed to a hand, or zero. Numerator and
-        // denominator of the share are noise scales or their lower bounds. `own` are the effects in the model, with the
-        // precisions of their priors.
+        // For each recording, computes the share of the variance of the force inside moves that is attributed to a
+        // hand. Returns the largest of these shares, or zero if effects explain the scatter in all recordings.
+        // Numerator and denominator of a share are noise scales or their lower bounds. `own` are the effects in the
+        // model, with the precisions of their priors.
         let unexplained = |search: &Self, own: (&Terms<'_>, &[f64]), model: &Model| {
             search.with_candidates(coarse, own.0, model, &explaining, |all, linear| {
                 let seen = design(coarse, own, all, linear)?;

@@ -1,4 +1,4 @@
-//! Effects of the temperature history in the forward search.
+//! Special steps of the forward search for effects of the temperature history (past temperatures).
 //!
 //! A bias with a memory of the temperature (lag, rate or hysteresis) usually depends on the present temperature as
 //! well. The effects of the temperature and of the temperature history on the same bias are therefore called partners.

@@ -55,10 +55,10 @@ const SIZES: [f64; 10] = [0.025, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 2.0, 4.0];
 /// Trial values of the white scatter from epoch to epoch: its standard deviation in multiples of the typical deviation
 /// of the parameter.
 const SCATTERS: [f64; 4] = [1e-3, 0.1, 0.3, 1.0];
-/// Trial correlation lengths of a smooth time course, as shares of the duration.
+/// Trial correlation lengths of a smooth time course, as shares of the time of the last epoch.
 const LENGTHS: [f64; 4] = [0.025, 0.05, 0.1, 0.2];
-/// Trial states of an epoch: 0 or 1 at one of the two levels, and a value between them if the level switches within the
-/// epoch.
+/// Trial states of an epoch: 0 at the first level, 1 at the second level, and a value between 0 and 1 if the level
+/// switches within the epoch.
 const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 /// Maximum number of passes over all epochs in the search for the most likely states of a switching time course.
 const MOST_PASSES: usize = 12;
@@ -81,9 +81,9 @@ impl ForwardSearch<'_> {
         Ok(found?.and_then(|observed| observed.kernel()).unwrap_or(Kernel::RandomWalk))
     }
 
-    /// Log likelihood of the deviation in each epoch. It is computed from the residuals at the rests and from the
-    /// residuals of the gravity directions after the moves. `None` if there are too few epochs, or if the fit of the
-    /// model fails.
+    /// Computes the log likelihood of the deviations of the sensor parameter `block` in all epochs (rests and moves).
+    /// It uses the residuals at the rests and the residuals of the gravity directions after the moves. `None` if there
+    /// are too few epochs, or if the fit of the model fails.
     fn observed(
         &self,
         prepared: &Prepared<'_>,
@@ -132,8 +132,9 @@ struct Observed {
 }
 
 impl Observed {
-    /// Kernel of the selected time course; `None` for a random walk. A smooth or switching time course is selected if
-    /// its log evidence exceeds that of the random walk and that of independent deviations by more than [`LEAST`] nats.
+    /// Selects the time course and returns its kernel; `None` for a random walk. A smooth or switching time course is
+    /// selected if its log evidence exceeds that of the random walk and that of independent deviations by more than
+    /// [`LEAST`] nats.
     fn kernel(&self) -> Option<Kernel> {
         let end_s = self.epochs.iter().map(|epoch| epoch.time_s).fold(0.0, f64::max);
         let walk = self.best_of(self.steps()?, |a, b| a.time_s.min(b.time_s) / end_s)?;
@@ -153,8 +154,8 @@ impl Observed {
         }
     }
 
-    /// Rms of the deviation on each axis. The deviations are estimated by a fit in which the deviation of each epoch
-    /// has an independent prior.
+    /// Rms over the epochs of the deviations on each axis, after subtraction of their mean. The deviations are
+    /// estimated by a fit in which the deviation of each epoch has an independent prior.
     fn rms(&self) -> Option<[f64; 3]> {
         let n = self.epochs.len();
         let x = self.most_likely(1.0)?;
@@ -232,7 +233,8 @@ impl Observed {
         SCATTERS.iter().filter_map(|scatter| log(*scatter)).reduce(f64::max)
     }
 
-    /// The fit of white scatter without a time course. `scatter` is its standard deviation on each axis.
+    /// Fits deviations that are independent in each epoch. `scatter` is the standard deviation of their prior on each
+    /// axis.
     fn white(&self, scatter: [f64; 3]) -> Option<White> {
         checkpoint();
         let n = self.slope.len();
@@ -312,7 +314,8 @@ impl Scattered {
     }
 
     /// Largest log evidence of a switching time course with white scatter, relative to white scatter only. The search
-    /// changes one state at a time as long as the evidence increases.
+    /// starts at `states`, and changes one state at a time as long as the evidence increases. `size` is as in
+    /// [`log_of_levels`].
     fn most_likely_states(&self, states: &[f64], size: f64) -> f64 {
         let n = states.len();
         let mut states = states.to_vec();

@@ -167,8 +167,8 @@ impl Basis<'_> {
         Judgement { verdict, faults, rivals, not_confirmed, contradiction, remainder }
     }
 
-    /// Residuals that the final model leaves unexplained. The final model contains the accepted effects if
-    /// `are_accepted` is true. Otherwise it is the model without effects.
+    /// Describes the residuals that the final model leaves unexplained. The final model contains the accepted effects
+    /// if `are_accepted` is true. Otherwise it is the model without effects.
     fn remainder(&self, are_accepted: bool, not_confirmed: &[Score]) -> Remainder {
         let Self { search, path, before, after, .. } = self;
         let last = if are_accepted { after } else { before };

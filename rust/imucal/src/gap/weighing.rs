@@ -1,5 +1,5 @@
-//! Evidence of a model with additional Jacobian columns, for several prior widths of the coefficients of these columns
-//! (docs/model.md (23)).
+//! Computes the evidence of a model with additional Jacobian columns, for several prior widths of the coefficients of
+//! these columns (docs/model.md (23)).
 //!
 //! The noise variances of each group g of residuals are multiplied by a noise scale s_g^2. At fixed noise scales, the
 //! sweep operator first eliminates the parameters of the model from the Gram matrix. The Schur complement S of the
@@ -58,8 +58,8 @@ pub(crate) struct Weighing<'a> {
     pub(super) parts: Vec<SymmetricMatrix>,
 }
 
-/// Normal matrix after elimination of the model's parameters. Before the elimination, it is the sum over the groups of
-/// Gram matrix / noise scale, plus the prior precisions of the model.
+/// Normal matrix after elimination of the model's parameters. Before the elimination, it is the sum of the Gram
+/// matrices of all groups, each divided by the noise scale of its group, plus the prior precisions of the model.
 #[derive(Clone)]
 pub(crate) struct Swept {
     pub(super) scales: Vec<f64>,
@@ -103,8 +103,8 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Computes the rows of the matrix `to` from row `from` on. The matrix is the sum over the groups of Gram matrix /
-    /// noise scale, plus the prior precisions of the model.
+    /// Computes the rows of the matrix `to` from row `from` on. The matrix is the sum of the Gram matrices `parts` of
+    /// all groups, each divided by the noise scale of its group, plus the prior precisions of the model.
     #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn add_up<S: Simd>(
         &self,
@@ -133,8 +133,8 @@ impl<'a> Weighing<'a> {
         Self { columns, parts }
     }
 
-    /// Eliminates the model's parameters at the noise scales s_g^2. `None` if the normal matrix of the model is
-    /// singular.
+    /// Eliminates the model's parameters. `scales` are the noise scales s_g^2 of the groups of residuals. `None` if the
+    /// normal matrix of the model is singular.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<Swept> {
         Instructions::Best.run(Sweep(self, scales))
     }
@@ -163,8 +163,8 @@ impl<'a> Weighing<'a> {
         Instructions::Best.run(Settle(self, width, swept))
     }
 
-    /// Normal matrix before the elimination: the sum over the groups of Gram matrix / noise scale, plus the prior
-    /// precisions of the model. Only the rows from row `from` on are computed.
+    /// Normal matrix before the elimination: the sum of the Gram matrices of all groups, each divided by the noise
+    /// scale of its group, plus the prior precisions of the model. Only the rows from row `from` on are computed.
     #[inline(always)] // Inlined, so that it is compiled for the widest registers.
     pub(super) fn whole<S: Simd>(&self, simd: S, scales: &[f64], from: usize) -> Swept {
         let (n, all) = (self.columns.model.len(), self.columns.count());

@@ -57,7 +57,7 @@ pub(crate) struct Kinds {
 }
 
 impl Kinds {
-    /// The additional kinds of residuals that are needed because the effects `choices` are not observable without them.
+    /// Returns the additional kinds of residuals without which the effects `choices` are not observable.
     pub(crate) fn needed_by(choices: &[EffectChoice]) -> Self {
         Self {
             in_motion: choices.iter().any(|choice| choice.effect.needs.contains(&Need::AngularAcceleration)),

@@ -1,4 +1,5 @@
-//! Residuals of gravity direction and attitude relative to the encoders of a stand (model.md (21)).
+//! Residuals relative to a stand, which rotates the unit with three motors (model.md (21)). They compare gravity
+//! directions and attitudes of the unit with those computed from the encoder angles of the motors.
 //!
 //! ```text
 //! rests        perpendicular to u_k:  R_wb(q_k)^T e_z - u_k
@@ -93,8 +94,8 @@ impl StandModel {
     }
 }
 
-/// Start value of the mount rotation. It is the least-squares rotation that maps the measured up directions `up` (body
-/// frame) to the up directions computed from the encoder angles (frame of the innermost ring of the stand).
+/// Computes the start value of the mount rotation: the least-squares rotation that maps the measured up directions `up`
+/// (body frame) to the up directions computed from the encoder angles (frame of the innermost ring of the stand).
 pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Vector3<f64> {
     let square = StandModel::of(&[0.0; STAND_PARAMETERS]);
     let sum: Matrix3<f64> =
@@ -117,8 +118,8 @@ pub(crate) struct Angles {
     columns: Vec<Vector3<f64>>,
 }
 
-/// Count (resolution) of the encoders, rad. It is the smallest nonzero change between consecutive samples, which is
-/// nearly zero for readings that are not quantised.
+/// Estimates the count (resolution) of the encoders, rad, as the smallest nonzero change between consecutive readings.
+/// For readings that are not quantised, it is nearly zero.
 fn count_rad(stand_rad: &[[f64; 3]]) -> f64 {
     let changes = stand_rad.windows(2).flat_map(|w| [0, 1, 2].map(|motor| (w[1][motor] - w[0][motor]).abs()));
     let least = changes.filter(|change| *change > LEAST_COUNT_RAD).fold(f64::INFINITY, f64::min);
@@ -158,9 +159,10 @@ impl Angles {
         all
     }
 
-    /// Derivative of the attitude with respect to every parameter: one rotation vector in the world frame for each
-    /// parameter, averaged over `samples`. The stand is linearised at the middle sample. The derivatives of the
-    /// readings with respect to the effects are averaged over all samples, because they may jump when a motor reverses.
+    /// Computes the derivative of the attitude of the stand with respect to every parameter, averaged over `samples`.
+    /// It is one rotation vector in the world frame for each parameter. The stand is linearised at the middle sample.
+    /// The derivatives of the readings with respect to the effects are averaged over all samples, because they may jump
+    /// when a motor reverses.
     pub(super) fn attitude_jacobian(
         &self,
         samples: Range<usize>,
@@ -182,9 +184,9 @@ impl Angles {
     }
 }
 
-/// Two residuals of a rest, rad: the gravity direction computed from the stand minus the measured gravity direction,
-/// along two axes perpendicular to the measured direction. For each residual, the result contains its derivatives with
-/// respect to all parameters, followed by the residual.
+/// Computes two residuals of a rest, rad: the gravity direction computed from the encoder angles minus the measured
+/// direction, along two axes perpendicular to the measured direction. For each residual, the result contains its
+/// derivatives with respect to all parameters, followed by the residual.
 pub(crate) fn rest_rows(
     angles: &Angles,
     terms: &Terms<'_>,
@@ -205,7 +207,7 @@ pub(crate) fn rest_rows(
     [0, 1].map(|c| columns.iter().map(|column| column[c]).chain([residual[c]]).collect())
 }
 
-/// Encoder readings of all recordings.
+/// Quantities computed from the encoder readings of all recordings.
 pub(crate) struct Encoders {
     /// Sign of the last motion of each motor, for every sample of every recording.
     directions: Vec<Vec<Vector3<f64>>>,
@@ -267,14 +269,16 @@ impl Encoders {
         self.mean_variance
     }
 
-    /// Corrected motor angles at a rest.
+    /// Computes the motor angles at rest `k`: the mean encoder reading, corrected for the effects with the parameters
+    /// `values`.
     pub(crate) fn at_rest(&self, k: usize, rest: &UnitRest, values: &[f64], terms: &Terms<'_>) -> Angles {
         let sample = Sample { recording: rest.recording, index: rest.rest.end - 1, count: 1 };
         let direction = self.directions[rest.recording][sample.index];
         Angles::of(values, terms, &[0.0], &[(*self.mean(k)).into()], &[direction], sample)
     }
 
-    /// Corrected motor angles of all samples of a move.
+    /// Computes the motor angles of all samples of the move `m`, corrected for the effects with the parameters
+    /// `values`.
     pub(crate) fn in_move(&self, recording: &Recording<'_>, m: &Move, values: &[f64], terms: &Terms<'_>) -> Angles {
         let range = m.first..m.last + 1;
         let sample = Sample { recording: m.recording, index: m.first, count: 1 };

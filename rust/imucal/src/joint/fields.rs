@@ -1,6 +1,6 @@
-//! Whitened derivatives of the residuals with respect to generic error fields (model.md (24)). A generic error field is
-//! a variation of a bias or scale that no effect of the catalogue describes. It is a linear combination of basis
-//! functions (its columns). Each basis function has one value at each rest and in each segment of a move.
+//! Computes the whitened derivatives of the residuals with respect to generic error fields (model.md (24)). A generic
+//! error field is a variation of a bias or scale that no effect of the catalogue describes. It is a linear combination
+//! of basis functions (its columns). Each basis function has one value at each rest and in each segment of a move.
 //!
 //! ```text
 //! gyroscope       rest rates    -T Phi_k
@@ -80,7 +80,8 @@ impl Field {
     }
 }
 
-/// Segments of each move, with the attitude integrated without effects. Only every `every`-th segment is kept.
+/// Divides each move into segments, and integrates their attitudes without effects. Only every `every`-th segment is
+/// kept.
 pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Vec<MoveSegments> {
     let way = |(index, at_move): (usize, &AtMove)| {
         let route = prepared.route(index, None, &at_move.before, false);
@@ -90,7 +91,7 @@ pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usi
 }
 
 impl Field {
-    /// Attitude change due to each basis function (with the coefficient 1), rad. It is computed at the midpoint of each
+    /// Computes the attitude change due to each basis function (with the coefficient 1), rad, at the midpoint of each
     /// segment of move `k` and at the end of the move. Between two midpoints, the field is assumed to be the mean of
     /// its values in the two segments.
     fn turns(&self, k: usize, way: &MoveSegments) -> Planes {
@@ -111,8 +112,8 @@ impl Field {
 }
 
 impl Joint<'_> {
-    /// Whitened derivatives of the residuals with respect to the coefficients of a field's basis functions. The
-    /// derivatives of the residuals relative to the stand are not computed and are zero in the result.
+    /// Computes the whitened derivatives of the residuals with respect to the coefficients of the basis functions of
+    /// `field`. The derivatives of the residuals relative to the stand are not computed and are zero in the result.
     pub(crate) fn by_field(&self, linear: &Linear, ways: &[MoveSegments], field: &Field) -> Mat<f64> {
         let mut all = Mat::zeros(self.rows(), field.width);
         let mut lines = Mat::zeros(linear.lines.len(), field.width);
@@ -127,9 +128,9 @@ impl Joint<'_> {
         all
     }
 
-    /// Derivatives of the residuals with respect to an error field of the gyroscope. The derivatives of force norms and
-    /// of gravity directions after moves are written to `lines` and are not yet whitened. The derivatives of all other
-    /// residuals are whitened and written to `all`.
+    /// Computes the derivatives of the residuals with respect to an error field of the gyroscope. The derivatives of
+    /// force norms and of gravity directions after moves are written to `lines` and are not yet whitened. The
+    /// derivatives of all other residuals are whitened and written to `all`.
     fn by_rate(&self, linear: &Linear, ways: &[MoveSegments], field: &Field, lines: &mut Mat<f64>, all: &mut Mat<f64>) {
         let (width, gravity_mps2) = (field.width, self.prepared.gravity_mps2);
         let mut row = lines.nrows();
@@ -148,8 +149,8 @@ impl Joint<'_> {
             let turns = field.turns(k, way);
             let end: Vec<Vector3<f64>> = (0..width).map(|c| turns.column(turns.of(way.stretches.len()), c)).collect();
             if linear.sees_inside() {
-                // An attitude error t changes the rotated force f by t x f. The component of this change along d is
-                // (f x d) . t.
+                // An attitude error t changes the rotated force f by t x f. The component of this change along a
+                // direction d is (f x d) . t.
                 let inside = Inside::new(pass, &before.up, &self.weights.inside[k], gravity_mps2);
                 let propagated = pass.rotation * after.up * gravity_mps2;
                 let by_end = [1, 2].map(|c| propagated.cross(&inside.directions[c]));
@@ -169,9 +170,9 @@ impl Joint<'_> {
         }
     }
 
-    /// Derivatives of the residuals with respect to an error field of the accelerometer. The derivatives of force norms
-    /// and of gravity directions after moves are written to `lines` and are not yet whitened. The derivatives of all
-    /// other residuals are whitened and written to `all`.
+    /// Computes the derivatives of the residuals with respect to an error field of the accelerometer. The derivatives
+    /// of force norms and of gravity directions after moves are written to `lines` and are not yet whitened. The
+    /// derivatives of all other residuals are whitened and written to `all`.
     fn by_force(
         &self,
         linear: &Linear,
@@ -217,8 +218,8 @@ impl Joint<'_> {
     }
 }
 
-/// Derivative of a move's two residuals with respect to the attitude error that has accumulated at the end of the move.
-/// This error is a rotation vector, given in the body frame at the start of the move.
+/// Derivative of a move's two direction residuals with respect to the attitude error at the end of the move. This error
+/// is a rotation vector, given in the body frame at the start of the move.
 fn across(at_move: &AtMove) -> Matrix2x3<f64> {
     let AtMove { pass, before, after } = at_move;
     let across = rows_across(&after.up);

@@ -1,4 +1,4 @@
-//! Temperature histories of the recordings of a fit.
+//! Computes the temperature history of each recording of a fit.
 //!
 //! A temperature history contains a lag for each sensor, the rate of change of the temperature, and the direction of
 //! its last change. A lag is the low-pass filtered temperature minus the temperature. The history is computed from all
@@ -59,7 +59,8 @@ impl SharedHistories {
 }
 
 impl TemperatureHistories {
-    /// Temperature histories of the recordings. `tau_s` is the time constant of the lags, s; `None` without lags.
+    /// Computes the temperature histories of the recordings. `tau_s` is the time constant of the lags, s; `None`
+    /// without lags.
     pub(super) fn new(recordings: &[Recording<'_>], tau_s: Option<f64>) -> Self {
         Self::map(recordings, TemperatureMemory::with_time_constants(tau_s, None), |history| TemperatureHistory {
             accelerometer_lag_k: history.gyroscope_lag_k,
@@ -67,7 +68,7 @@ impl TemperatureHistories {
         })
     }
 
-    /// Derivatives of the histories with respect to the time constant of the lags, per second. They are central
+    /// Computes the derivatives of the histories with respect to the time constant of the lags, per second, as central
     /// differences with the step `step_s`.
     pub(super) fn derivative(recordings: &[Recording<'_>], tau_s: f64, step_s: f64) -> Self {
         let memory = TemperatureMemory::with_time_constants(Some(tau_s + step_s), Some(tau_s - step_s));
@@ -94,8 +95,8 @@ impl TemperatureHistories {
         Self(Arc::new(recordings.iter().map(nodes).collect()))
     }
 
-    /// Temperature history, averaged over samples of a recording. `None` if the temperature of the recording is
-    /// unknown.
+    /// Returns the temperature history, averaged over these samples of a recording. `None` if the temperature of the
+    /// recording is unknown.
     pub(super) fn at(&self, Sample { recording, index, count }: Sample) -> Option<TemperatureHistory<f64>> {
         let nodes = self.0.get(recording)?.as_ref()?;
         // The samples are divided into equal sections that are at most as long as the distance between two nodes. The

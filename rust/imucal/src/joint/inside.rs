@@ -1,5 +1,5 @@
-//! Residuals inside a move: the specific force, rotated to the body frame at the start of the move, minus gravity in
-//! this frame (model.md (20)).
+//! Computes the residuals inside a move: the specific force, rotated to the body frame at the start of the move, minus
+//! gravity in this frame (model.md (20)).
 //!
 //! ```text
 //! z_j = d . (mean_j(R f) - g u),   z_j = x_j + white,   x_(j+1) = x_j + random walk
@@ -32,8 +32,9 @@ use crate::numerics::instructions::Instructions;
 use crate::rests::moves::across;
 use blocks::{Derivatives, IntoColumns, IntoLanes};
 
-/// Contributions of the gravity directions at both ends of a move to the derivatives of the move's residuals with
-/// respect to one parameter, m/s^2. `start` contains the contribution of the gravity direction at the start along each
+/// The gravity directions at both ends of a move depend on the parameters, and the residuals of the move depend on
+/// these directions. This is their contribution to the derivatives of the residuals with respect to one parameter,
+/// m/s^2 per unit of the parameter. `start` contains the contribution of the gravity direction at the start along each
 /// of the three directions d. It is added to the derivatives of every residual. `end` contains the contribution of the
 /// gravity direction at the end, rotated to the start, along the two directions perpendicular to gravity. It is added
 /// to the derivatives of the last two residuals.
@@ -67,10 +68,11 @@ impl<'a> Rows<'a> {
         Self { target: Target::Lanes(lanes), next: 0, place: 0 }
     }
 
-    /// Writes the whitened derivatives of a move's residuals with respect to the parameters of `planes`. For each
-    /// block and each parameter, `planes` contains a 3-vector. The residual of a block has one component along each of
-    /// the three directions d of the move. The derivative of such a component with respect to the parameter is the dot
-    /// product of the 3-vector and `toward(block, d)`, plus the contributions of the ends of the move ([`Edges`]).
+    /// Writes the whitened derivatives of a move's residuals with respect to the parameters of `planes`. For each block
+    /// (short interval with a mean force) and each parameter, `planes` contains a 3-vector. The residual of a block has
+    /// one component along each of the three directions d of the move. The derivative of such a component with respect
+    /// to the parameter is the dot product of the 3-vector and `toward(block, d)`, plus the contributions of the ends
+    /// of the move ([`Edges`]).
     pub(super) fn write_block(
         &mut self,
         inside: &Inside<'_>,
@@ -156,8 +158,9 @@ pub(in crate::joint) struct Inside<'a> {
     pub(in crate::joint) pass: &'a Pass,
     /// Unit vector along gravity at the start of the move, and two unit vectors perpendicular to it.
     pub(in crate::joint) directions: [Vector3<f64>; 3],
-    /// Filter gains: for each block along gravity (`along`), for each block perpendicular to gravity (`across`), and
-    /// for the rest after the move (`end`).
+    /// Filter gains. `along` has one gain per block for the residual along gravity, and `across` has one gain per block
+    /// for the two residuals perpendicular to gravity. `end` is the gain for the gravity direction at the rest after
+    /// the move.
     pub(super) along: Vec<Gain<1>>,
     pub(super) across: Vec<Gain<1>>,
     pub(super) end: Gain<1>,

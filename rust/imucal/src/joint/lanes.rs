@@ -1,4 +1,4 @@
-//! Whitened residuals and their derivatives, as a matrix that is stored row by row. A row contains one residual and its
+//! Stores whitened residuals and their derivatives as a matrix, row by row. A row contains one residual and its
 //! derivatives. A column contains the derivatives of all residuals with respect to one parameter.
 
 use std::ops::Range;
@@ -46,7 +46,7 @@ impl Lanes {
         Self { places, of_residual, width, numbers: Aligned::default() }
     }
 
-    /// Matrix in which `places` gives the position of each column within a row. The last entry of `places` is the
+    /// Matrix for tests. `places` gives the position of each column within a row. The last entry of `places` is the
     /// position of the residual. `number(row, column)` returns the value of an entry.
     #[cfg(test)]
     pub(crate) fn of(places: &[Option<usize>], rows: usize, number: impl Fn(usize, usize) -> f64) -> Self {

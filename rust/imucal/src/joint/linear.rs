@@ -1,4 +1,4 @@
-//! Residuals of the joint fit at given parameters, and their derivatives. The residuals are not yet whitened.
+//! Computes the residuals of the joint fit at given parameters, and their derivatives. They are not yet whitened.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -64,9 +64,9 @@ pub(crate) struct Linear {
     pub(crate) moves: Arc<Vec<AtMove>>,
     /// Index and gravity direction of each rest that the fit uses.
     pub(super) directions: Vec<(usize, Arc<EndDirection>)>,
-    /// Change of the parameters since the samples of the moves were last integrated; empty if they have not changed, or
-    /// if the fit does not use the force inside the moves. To first order, the residuals inside the moves are corrected
-    /// by the product of their derivatives and this change.
+    /// Change of the parameters since the samples of the moves were last integrated; empty if the parameters have not
+    /// changed, or if the fit does not use the force inside the moves. To first order, the residuals inside the moves
+    /// are corrected by the product of their derivatives and this change.
     pub(super) change: Vec<f64>,
     kinds: Kinds,
 }
@@ -91,8 +91,8 @@ impl Linear {
         self.kinds.in_motion
     }
 
-    /// Linearisation after a small change of the parameters. The residuals are updated to first order, and the
-    /// derivatives stay unchanged.
+    /// Returns the linearisation after a small change `change` of the parameters. The residuals are updated to first
+    /// order, and the derivatives stay unchanged.
     pub(super) fn moved(&self, change: &[f64], model: Model) -> Self {
         let inside = if self.kinds.in_motion { change } else { &[] };
         let mut moved = Self { model, change: inside.to_vec(), ..self.clone() };
@@ -179,13 +179,13 @@ pub(crate) const EPOCH_STEPS: usize = 9;
 /// Index of a kind of residuals: mean rates at the second and later epochs (parts) of long rests, all axes.
 pub(crate) const EPOCH_RATES: usize = 10;
 
-/// Computing time per sample of the integration over a move with effects or with blocks (short intervals over which the
-/// force is averaged), relative to that of preintegration, which is used without effects and without blocks. The number
-/// of threads is computed from the total computing time.
+/// Computing time per sample of the integration over a move with effects or with blocks (short intervals with a mean
+/// force). The unit is the time of preintegration, which is used if there are neither effects nor blocks. The number of
+/// threads is computed from the total computing time.
 const COST: usize = 30;
 
 impl Prepared<'_> {
-    /// Residuals and their derivatives at these parameters.
+    /// Computes the residuals and their derivatives at these parameters.
     pub(crate) fn linearise(&self, terms: &Terms<'_>, parameters: &[f64]) -> Result<Linear, Error> {
         let model = Model::of(parameters, terms)?;
         let terms = &*terms.with_histories(self.recordings, self.histories, &model.values);
@@ -197,9 +197,9 @@ impl Prepared<'_> {
             let route = Route { preintegrated, ..self.route(index, attitude, &before, has_blocks) };
             AtMove { pass: route.pass(&model, &evaluated), before, after }
         };
-        // If all effects are zero, only the rotations of all moves are integrated first, which is fast. The rotations
-        // give the attitude at every rest. The complete integration of the moves, which needs these attitudes, then
-        // runs in parallel.
+        // If all effects are zero, a first pass integrates only the rotations of the moves, which is fast. The
+        // rotations give the attitude at every rest. The complete integration of the moves, which needs these
+        // attitudes, then runs in parallel.
         let goes_ahead = evaluated.adds_nothing();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
@@ -270,8 +270,8 @@ impl Prepared<'_> {
         Linear { model, lines, rates, moves, directions, change: Vec::new(), kinds }
     }
 
-    /// Direction residual of a move: the propagated minus the measured gravity direction after the move, as two
-    /// components perpendicular to the measured direction.
+    /// Computes the direction residual of a move: the propagated minus the measured gravity direction after the move,
+    /// as two components perpendicular to the measured direction.
     fn move_lines(&self, index: usize, at_move: &AtMove, forces: &[Force], by_mean: &Matrix3<f64>) -> [Line; 2] {
         let m = &self.moves[index];
         let AtMove { pass, after, .. } = at_move;

@@ -1,4 +1,4 @@
-//! Goodness of fit relative to noise, for the whole fit and for each rest and move (model.md (26)).
+//! Computes the goodness of fit relative to noise, for the whole fit and for each rest and move (model.md (26)).
 //!
 //! ```text
 //! chi2 = r^T P r,     p = probability that chi2 with N - n degrees of freedom is larger
@@ -64,7 +64,7 @@ pub(crate) struct Misfits {
 }
 
 impl Misfits {
-    /// Goodness of fit of a joint fit. `linear` contains the residuals at the end of the fit and their derivatives.
+    /// Computes the goodness of fit. `linear` contains the residuals at the end of the fit and their derivatives.
     pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Arc<Linear>) -> Result<Self, Error> {
         let problem = Joint::of_noise(prepared, terms, Arc::clone(linear))?;
         let (residuals, jacobian) = problem.whiten(linear);
@@ -117,8 +117,8 @@ pub(crate) struct HeldOut {
 }
 
 impl Joint<'_> {
-    /// Cross-validation with `folds` folds of moves and `folds` folds of rests. Fold i holds out every `folds`-th move,
-    /// or every `folds`-th rest, starting with index i.
+    /// Cross-validates the fit with `folds` folds of moves and `folds` folds of rests. Fold i holds out every
+    /// `folds`-th move, or every `folds`-th rest, starting with index i.
     pub(crate) fn held_out(&self, linear: &Linear, folds: usize) -> HeldOut {
         let parts = Parts::new(self, linear);
         let mut direction_rad = vec![None; linear.moves.len()];
@@ -152,8 +152,8 @@ impl Joint<'_> {
     }
 }
 
-/// Whitened residuals in two parts: residuals with correlated errors, and residuals with independent errors. With this
-/// division, the fit can be repeated quickly without the rests or moves of a fold, which are held out together.
+/// Whitened residuals in two parts: residuals with correlated errors, and residuals with independent errors. This
+/// division permits fast fits for cross-validation, each without the rests or moves of one fold.
 struct Parts {
     /// Length of each column of the whitened Jacobian before scaling.
     size: Vec<f64>,
@@ -208,11 +208,12 @@ impl Parts {
         places.flat_map(|place| [rates, means].map(|first| first + 3 * place)).flat_map(|at| at..at + 3).collect()
     }
 
-    /// Change of the parameters in a fit without some of the residuals; `None` if this fit does not determine all
-    /// parameters. Residuals with independent errors are omitted if `is_out` is true for their rest or move. Force
-    /// norms, gravity directions after moves and mean rates have errors in common with other residuals, so they are not
-    /// omitted. Instead, such a residual is held out by a free parameter for its error, because a residual with an
-    /// unknown error has no influence on the fit. `columns` are the indices of these errors in `units`.
+    /// Repeats the fit without some of the residuals, and returns the change of the parameters; `None` if this fit does
+    /// not determine all parameters. Residuals with independent errors are omitted if `is_out` is true for their rest
+    /// or move. Force norms, gravity directions after moves and mean rates have errors in common with other residuals,
+    /// so they are not omitted. Instead, such a residual is held out by a free parameter for its error, because a
+    /// residual with an unknown error has no influence on the fit. `columns` are the indices of these errors in
+    /// `units`.
     fn without(&self, columns: &[usize], is_out: impl Fn(Source) -> bool) -> Option<Vec<f64>> {
         let (rows, n) = (self.shared.nrows(), self.kept.len());
         let mut basis: Vec<Stretch> = Vec::with_capacity(columns.len());

@@ -44,9 +44,9 @@ impl Model {
     }
 }
 
-/// Derivative of the corrected force `seen = T^-1 (m - b)` with respect to the nine accelerometer parameters, a 3 x 9
-/// matrix. m is the measured force in raw units. The parameters are the bias b (x, y, z) and the six entries of the
-/// symmetric sensitivity T.
+/// Computes the derivative of the corrected force `seen = T^-1 (m - b)` with respect to the nine accelerometer
+/// parameters, a 3 x 9 matrix. m is the measured force in raw units. The parameters are the bias b (x, y, z) and the
+/// six entries of the symmetric sensitivity T.
 pub(crate) fn force_by_parameters(accelerometer: &Triad<f64>, seen: &Vector3<f64>) -> SMatrix<f64, 3, 9> {
     let inverse = -accelerometer.inverse();
     let mut columns = SMatrix::<f64, 3, 9>::zeros();

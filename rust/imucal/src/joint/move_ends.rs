@@ -1,6 +1,6 @@
 //! A move at given parameters: its integrated rotation, the gravity directions at its ends, and the attitude after it.
 //!
-//! Gravity determines roll and pitch at every rest, and the gyroscope determines the change of heading between rests.
+//! Gravity determines roll and pitch at every rest, and the gyroscope determines the change of heading over every move.
 //! The heading at the first rest is unknown and is fixed by definition: the attitude of the first rest is the smallest
 //! rotation that makes its gravity direction vertical.
 
@@ -26,8 +26,8 @@ pub(crate) struct AtMove {
     pub(crate) after: Arc<EndDirection>,
 }
 
-/// Propagated minus measured gravity direction after the move, as two components perpendicular to the measured
-/// direction, with their derivatives with respect to every parameter.
+/// Computes the propagated minus the measured gravity direction after the move, as two components perpendicular to the
+/// measured direction. Also returns their derivatives with respect to every parameter.
 pub(super) fn move_direction(at_move: &AtMove) -> (Vector2<f64>, Vec<Vector2<f64>>) {
     let AtMove { pass, before, after } = at_move;
     let across = rows_across(&after.up);
@@ -43,7 +43,8 @@ pub(crate) fn first_attitude(up: &Vector3<f64>) -> UnitQuaternion<f64> {
     upright(up)
 }
 
-/// Attitude after a move. The gravity direction `up` measured at the rest after the move corrects roll and pitch.
+/// Computes the attitude after a move from the attitude `start` before it and the integrated `rotation`. The gravity
+/// direction `up` measured at the rest after the move corrects roll and pitch.
 pub(crate) fn attitude_after(
     start: &UnitQuaternion<f64>,
     rotation: &Matrix3<f64>,

@@ -92,8 +92,8 @@ enum Kind {
     Mean,
 }
 
-/// Rests and moves that contradict all others, in the order of their exclusion. `model` must be close to the best fit,
-/// because the residuals are linearised at `model`.
+/// Finds the rests and moves that contradict all others, and returns them in the order of their exclusion. `model` must
+/// be close to the best fit, because the residuals are linearised at `model`.
 ///
 /// Moves are tested only with the gravity directions at their ends, even if the fit also uses the force inside the
 /// moves or the stand. `known` contains residuals and derivatives that were already computed for `model`. It must
@@ -168,11 +168,11 @@ pub(crate) fn outliers(
     }
 }
 
-/// Rests whose norm the other rests do not predict, for example the only rest of a box-shaped unit on one of its faces.
-/// Because only the moves predict this norm, its decrease d of chi2 is divided by the larger of the scales of norms and
-/// moves. Such a rest has a leverage above 0.95 in the design matrix of model.md (12). This matrix has one row for each
-/// rest: the derivatives of the norm divided by the model error of a rest. It also has one row for each parameter, for
-/// a prior of the parameter about its nominal value.
+/// Finds rests whose norm the other rests do not predict, for example the only rest of a box-shaped unit on one of its
+/// faces. Because only the moves predict this norm, its decrease d of chi2 is divided by the larger of the scales of
+/// norms and moves. Such a rest has a leverage above 0.95 in the design matrix of model.md (12). This matrix has one
+/// row for each rest: the derivatives of the norm divided by the model error of a rest. It also has one row for each
+/// parameter, for a prior of the parameter about its nominal value.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear
@@ -194,15 +194,15 @@ fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     norms.iter().zip(leverages).filter(|(_, h)| 1.0 - h < MIN_RESIDUAL_SHARE).map(|((item, _), _)| *item).collect()
 }
 
-/// Logarithm of the p-value of chi2. If the p-value underflows, an asymptotic expansion is used, so that extreme
-/// outliers can still be ranked.
+/// Computes the logarithm of the p-value of chi2. If the p-value underflows, an asymptotic expansion is used, so that
+/// extreme outliers can still be ranked.
 fn log_p_value(misfit: f64, freedom: usize) -> f64 {
     let p = p_value(misfit, freedom);
     let (half, x) = (freedom as f64 / 2.0, misfit / 2.0);
     if p > 1e-200 { p.ln() } else { (half - 1.0) * x.ln() - x - ln_gamma(half) }
 }
 
-/// Groups of columns of A (error patterns) that are tested together. There is one column for each residual (force
+/// Groups the columns of A (error patterns) that are tested together. There is one column for each residual (force
 /// norms, gravity directions after moves, mean rates), then three columns for the mean force of each rest.
 fn groups(linear: &Linear) -> Vec<Group> {
     let lines = &linear.lines;
@@ -234,9 +234,9 @@ fn groups(linear: &Linear) -> Vec<Group> {
     groups
 }
 
-/// Changes of the whitened residuals due to a unit error of the mean force, for each rest and axis. `units` are the
-/// changes due to a unit error of each force norm and each gravity direction after a move. A change is stored as the
-/// index of its first nonzero entry and the entries from there on.
+/// Computes the changes of the whitened residuals due to a unit error of the mean force, for each rest and axis.
+/// `units` are the changes due to a unit error of each force norm and each gravity direction after a move. A change is
+/// stored as the index of its first nonzero entry and the entries from there on.
 pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
     let of_axis = |rest: usize, axis: usize| {
         let lines = linear.lines.iter().zip(units);
@@ -255,8 +255,8 @@ pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usi
     linear.rates.iter().flat_map(|(rest, _)| [0, 1, 2].map(|axis| of_axis(*rest, axis))).collect()
 }
 
-/// Scale of the residuals of one kind relative to noise; at least one. Each decrease d of chi2 (model.md (25)) is
-/// divided by its expected median under the null hypothesis. The scale is the median of these ratios.
+/// Computes the scale of one kind of residuals relative to noise; at least one. Each decrease d of chi2 (model.md (25))
+/// is divided by its expected median under the null hypothesis. The scale is the median of these ratios.
 fn scale((kind, later): (Kind, bool), judged: &[(&Group, f64, usize)]) -> f64 {
     let is_own = |group: &Group| group.kind == kind && group.is_of_later_epoch == later;
     let of_kind = judged.iter().filter(|(group, _, freedom)| is_own(group) && *freedom > 0);
@@ -327,9 +327,9 @@ impl LeaveOut {
         (dot(&self.residuals, &self.residuals), self.residuals.len().saturating_sub(self.basis.len()))
     }
 
-    /// Decrease d of chi2 if the residuals may change freely along these columns of A (error patterns). The second
-    /// value is the number of degrees of freedom of d. Directions along which the fit reproduces any error (leverage
-    /// near one) cannot be tested and are not counted.
+    /// Computes the decrease d of chi2 if the residuals may change freely along these columns of A (error patterns).
+    /// The second value is the number of degrees of freedom of d. Directions along which the fit reproduces any error
+    /// (leverage near one) cannot be tested and are not counted.
     pub(super) fn misfit(&self, columns: &[usize]) -> (f64, usize) {
         let n = columns.len();
         if n == 0 {

@@ -1,5 +1,5 @@
-//! Integration over the samples of one move. It gives the rotation, the attitude Jacobian, and the force inside the
-//! move.
+//! Integrates the samples of one move. The results are the rotation over the move, its derivatives with respect to the
+//! parameters, and the force inside the move.
 //!
 //! R(t) rotates vectors from the body frame at time t to the body frame at the start of the move. A small change of the
 //! parameters changes R(t) to exp(turn(t)) R(t). Here turn(t) is the attitude error in the body frame at the start of
@@ -122,8 +122,8 @@ pub(crate) struct Route<'a> {
     pub(crate) width: &'a Width,
     /// Duration of a block inside the move, s.
     pub(crate) block_s: f64,
-    /// Whether the blocks inside the move are requested, each with its mean attitude and mean force. Otherwise, only the
-    /// rotation over the whole move is requested.
+    /// Whether the blocks inside the move are requested, each with its mean attitude and mean force. Otherwise, only
+    /// the rotation over the whole move is requested.
     pub(crate) has_blocks: bool,
     /// Rotation over the move and the integrals from which its Jacobian is computed. They are from preintegration
     /// without effects; `None` if they are not yet known. They are not used if blocks are requested.
@@ -176,7 +176,8 @@ impl Route<'_> {
         ((length_s * (last - first) as f64 / duration_s).round() as usize).max(1)
     }
 
-    /// Rotation from every sample to the start of the move. The first rotation is the identity.
+    /// Integrates the corrected rates to the rotation from every sample to the start of the move. The first rotation is
+    /// the identity.
     fn rotations_of_samples(&self, all: &Corrected) -> Vec<UnitQuaternion<f64>> {
         let (Move { first, last, .. }, time_s) = (self.span, self.recording.time_s);
         let turned = |i: usize| self.step(i).turn(|k| all.rate[k], time_s[i + 1] - time_s[i]);
@@ -184,8 +185,8 @@ impl Route<'_> {
         attitudes(UnitQuaternion::identity(), &turns)
     }
 
-    /// Mean force over the samples at the ends of the integration steps `steps`, rotated to the body frame at the start
-    /// of the move.
+    /// Computes the mean force over the samples at the ends of the integration steps `steps`. The force is first
+    /// rotated to the body frame at the start of the move.
     fn mean_force(&self, steps: Range<usize>, all: &Corrected, rotations: &[UnitQuaternion<f64>]) -> Vector3<f64> {
         let (first, reach, count) = (self.span.first, self.reach().start, steps.len() as f64);
         let turned = |i: usize| rotations[i - first].to_rotation_matrix() * all.force[i - reach];
@@ -208,7 +209,7 @@ impl Route<'_> {
         integrate_rotation(self.recording, self.span.first, self.span.last, gyroscope)
     }
 
-    /// Rotation and Jacobian integrals over the move without effects.
+    /// Rotation over the move without effects, and the integrals from which its Jacobian is computed.
     pub(super) fn preintegrated_base(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
         let Recording { time_s, angular_rate, .. } = *self.recording;
         preintegrate(time_s, angular_rate, self.span.first, self.span.last, gyroscope)

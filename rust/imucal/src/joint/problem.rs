@@ -101,7 +101,7 @@ impl<'a> Joint<'a> {
         Ok(())
     }
 
-    /// Bias instability and random walk of the biases, `None` if the biases are constant. The values are from the
+    /// Returns the bias instability and random walk of the biases; `None` for constant biases. The values are from the
     /// unit's profile. Without a profile, the bias instability of the gyroscope is estimated from the mean rates.
     pub(crate) fn wander(&self, model: &Model) -> Option<UnitWander> {
         if let Wander::Known(unit) = self.prepared.wander {
@@ -118,8 +118,8 @@ impl<'a> Joint<'a> {
         self.weigh_with(found, &excess)
     }
 
-    /// Excess of the residuals of the fit `found` over their noise. For the kinds of residuals in `kept`, the
-    /// standard deviations are increased even if the excess is not significant.
+    /// Estimates by how much the residuals of the fit `found` exceed their noise. For the kinds of residuals in `kept`,
+    /// the standard deviations are increased even if the excess is not significant.
     pub(super) fn excess_of(&self, found: &Solution, kept: Option<&Widened>) -> Result<Widening, Error> {
         let linear = self.linear(&found.parameters)?;
         Ok(self.weights.excess(self.prepared, &linear, found, kept))
@@ -169,8 +169,8 @@ impl<'a> Joint<'a> {
         (entries.iter().map(|e| e * e).sum::<f64>() / 3.0).sqrt()
     }
 
-    /// Whitened derivatives of force norms, gravity directions after moves and mean rates with respect to a separate
-    /// bias at each rest, three columns per rest. The first matrix is for the gyroscope, the second for the
+    /// Computes the whitened derivatives of force norms, gravity directions after moves and mean rates with respect to
+    /// a separate bias at each rest, three columns per rest. The first matrix is for the gyroscope, the second for the
     /// accelerometer. The gyroscope bias in a move is the mean of the biases at the two adjacent rests.
     fn by_biases_of_rests(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let (head, count) = (linear.lines.len(), 3 * self.prepared.rests.len());
@@ -235,14 +235,14 @@ impl<'a> Joint<'a> {
         }
     }
 
-    /// Whitened residuals and Jacobian. The order of the rows is: force norms at rests and gravity directions after
-    /// moves, mean rates at rests, force inside the moves, attitude relative to the stand, priors of base parameters,
-    /// priors of effects, priors of time constants.
+    /// Computes the whitened residuals and their Jacobian at `parameters`. The order of the rows is: force norms at
+    /// rests and gravity directions after moves, mean rates at rests, force inside the moves, attitude relative to the
+    /// stand, priors of base parameters, priors of effects, priors of time constants.
     pub(crate) fn whitened(&self, parameters: &[f64]) -> Result<(Mat<f64>, Mat<f64>), Error> {
         Ok(self.whiten(&*self.linear(parameters)?))
     }
 
-    /// Whitened residuals and Jacobian of a given linearisation.
+    /// Whitens the residuals and the Jacobian of the linearisation `linear`.
     pub(crate) fn whiten(&self, linear: &Linear) -> (Mat<f64>, Mat<f64>) {
         let mut all = self.whiten_together(linear);
         let n = self.terms.total();
@@ -251,9 +251,9 @@ impl<'a> Joint<'a> {
         (residual, all)
     }
 
-    /// Whitened residuals and Jacobian without priors, stored row by row. The residual is the last column. If the fit
-    /// uses the force inside the moves and no stand, the residuals of this force are in the second result instead. They
-    /// are whitened only when they are requested.
+    /// Whitens the residuals and their Jacobian without priors. The result is stored row by row, with the residual as
+    /// the last column. If the fit uses the force inside the moves and no stand, the residuals of this force are in the
+    /// second result instead. They are whitened only when they are requested.
     pub(crate) fn whiten_apart(&self, linear: &Arc<Linear>) -> (Lanes, Option<Insides>) {
         let rows = self.whiten_rows(linear);
         if self.terms.kinds.encoders || !self.terms.kinds.in_motion {
@@ -263,7 +263,7 @@ impl<'a> Joint<'a> {
         (rows, Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2))
     }
 
-    /// Whitened residuals of force norms at rests, gravity directions after moves, and mean rates at rests, with their
+    /// Whitens the force norms at rests, gravity directions after moves, and mean rates at rests, with their
     /// derivatives. With encoders, the residuals inside the moves and relative to the stand follow.
     fn whiten_rows(&self, linear: &Linear) -> Lanes {
         let n = self.terms.total();
@@ -304,7 +304,7 @@ impl<'a> Joint<'a> {
         rows
     }
 
-    /// Whitened Jacobian of all residuals and priors in one matrix. The last column contains the residuals.
+    /// Whitens the Jacobian of all residuals and priors in one matrix. The last column contains the residuals.
     fn whiten_together(&self, linear: &Linear) -> Mat<f64> {
         let n = self.terms.total();
         let (rows, mut all) = (self.whiten_rows(linear), Mat::zeros(self.rows, n + 1));

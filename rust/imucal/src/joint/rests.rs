@@ -1,5 +1,5 @@
-//! Quantities of the rests at given parameters: the mean force, the gravity direction at both ends of each move, and
-//! the rate that the effects add at each rest.
+//! Computes three quantities at given parameters: the mean force at each rest, the gravity direction at both ends of
+//! each move, and the rate that the effects add at each rest.
 //!
 //! The true rate at rest is zero, so the force does not depend on the effects on the rate. The force is computed first,
 //! by fixed-point iteration with the effects on the force. The effects on the rate are then evaluated once. No
@@ -88,7 +88,7 @@ impl<'a> Rests<'a> {
         rests
     }
 
-    /// Rate that the effects add, averaged over the rests of a recording that the fit uses.
+    /// Computes the rate that the effects add, averaged over the used rests of a recording.
     fn mean_rate(&self, recording: usize) -> Rate {
         let (own, _) = self.prepared.rests_of(recording);
         let mut mean = Rate { added: Vector3::zeros(), columns: vec![Vector3::zeros(); self.on_rate.count] };
@@ -100,10 +100,10 @@ impl<'a> Rests<'a> {
         mean
     }
 
-    /// Gyroscope bias of the model at a hand-held rest minus the bias with which the samples were rotated to the ends
-    /// of the rest (propagated); `None` for a rest without tremor. m_k is the mean rate of rest k, m is the mean rate
-    /// over all rests of the recording, and `shrunk` is the shrinkage of the bias, from 0 to 1 (model.md (27)). The
-    /// propagation used the bias `m + (1 - shrunk) (m_k - m)`.
+    /// Computes the gyroscope bias of the model at a hand-held rest, minus the bias with which the samples were rotated
+    /// to the ends of the rest (propagated). `None` for a rest without tremor. m_k is the mean rate of rest k, m is the
+    /// mean rate over all rests of the recording, and `shrunk` is the shrinkage of the bias, from 0 to 1 (model.md
+    /// (27)). The propagation used the bias `m + (1 - shrunk) (m_k - m)`.
     ///
     /// The bias of the model contains the rate that the effects add: e_k at rest k, and e on average over the rests.
     /// The bias of the propagation lacks two parts of e_k - e. The first part is `shrunk (e_k - e)`. The second part is
@@ -130,7 +130,7 @@ impl<'a> Rests<'a> {
         })
     }
 
-    /// Specific force at rest `k` for the accelerometer reading `reading` in raw units.
+    /// Computes the specific force at rest `k` from the accelerometer reading `reading` in raw units.
     fn force(&self, k: usize, reading: &Vector3<f64>) -> Force {
         let Self { model, on_force, stills, .. } = self;
         let (still, known) = &stills[k];
@@ -154,9 +154,9 @@ impl<'a> Rests<'a> {
         [self.end(from, before, true), self.end(to, after, false)]
     }
 
-    /// Gravity direction at the last sample of a rest if `at_end` is true, otherwise at its first sample. At a
-    /// hand-held rest, the direction was propagated with a preliminary gyroscope bias. The direction is corrected here
-    /// for the difference between this bias and the bias of the model (model.md (27)).
+    /// Computes the gravity direction at the last sample of a rest if `at_end` is true, otherwise at its first sample.
+    /// At a hand-held rest, the direction was propagated with a preliminary gyroscope bias. The direction is corrected
+    /// here for the difference between this bias and the bias of the model (model.md (27)).
     fn end(&self, rest: usize, end: &End, at_end: bool) -> Arc<EndDirection> {
         let of_mean = end.steady.then(|| Arc::clone(&self.forces[rest].direction));
         let mut direction = of_mean.unwrap_or_else(|| self.force(rest, &end.raw).direction);
@@ -176,7 +176,7 @@ impl<'a> Rests<'a> {
         direction
     }
 
-    /// Mean rate that the effects add at a rest.
+    /// Computes the mean rate that the effects add at a rest.
     pub(super) fn rate(&self, k: usize, attitude: Option<UnitQuaternion<f64>>) -> Rate {
         let Self { model, on_rate, stills, forces, .. } = self;
         let mut columns = vec![Vector3::zeros(); on_rate.count];

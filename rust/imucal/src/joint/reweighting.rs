@@ -1,4 +1,4 @@
-//! Weights of the residuals in repeated fits (model.md (19)).
+//! Updates the weights of the residuals between repeated fits (model.md (19)).
 //!
 //! Each fit gives the excess of its residuals over noise, and this excess determines the weights of the next fit. Plain
 //! repetition has two defects. First, the weights may alternate. An excess near the significance limit is significant

@@ -33,8 +33,8 @@ impl<'a> Settling<'a> {
         Self { terms, values, reads_rate, reads_force, columns: terms.room() }
     }
 
-    /// True state of one sample by fixed-point iteration. `seen_rate` (rad/s) and `seen_force` (m/s^2) are the
-    /// readings, corrected for the sensitivity and the bias only.
+    /// Computes the true state of one sample by fixed-point iteration. `seen_rate` (rad/s) and `seen_force` (m/s^2) are
+    /// the readings, corrected for the sensitivity and the bias only.
     #[inline]
     pub(super) fn settle(
         &mut self,
@@ -74,9 +74,10 @@ pub(super) struct Still {
 }
 
 impl Terms<'_> {
-    /// True force at a rest, m/s^2. `columns` contains the derivatives of the force with respect to the parameters of
-    /// the effects. On entry, `columns` must already contain the derivatives for effects that do not depend on the
-    /// force. The derivatives for all other effects are computed here.
+    /// Computes the true force at a rest, m/s^2, from the force `seen` without correction for the effects. `columns`
+    /// contains the derivatives of the force with respect to the parameters of the effects. On entry, `columns` must
+    /// already contain the derivatives for effects that do not depend on the force. The derivatives for all other
+    /// effects are computed here.
     pub(super) fn force_at_rest(
         &self,
         values: &[f64],
@@ -181,8 +182,8 @@ impl Terms<'_> {
     }
 }
 
-/// Means of the columns (derivatives of the reading) of a user-defined effect over a range of samples. The columns may
-/// vary from sample to sample.
+/// Computes the means of the columns (derivatives of the reading) of a user-defined effect over a range of samples. The
+/// columns may vary from sample to sample.
 fn user_mean(field: &UserField<'_>, recording: usize, range: &Range<usize>, columns: &mut [Vector3<f64>]) {
     let p = columns.len();
     columns.fill(Vector3::zeros());

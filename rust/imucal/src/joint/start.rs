@@ -40,8 +40,8 @@ fn effects(terms: &Terms<'_>) -> Vec<(String, usize)> {
     terms.all.iter().map(|term| (term.name().to_owned(), term.count())).collect()
 }
 
-/// Start model of a fit: the warm start if it has the effects of `terms`, otherwise the given accelerometer and
-/// gyroscope with zero effects.
+/// Returns the start model of a fit: the warm start if it has the effects of `terms`, otherwise the given accelerometer
+/// and gyroscope with zero effects.
 pub(super) fn start(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -53,7 +53,7 @@ pub(super) fn start(
     warm_start.and_then(|warm_start| warm_start.model(terms)).filter(same_stand).unwrap_or(plain)
 }
 
-/// Start model with zero effects.
+/// Returns a start model from the given accelerometer and gyroscope, with zero effects.
 pub(crate) fn start_model(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,

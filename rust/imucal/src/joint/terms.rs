@@ -1,5 +1,5 @@
-//! Terms of a fit in addition to the base parameters: effects of the catalogue, and user-defined effects that are given
-//! by their derivatives at every sample.
+//! The terms of a fit are the effects that it estimates in addition to the base parameters (biases and sensitivities).
+//! An effect is from the catalogue, or user-defined by its derivatives at every sample.
 //!
 //! ```text
 //! seen = true + sum_c Phi_c(true) theta_c,   true = seen - sum_c Phi_c(true) theta_c        model.md (15), (16)
@@ -102,7 +102,7 @@ impl Term<'_> {
         }
     }
 
-    /// Derivative `d(Phi theta)/d(shape)` of the contribution of an effect with respect to its shape parameter.
+    /// Computes the derivative `d(Phi theta)/d(shape)` of an effect with respect to its shape parameter.
     fn shape_column(
         &self,
         effect: &Effect<f64>,
@@ -270,7 +270,7 @@ impl<'a> Terms<'a> {
         }
     }
 
-    /// Total contribution of the terms that act on `sensor` (gyroscope: rad/s, accelerometer: m/s^2, encoders: rad).
+    /// Sum of the contributions of the terms that act on `sensor` (gyroscope rad/s, accelerometer m/s^2, encoders rad).
     #[inline]
     pub(super) fn sum_of(&self, sensor: Sensor, values: &[f64], columns: &[Vector3<f64>]) -> Vector3<f64> {
         let mut sum = Vector3::zeros();
@@ -335,8 +335,8 @@ impl<'a> Terms<'a> {
 }
 
 impl Terms<'_> {
-    /// The terms with the temperature histories of the recordings at the time constants in `values`. Without the
-    /// histories, all effects that depend on them are zero.
+    /// Returns the terms with the temperature histories of the recordings at the time constants in `values`. Without
+    /// the histories, all effects that depend on them are zero.
     pub(super) fn with_histories(
         &self,
         recordings: &[Recording<'_>],

@@ -1,4 +1,5 @@
-//! Gyroscope and accelerometer biases that vary between rests: bias instability and random walk (model.md (28)).
+//! Computes the covariance of biases that vary from rest to rest, from their bias instability and random walk (model.md
+//! (28)).
 //!
 //! ```text
 //! C_kl = cov(mean of b over rest k, mean of b over rest l),   b measured from its mean over the recording
@@ -19,11 +20,11 @@ use crate::error::Error;
 
 /// Maximum number of residuals (force norms, gravity directions after moves and mean rates) for which the full
 /// covariance is factorised. The time of the factorisation grows with the third power of this number. If a fit has more
-/// of these residuals, errors that are correlated between rests are neglected, and a unit's profile with varying biases
-/// is refused.
+/// of these residuals, errors that are correlated from rest to rest are neglected, and a unit's profile with varying
+/// biases is refused.
 pub(super) const MOST_ROWS: usize = 6000;
 
-/// Model of the bias variation between rests.
+/// Model of the variation of the biases from rest to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Wander {
     /// The biases are constant. Excess scatter of the mean rates is then modelled as independent from rest to rest.
@@ -89,7 +90,8 @@ impl BiasWander {
         self.bias_instability[axis] > 0.0 || self.random_walk[axis] > 0.0
     }
 
-    /// Covariance function of the bias of one axis, integrated twice with respect to the time lag, at the lag `lag_s`.
+    /// Evaluates, at the time lag `lag_s`, the covariance function of the bias of one axis, integrated twice with
+    /// respect to the lag.
     fn integrated(&self, axis: usize, lag_s: f64) -> f64 {
         let lag_s = lag_s.abs();
         if lag_s == 0.0 {
@@ -100,15 +102,15 @@ impl BiasWander {
         -b * b / PI * flicker - k * k / 12.0 * lag_s.powi(3)
     }
 
-    /// Covariance of the mean bias over the time interval `[a, b]` and the mean bias over `[c, d]`, up to an additive
-    /// constant.
+    /// Computes the covariance of the mean bias over the time interval `[a, b]` and the mean bias over `[c, d]`, up to
+    /// an additive constant.
     fn covariance(&self, axis: usize, [a, b]: [f64; 2], [c, d]: [f64; 2]) -> f64 {
         let g = |lag_s: f64| self.integrated(axis, lag_s);
         (g(d - a) - g(c - a) - g(d - b) + g(c - b)) / ((b - a) * (d - c))
     }
 
-    /// Covariance of the mean biases of one axis at the rests of one recording. Each mean bias is taken relative to the
-    /// mean bias over the interval `whole`.
+    /// Computes the covariance of the mean biases of one axis at the rests of one recording. Each mean bias is taken
+    /// relative to the mean bias over the interval `whole`.
     pub(super) fn of_rests(&self, axis: usize, rests: &[[f64; 2]], whole: [f64; 2]) -> Mat<f64> {
         let with_whole: Vec<f64> = rests.iter().map(|rest| self.covariance(axis, *rest, whole)).collect();
         let all = self.covariance(axis, whole, whole);

@@ -1,4 +1,4 @@
-//! Weights of the residuals of the joint fit (model.md (19)).
+//! Computes the weights of the residuals of the joint fit (model.md (19)).
 //!
 //! White noise is estimated from the rests of the recording. If residuals scatter significantly more than noise
 //! explains, the excess is estimated from the residuals. For the mean rates, the excess is a covariance that is added
@@ -66,9 +66,9 @@ impl Weights {
         Self::with(prepared, terms, linear, &Widening::of(prepared, linear, None, None))
     }
 
-    /// Excess of the residuals over noise after the fit `found`, which used these weights. `linear` contains the
-    /// residuals at the end of this fit. For the kinds of residuals in `kept`, the standard deviations are increased
-    /// even if the excess is not significant.
+    /// Estimates by how much the residuals exceed their noise after the fit `found`, which used these weights. `linear`
+    /// contains the residuals at the end of this fit. For the kinds of residuals in `kept`, the standard deviations are
+    /// increased even if the excess is not significant.
     pub(super) fn excess(
         &self,
         prepared: &Prepared<'_>,
@@ -137,8 +137,8 @@ impl Weights {
         self.widening.bias_instability
     }
 
-    /// Excess variance of the mean rates between the epochs (parts) of a long rest. It is the part of their variance
-    /// that noise does not explain, for each axis, squared raw units.
+    /// Variance with which the mean rates vary from epoch to epoch (part to part) of a long rest in excess of noise,
+    /// for each axis, squared raw units.
     pub(crate) fn epoch_rates(&self) -> [f64; 3] {
         self.widening.epoch_rates
     }
@@ -165,14 +165,14 @@ fn move_sigma_rad(prepared: &Prepared<'_>, model: &Model, k: usize) -> f64 {
     (own_variance(prepared, model, Source::Move(k), &Scales::NONE) + shared).sqrt()
 }
 
-/// Dependence of a residual on the errors of a rest's mean force. For each axis, the result contains the index of an
-/// error, and the standard deviation of this error times the derivative of the residual with respect to it.
+/// Computes the dependence of a residual on the errors of a rest's mean force. For each axis, the result contains the
+/// index of an error, and the standard deviation of this error times the derivative of the residual with respect to it.
 fn share(prepared: &Prepared<'_>, rest: usize, by: &Vector3<f64>, scale: f64) -> [(usize, f64); 3] {
     let variance = prepared.rests[rest].rest.specific_force.variance_of_mean;
     [0, 1, 2].map(|axis| (3 * rest + axis, by[axis] * variance[axis].sqrt() * scale))
 }
 
-/// Variance of the independent part of a residual's error: the part that no other residual contains.
+/// Computes the variance of the independent part of a residual's error: the part that no other residual contains.
 fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: &Scales) -> f64 {
     match source {
         Source::Norm(k) => {
@@ -234,9 +234,9 @@ fn reading_variance(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     prepared.encoders.as_ref().map_or(0.0, variance) * scales.stand_moves * scales.stand_moves
 }
 
-/// Covariance of the mean gyroscope biases at the rests that the fit uses, for a bias instability of 1. The second and
-/// later epochs (parts) of long rests are omitted. `None` if there are too many residuals to factorise their
-/// covariance.
+/// Computes the covariance of the mean gyroscope biases at the rests that the fit uses, for a bias instability of 1.
+/// The second and later epochs (parts) of long rests are omitted. `None` if there are too many residuals to factorise
+/// their covariance.
 pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
     let is_later = |k: usize| prepared.rests[k].is_later_epoch();
     let places: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k] && !is_later(k)).collect();

@@ -1,4 +1,4 @@
-//! Overlapping Allan deviation (`docs/model.md` (29)).
+//! Computes the overlapping Allan deviation (`docs/model.md` (29)).
 //!
 //! ```text
 //! sigma^2(m) = 1 / (2 m^2 (N - 2m + 1))  sum over i = 0 to N - 2m of (p_(i+2m) - 2 p_(i+m) + p_i)^2
@@ -22,8 +22,8 @@ const BLOCKS_PER_JOB: usize = 64;
 /// Number of partial sums in [`block_sum`], which fill the vector registers.
 const LANES: usize = 8;
 
-/// Averaging times 1, 2, 4, 8, ... in samples, up to half of `samples`, the length of the record. Because of this
-/// limit, the record contains at least two means.
+/// Averaging times 1, 2, 4, 8, ... in samples, up to half of `samples`, the length of the record. With this limit, the
+/// record is long enough for two consecutive means.
 pub fn octave_factors(samples: usize) -> Vec<usize> {
     std::iter::successors(Some(1), |&m: &usize| m.checked_mul(2))
         .take_while(|m| m.saturating_mul(2) <= samples)

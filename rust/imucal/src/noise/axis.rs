@@ -1,5 +1,5 @@
-//! Noise of one axis: the estimated noise parameters with their confidence bands, and the Allan deviations of the
-//! samples.
+//! Estimates the noise of one sensor axis: the noise parameters with their confidence bands, and the Allan deviations
+//! of the samples.
 
 use std::num::NonZeroUsize;
 
@@ -21,10 +21,10 @@ pub(super) const MISFIT: f64 = 5.0;
 /// Quantisation noise is included in the model if it increases 2 ln L by more than this value, where L is the
 /// likelihood. If the record contains no quantisation noise, the probability of such an increase is 0.001.
 const QUANTISATION_GAIN: f64 = 10.83;
-/// Numbers of octaves, directly below half the sampling rate, to omit from the fit if a filter has changed the noise
-/// there. The numbers are tried in this order. The spectrum is computed in stages of five octaves. Missing power at
-/// high frequencies changes all powers of a stage, because a window of 32 values has wide side lobes. Therefore one or
-/// two complete stages are omitted (5 or 10 octaves). The first octave of the next stage is also omitted, because its
+/// Numbers of octaves directly below half the sampling rate that the fit omits if a filter has changed the noise there.
+/// The two numbers are tried in this order. The spectrum is computed in stages of five octaves. Missing power at high
+/// frequencies changes all powers of a stage, because a window of 32 values has wide side lobes. Therefore one or two
+/// complete stages are omitted (5 or 10 octaves). The first octave of the next stage is also omitted, because its
 /// values are means of filtered noise.
 const FILTERED: [u32; 2] = [6, 11];
 /// The white noise is estimated only if the size of a count is at most this multiple of the standard deviation of a
@@ -91,8 +91,9 @@ pub struct AxisNoise {
 }
 
 impl AxisNoise {
-    /// Identifies the noise in one column of the samples of a rest, and the steps and drifts of the mean of this
-    /// column. `blocks` are the [`Blocks`] for this number of samples.
+    /// Identifies the noise in the column `axis` of `rows`, the samples of a rest. Also detects steps and drifts of the
+    /// mean of this column, with the samples divided into `blocks`. If there are too few samples for a detection,
+    /// `blocks` is `None`.
     pub(super) fn identify(
         rows: Samples<'_>,
         axis: usize,
@@ -174,9 +175,9 @@ struct Model {
 }
 
 impl Model {
-    /// Model with white noise, bias instability and random walk. Quantisation noise is included if it is significant.
-    /// If the model deviates from the measured power in an octave, the highest octaves are omitted, provided that the
-    /// model then agrees with all remaining octaves.
+    /// Fits a model with white noise, bias instability and random walk to the spectrum `powers`. Quantisation noise is
+    /// included if it is significant. If the model deviates from the measured power in an octave, the highest octaves
+    /// are omitted, provided that the model then agrees with all remaining octaves.
     fn of(powers: &[Power], rounding: f64) -> Self {
         let whole = Self::above(powers, rounding, 0);
         if whole.misfit.abs() <= MISFIT {
@@ -203,8 +204,9 @@ impl Model {
         Self { best, kinds, rounding, filtered, misfit }
     }
 
-    /// Estimate of the parameter of one kind of noise: sqrt(theta) x `unit`. theta is the maximum-likelihood estimate
-    /// of the square of the parameter, a power per sample. `unit` converts sqrt(theta) to the unit of the parameter.
+    /// Computes the parameter of the noise kind `kind` as sqrt(theta) x `unit`. theta is the maximum-likelihood
+    /// estimate of the square of the parameter, with the sampling interval as the unit of time. `unit` converts
+    /// sqrt(theta) to the unit of the parameter, with seconds as the unit of time.
     fn estimate(&self, powers: &[Power], kind: usize, unit: f64) -> Estimate {
         let used = fitted(powers, self.filtered);
         let mut likelihood = Likelihood { powers: &used, rounding: self.rounding, kinds: self.kinds };

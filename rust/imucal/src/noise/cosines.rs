@@ -1,5 +1,5 @@
-//! Power spectrum of a record by cosine transforms. Power-law noise is uncorrelated in this spectrum: `docs/model.md`
-//! (31).
+//! Computes the power spectrum of a record by cosine transforms. Power-law noise is uncorrelated in this spectrum:
+//! `docs/model.md` (31).
 //!
 //! ```text
 //! z_j = sqrt(2 / W) sum over t = 0 to W - 1 of y_t cos(pi j (t + 1/2) / W),    j = 1 to W - 1
@@ -49,7 +49,8 @@ impl Power {
     }
 }
 
-/// The stages of the cosine transform of a record of given length. Each stage has its expected powers.
+/// The stages of the cosine transform of a record of given length (see the module documentation), with the expected
+/// powers of each stage.
 pub(super) struct Layout {
     stages: Vec<Stage>,
 }

@@ -1,19 +1,19 @@
-//! Detection of steps and drifts of the mean reading of a unit at rest. The likelihood distinguishes them from random
-//! noise: `docs/model.md` (36).
+//! Detects steps and drifts of the mean reading of a unit at rest. The likelihood distinguishes them from random noise:
+//! `docs/model.md` (36).
 //!
 //! ```text
 //! z_j = sum over components of a_c s_cj + noise,     noise ~ N(0, mu_j(theta)),     j = 1 to W - 1
 //! ```
 //!
-//! z is the cosine transform of W block means. The elements z_j are uncorrelated for white noise and for a random walk.
-//! a_c is the amplitude of component c, s_cj is the cosine transform of its shape, and mu_j is the expected power for
-//! the noise parameters theta. A component is a step at a time, a ramp between two times, or an exponential approach to
-//! a final value (warm-up). A step has the power spectrum of a random walk. However, the time of a step determines the
-//! signs of its z_j, whereas the z_j of a random walk have random signs. Components are added one at a time. The next
-//! component is the one with the largest value of gain - penalty. The gain is the increase of 2 ln L, where L is the
-//! likelihood. The penalty accounts for the number of shapes that are tried. After each addition, all amplitudes and
-//! the noise parameters are estimated again. The search ends if gain - penalty < 16, because noise then explains the
-//! remaining changes of the mean.
+//! The record is divided into W blocks, and z is the cosine transform of the means over these blocks. The elements z_j
+//! are uncorrelated for white noise and for a random walk. a_c is the amplitude of component c, s_cj is the cosine
+//! transform of its shape, and mu_j is the expected power for the noise parameters theta. A component is a step at a
+//! time, a ramp between two times, or an exponential approach to a final value (warm-up). A step has the power spectrum
+//! of a random walk. However, the time of a step determines the signs of its z_j, whereas the z_j of a random walk have
+//! random signs. Components are added one at a time. The next component is the one with the largest value of gain -
+//! penalty. The gain is the increase of 2 ln L, where L is the likelihood. The penalty accounts for the number of
+//! shapes that are tried. After each addition, all amplitudes and the noise parameters are estimated again. The search
+//! ends if gain - penalty < 16, because noise then explains the remaining changes of the mean.
 
 mod search;
 
@@ -118,9 +118,9 @@ impl Blocks {
         Some(blocks)
     }
 
-    /// Steps and drifts of a record, in the order in which the search adds them. `values` must have as many samples as
-    /// the record for which the blocks were created. `rate_hz` converts durations to seconds, for the comparison with
-    /// `ABRUPT_S`.
+    /// Detects steps and drifts in the record `values`. Returns them in the order in which the search adds them.
+    /// `values` must have as many samples as the record for which the blocks were created. `rate_hz` converts durations
+    /// to seconds, for the comparison with `ABRUPT_S`.
     pub(super) fn components(
         &self,
         values: impl Iterator<Item = f64>,

@@ -1,4 +1,4 @@
-//! Maximum-likelihood estimation of the noise parameters, with confidence bands: `docs/model.md` (32).
+//! Estimates the noise parameters by maximum likelihood, with confidence bands: `docs/model.md` (32).
 //!
 //! ```text
 //! -2 log L = sum over powers of dof (P / mu - 1 - ln(P / mu))
@@ -79,9 +79,9 @@ impl Likelihood<'_> {
         )
     }
 
-    /// Deviation of the selected powers from the model with the parameters `theta`, in standard deviations. The sum of
-    /// dof x power / expected power has a chi-square distribution. This sum is converted to a standard normal variable
-    /// (Wilson and Hilferty).
+    /// Returns by how many standard deviations the measured powers deviate from the model with the parameters `theta`.
+    /// Only powers for which `of` is true are used. The sum of dof x power / expected power has a chi-square
+    /// distribution. This sum is converted to a standard normal variable (Wilson and Hilferty).
     pub(super) fn excess(&self, theta: &PerKind, of: impl Fn(&Power) -> bool) -> f64 {
         let (mut chi2, mut dof) = (0.0, 0.0);
         for power in self.powers.iter().filter(|power| of(power)) {
@@ -170,7 +170,8 @@ impl Likelihood<'_> {
         sum
     }
 
-    /// Half the negative gradient of the deviance, and half the expected Hessian, which is the Fisher information.
+    /// Returns half the negative gradient of the deviance at `theta`, and the Fisher information, which is half the
+    /// expected Hessian of the deviance.
     fn slope(&self, theta: &PerKind) -> (Vector4<f64>, Matrix4<f64>) {
         let (mut slope, mut information) = (Vector4::zeros(), Matrix4::zeros());
         for power in self.powers {
@@ -218,10 +219,10 @@ impl Likelihood<'_> {
     }
 }
 
-/// Fisher information of the estimated parameters, scaled so that all diagonal entries are one, and the scale factors.
-/// Scaling is needed because the parameter of a random walk is smaller than the parameter of white noise by ten orders
-/// of magnitude. In the rows and columns of parameters that are not estimated (`free` is false), the matrix equals the
-/// identity matrix.
+/// Scales the Fisher information `matrix` so that all diagonal entries are one. Returns the scaled matrix and the scale
+/// factors. Scaling is needed because the parameter of a random walk is smaller than the parameter of white noise by
+/// ten orders of magnitude. In the rows and columns of parameters that are not estimated (`free` is false), the matrix
+/// equals the identity matrix.
 fn scaled(matrix: &Matrix4<f64>, free: &[bool; KINDS]) -> (Matrix4<f64>, Vector4<f64>) {
     let scale = Vector4::from_fn(|k, _| if matrix[(k, k)] > 0.0 { matrix[(k, k)].sqrt().recip() } else { 1.0 });
     let scaled = Matrix4::from_fn(|i, j| match (free[i] && free[j], i == j) {

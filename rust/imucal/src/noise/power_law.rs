@@ -1,4 +1,4 @@
-//! Second-order statistics of each kind of noise: `docs/model.md` (30).
+//! Computes covariances and the Allan variance of each kind of noise: `docs/model.md` (30).
 //!
 //! Let x be the samples at a sampling rate of one, and p their cumulative sums. In general, p has no stationary
 //! covariance, but the second differences of p have one. The function s(k) replaces the covariance of p: if `E p_i p_j`

@@ -1,5 +1,5 @@
-//! Steps and drifts of the mean readings of both sensors. If several axes have steps at nearly the same time, these
-//! steps are combined into one.
+//! Collects the steps and drifts of the mean readings of all six axes, and writes the findings about them. If several
+//! axes have steps at nearly the same time, these steps are combined into one.
 
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -54,8 +54,8 @@ pub struct Departure {
     pub gain: f64,
 }
 
-/// Steps and drifts in the samples `rest` of a recording. `axes` contains the components (steps and drifts) that were
-/// found in each of the six axes. `block` is the number of samples in a block.
+/// Returns the steps and drifts in the samples `rest` of a recording. `axes` contains, for each of the six axes, the
+/// components (steps and drifts) that were found in this axis. `block` is the number of samples in a block.
 pub(super) fn gather(
     recording: &Recording<'_>,
     rest: &Range<usize>,
@@ -116,9 +116,9 @@ pub(super) fn gather(
     (steps, drifts)
 }
 
-/// Index of the first sample after a step near the start of block `first`. All samples up to two blocks from this start
-/// are tried. The function returns the sample for which the mean before the sample and the mean from the sample on
-/// differ most significantly.
+/// Finds the first sample after a step near the start of block `first`, and returns its index. All samples up to two
+/// blocks from this start are tried. The result is the sample for which the mean before the sample and the mean from
+/// the sample on differ most significantly.
 fn sharpened(recording: &Recording<'_>, rest: &Range<usize>, block: usize, first: usize, channel: usize) -> usize {
     let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
     let middle = rest.start + first * block;

@@ -1,4 +1,4 @@
-//! The longest interval of a recording in which almost no samples are lost or repeated.
+//! Finds the longest interval of a recording in which almost no samples are lost or repeated.
 //!
 //! ```text
 //! e_k = t_k - t_0 - k T,    E_k = min over the next second of e_m, m >= k
@@ -38,8 +38,8 @@ pub(super) struct Stretch {
     pub(super) places: usize,
 }
 
-/// The longest interval in which almost no samples are lost or repeated. `has_repeats` is true if equal consecutive
-/// rows are repeated samples, and false if such rows are a coincidence.
+/// Finds the longest interval in which almost no samples are lost or repeated. `has_repeats` is true if equal
+/// consecutive rows are repeated samples, and false if such rows are a coincidence.
 pub(super) fn longest(recording: &Recording<'_>, has_repeats: bool) -> Stretch {
     let faults = faults(recording, has_repeats);
     let (lost, repeated) = faults.iter().fold((0, 0), |(lost, repeated), fault| match fault.is_lost {

@@ -1,5 +1,5 @@
-//! Cholesky factor, products and triangular systems of large dense matrices, computed block by block. If the user
-//! cancels the calculation, the calculation ends between two blocks.
+//! Computes Cholesky factors and products of large dense matrices, and solves triangular systems. All calculations
+//! proceed block by block, so that a cancelled calculation can end between two blocks.
 
 use faer::linalg::matmul::matmul;
 use faer::reborrow::ReborrowMut;

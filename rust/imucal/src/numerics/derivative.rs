@@ -1,4 +1,4 @@
-//! Time derivative of noisy data. The data are smoothed as far as the motion permits (model.md (16)).
+//! Computes the time derivative of noisy data. The data are smoothed as far as the motion permits (model.md (16)).
 //!
 //! The derivative at a sample is the derivative of a polynomial of fourth degree. The polynomial is chosen so that its
 //! means over five consecutive intervals ("boxes") equal the means of the data:

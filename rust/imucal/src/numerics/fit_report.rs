@@ -1,4 +1,4 @@
-//! Report of a fit: the reason for its end, and whether its result is an optimum.
+//! Reports why a fit ended, and whether its result is an optimum.
 //!
 //! The gradient test uses the decrease of chi2 that the linear model at the result predicts for an undamped step,
 //!
@@ -108,9 +108,9 @@ pub(crate) fn significance_limit(degrees_of_freedom: f64) -> f64 {
 /// Decrease of chi2, `|P r|^2`, that the linear model predicts. P is the projection of the residuals r onto the columns
 /// of the Jacobian.
 fn predicted_decrease(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> f64 {
-    /// The data determine the parameters along a right singular vector of the Jacobian only if its singular value is
-    /// larger than this number x the largest singular value. Other directions are not included in the predicted
-    /// decrease.
+    /// A direction in parameter space (right singular vector of the Jacobian) counts as determined only if its singular
+    /// value is larger than this number x the largest singular value. Other directions are not included in the
+    /// predicted decrease.
     const DETERMINED: f64 = 1e-12;
     let Some((projected, values)) = singular_of_triangle(residuals, jacobian) else {
         return f64::INFINITY;

@@ -1,4 +1,4 @@
-//! Vectorised evaluation of Gaussian kernels.
+//! Evaluates Gaussian kernels `exp(-x^2 / 2)` with vector instructions.
 
 use pulp::{Simd, WithSimd};
 

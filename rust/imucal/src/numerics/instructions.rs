@@ -1,4 +1,4 @@
-//! Selection of vector instructions for the inner loops (kernels). The crate `pulp` selects the widest instructions of
+//! Selects the vector instructions of the inner loops (kernels). The crate `pulp` selects the widest instructions of
 //! the processor at run time.
 //!
 //! The environment variable `IMUCAL_VECTOR_BITS` selects another width, so that a test can compare the results of

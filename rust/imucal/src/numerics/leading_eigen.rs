@@ -1,4 +1,4 @@
-//! The largest eigenvalues of a symmetric positive semidefinite matrix, with their eigenvectors.
+//! Computes the largest eigenvalues of a symmetric positive semidefinite matrix, with their eigenvectors.
 
 use faer::Mat;
 use rand::SeedableRng;

@@ -1,5 +1,5 @@
-//! Nonlinear least squares: minimum of the sum of squares |r(p)|^2 of the residuals r(p), found by the
-//! Levenberg-Marquardt method with an analytic Jacobian J.
+//! Solves nonlinear least-squares problems: finds the parameters p that minimise the sum of squares |r(p)|^2 of the
+//! residuals r. The method is that of Levenberg and Marquardt, with an analytic Jacobian J.
 //!
 //! The solver implements the `Solver` trait of argmin with faer matrices. The `Executor` of argmin runs the solver, and
 //! limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`. The step is computed by QR

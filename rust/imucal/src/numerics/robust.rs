@@ -1,4 +1,4 @@
-//! Detection of outliers: rests or moves that contradict all other rests or moves (model.md (14)).
+//! Detects outliers, which are rests or moves that contradict all other rests or moves (model.md (14)).
 
 use faer::Mat;
 

@@ -1,4 +1,4 @@
-//! Second-order errors of an estimate that are due to the errors of priors (model.md (40)).
+//! Computes the second-order errors of an estimate that are due to the errors of priors (model.md (40)).
 //!
 //! ```text
 //! p(e) = p + v e + c e^2
@@ -6,11 +6,12 @@
 //! c = -G (r(p + v) - 2 r(p) + r(p - v)) / 2
 //! ```
 //!
-//! p is the estimate, e is the error of prior k in standard deviations, G is the gain `(J^T J)^-1 J^T`, and r are the
-//! whitened residuals. The covariance of a least-squares estimate includes only the first-order change v. The term c
-//! e^2 matters if prior k alone determines a parameter, because the other residuals then do not reduce the error e. For
-//! example, readings in six positions along the sensitive axes do not determine the misalignment. A misalignment m of
-//! an axis then changes its estimated scale by 3/2 m^2. Products of the errors of two priors are neglected.
+//! p is the estimate, and e is the error of prior k in standard deviations. r are the whitened residuals, J is their
+//! Jacobian, and G is the gain `(J^T J)^-1 J^T`. 1_k is one for the residual of prior k and zero for all other
+//! residuals. The covariance of a least-squares estimate includes only the first-order change v. The term c e^2 matters
+//! if prior k alone determines a parameter, because the other residuals then do not reduce the error e. For example,
+//! readings in six positions along the sensitive axes do not determine the misalignment. A misalignment m of an axis
+//! then changes its estimated scale by 3/2 m^2. Products of the errors of two priors are neglected.
 
 use std::ops::Range;
 
@@ -19,9 +20,9 @@ use faer::Mat;
 use crate::error::Error;
 use crate::numerics::lsq::Solution;
 
-/// Mean square of the second-order errors for independent normal errors e, `2 sum c c^T + (sum c) (sum c)^T`. The sums
-/// run over the priors, and `priors` contains the indices of their residuals. `gain` is G. `residuals_at` returns all
-/// whitened residuals at given parameters.
+/// Computes the second moments of the second-order errors for independent normal errors e. They are the matrix `2 sum c
+/// c^T + (sum c) (sum c)^T`. The sums run over the priors, and `priors` contains the indices of their residuals. `gain`
+/// is G. `residuals_at` returns all whitened residuals at given parameters.
 pub(crate) fn mean_square(
     found: &Solution,
     gain: &Mat<f64>,

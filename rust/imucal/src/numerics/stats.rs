@@ -1,4 +1,4 @@
-//! Probabilities of the chi2 distribution, quantiles, and robust means.
+//! Computes probabilities of the chi2 distribution, quantiles, and robust means.
 
 use std::cmp::Ordering;
 
@@ -111,9 +111,9 @@ fn smallest(values: &[f64]) -> f64 {
     values.iter().fold(f64::INFINITY, |smallest, &v| if v < smallest { v } else { smallest })
 }
 
-/// Numbers of values below and above two limits, and a list of the values between the limits. Values equal to a limit
-/// are counted but not stored. The reason is that nearly all time steps of a regular clock are equal to a limit, and a
-/// list of them would be long.
+/// Counts of the values below two limits, and a list of the values between the limits. Values equal to a limit are
+/// counted but not stored. The reason is that nearly all time steps of a regular clock are equal to a limit, and a list
+/// of them would be long.
 struct Census {
     /// Number of values below the lower limit.
     below: usize,
@@ -127,7 +127,7 @@ struct Census {
     inside: Vec<f64>,
 }
 
-/// Computation of the [`Census`] with the widest vector instructions of the processor.
+/// Counts the values for the [`Census`] with the widest vector instructions of the processor.
 struct Counting<'a, W> {
     count: usize,
     write: &'a W,

@@ -1,4 +1,4 @@
-//! Distribution of work to threads.
+//! Distributes work to threads.
 
 use std::num::NonZeroUsize;
 use std::panic::resume_unwind;

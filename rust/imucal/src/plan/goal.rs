@@ -25,7 +25,8 @@ pub enum Goal {
 }
 
 impl Goal {
-    /// Cost of a program; a program with a lower cost is better. `None` if the information matrix is singular.
+    /// Computes the cost of a program from its information matrix, the prior precisions `prior` and its duration. A
+    /// program with a lower cost is better. `None` if the information matrix is singular.
     pub(super) fn cost(&self, information: &Mat<f64>, prior: &[f64], duration_s: f64) -> Option<f64> {
         match self {
             Self::MostIn { .. } => Some(-log_determinant(information, prior)? / prior.len() as f64),

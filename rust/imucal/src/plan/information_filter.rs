@@ -1,5 +1,5 @@
-//! Information filter along a run. The state consists of the current gravity direction (two angles) and of all
-//! parameters.
+//! Accumulates the information of a run with an information filter. The state of the filter consists of the current
+//! gravity direction (two angles) and of all parameters.
 //!
 //! ```text
 //! measurement   y = A d + B theta + noise

@@ -153,7 +153,7 @@ impl Limits {
         !self.forbidden.iter().any(|zone| zone.is_crossed(from, to))
     }
 
-    /// Minimum duration of a turn, s.
+    /// Minimum duration, s, of a turn of the motors by the angles `turn`, rad.
     pub(super) fn fastest_s(&self, turn: &Vector3<f64>) -> f64 {
         let of_axis = |(turn, axis): (&f64, &Option<Axis>)| {
             axis.as_ref().map_or(0.0, |axis| {

@@ -1,4 +1,4 @@
-//! Prediction of the accuracy of a calibration before anything is recorded.
+//! Predicts the accuracy of a calibration before anything is recorded.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;

@@ -1,5 +1,5 @@
-//! A run as a sequence of rests and moves. A rest gives information about the gravity direction and the parameters, and
-//! a move propagates the gravity direction to the next rest.
+//! Computes the information that the rests and moves of a run give. A rest gives information about the gravity
+//! direction and the parameters, and a move propagates the gravity direction to the next rest.
 
 use nalgebra::Matrix2;
 
@@ -88,9 +88,10 @@ impl RestInformation {
 }
 
 impl MoveInformation {
-    /// Propagation of the gravity direction over a move that starts at `start_s` and takes `duration_s`. `at` returns
-    /// the motion as a function of time. The unit is at rest before and after the move. The propagation continues
-    /// through the first `settle_s` of the next rest, because samples in this time are not used as samples at rest.
+    /// Computes the propagation of the gravity direction over a move that starts at `start_s` and takes `duration_s`.
+    /// `at` returns the motion as a function of time. The unit is at rest before and after the move. The propagation
+    /// continues through the first `settle_s` of the next rest, because samples in this time are not used as samples at
+    /// rest.
     pub(super) fn new(
         sensors: &Sensors,
         start_s: f64,
@@ -142,9 +143,9 @@ impl MoveInformation {
     }
 }
 
-/// Propagation of the gravity direction with the gyroscope over consecutive intervals. `parts` contains, for each
-/// interval, the motion at its middle, the time of its middle, s, and its duration, s. `variance` is the variance of
-/// the mean gyroscope reading over one second, (rad/s)^2.
+/// Computes the propagation of the gravity direction with the gyroscope over consecutive intervals. `parts` contains,
+/// for each interval, the motion at its middle, the time of its middle, s, and its duration, s. `variance` is the
+/// variance of the mean gyroscope reading over one second, (rad/s)^2.
 fn propagation_over(
     sensors: &Sensors,
     parts: impl IntoIterator<Item = (Moment, f64, f64)>,

@@ -1,4 +1,4 @@
-//! Search for the best program by simulated annealing. A proposal is a copy of the present program with one change: a
+//! Searches for the best program by simulated annealing. A proposal is a copy of the present program with one change: a
 //! pose is changed, added or removed, a motor turns in the other direction, or holds get other durations.
 //!
 //! A better program is always accepted. A slightly worse program is accepted with a probability that decreases during
@@ -118,7 +118,7 @@ struct Annealing<'a> {
 }
 
 impl Annealing<'_> {
-    /// A program with random poses. If the time is too short for `poses` poses, the program has fewer poses.
+    /// Creates a program with `poses` random poses. If the time is too short for them, the program has fewer poses.
     fn start(&mut self, poses: usize) -> Option<Trial> {
         let mut count = poses.max(FEWEST_POSES);
         loop {

@@ -1,4 +1,4 @@
-//! Linearised sensors: rows of derivatives of the readings with respect to the parameters.
+//! Linearises the sensors: computes the derivatives of the readings with respect to the parameters.
 //!
 //! The parameters have the order of the joint fit: accelerometer bias (3), accelerometer sensitivity (6, because the
 //! body frame is chosen so that this matrix is symmetric), gyroscope bias (3), gyroscope sensitivity (9, row by row),
@@ -221,7 +221,7 @@ impl Sensors {
     /// Extends a propagation of the gravity direction by an interval of the length `duration_s` with its middle at
     /// `time_s`. The contribution of this interval to the Jacobian C of
     /// [`Propagation`](super::information_filter::Propagation) is added to `by`. Returns, for each of the two angles of
-    /// the direction, the factors by which the noise of the three gyroscope axes is multiplied in the rate of change of
+    /// the direction, the factors with which the noise of the three gyroscope axes contributes to the rate of change of
     /// the angle.
     pub(super) fn add_propagation(
         &self,

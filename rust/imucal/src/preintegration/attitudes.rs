@@ -1,4 +1,4 @@
-//! Computation of the attitude after each of many consecutive rotations.
+//! Computes the attitude after each of many consecutive rotations.
 //!
 //! The sequence of rotations is divided into consecutive parts. Each lane of a SIMD register processes one part. A
 //! first pass computes the product of the rotations in each part. These products give the attitude at the start of each
@@ -12,12 +12,13 @@ use super::rotate_by;
 use super::step::{half_turn, is_within_range, times_quaternion};
 use crate::numerics::instructions::Instructions;
 
-/// Number of rotations that are processed as one block. The data of a block fit into the L1 cache. A block is so short
-/// that the norms of the unnormalised quaternions stay near one.
+/// Number of rotations that are processed as one block. The data of a block fit into the L1 cache. A block is also
+/// short enough to keep the norms of the unnormalised quaternions near one.
 const AT_ONCE: usize = 512;
 
-/// Attitudes before the first and after each of the rotations `turns`, which are rotation vectors in the body frame,
-/// rad. An attitude maps vectors from the current body frame to the reference frame: `v_reference = attitude v_here`.
+/// Computes the attitude after each of the rotations `turns`, which are rotation vectors in the body frame, rad. The
+/// first entry of the result is `begin`, the attitude before all rotations. An attitude maps vectors from the body
+/// frame to the reference frame: `v_reference = attitude v_here`.
 pub(crate) fn attitudes(begin: UnitQuaternion<f64>, turns: &[Vector3<f64>]) -> Vec<UnitQuaternion<f64>> {
     let mut all = Vec::with_capacity(turns.len() + 1);
     all.push(begin);

@@ -18,8 +18,8 @@ pub(crate) enum Interpolation {
 }
 
 impl Interpolation {
-    /// Interpolation of the rate for the step from sample `i` to sample `i + 1`. The second result contains the weights
-    /// with which the four samples `i - 1` to `i + 2` enter the mean rate over this step.
+    /// Selects the interpolation of the rate for the step from sample `i` to sample `i + 1`. The second result contains
+    /// the weights with which the four samples `i - 1` to `i + 2` enter the mean rate over this step.
     #[inline]
     pub(crate) fn of(time_s: &[f64], i: usize) -> (Self, [f64; 4]) {
         let linear = (Self::Linear, [0.0, 0.5, 0.5, 0.0]);
@@ -54,9 +54,9 @@ pub(crate) fn are_equal_steps(step: f64, other: f64) -> bool {
 /// Number of time steps that [`end_of_equal_steps`] compares in one vectorised operation.
 const AT_ONCE: usize = 32;
 
-/// Index of the first step, at or after step `start`, whose interpolation differs from `interpolation`; `end` if no
-/// step before `end` differs. `start` must not be zero. Nearly all recordings have only equal steps, which a vectorised
-/// comparison of many steps detects quickly.
+/// Finds the first step, at or after step `start`, whose interpolation differs from `interpolation`. Returns `end` if
+/// no step before `end` differs. `start` must not be zero. Nearly all recordings have only equal steps, which a
+/// vectorised comparison of many steps detects quickly.
 pub(super) fn end_of_equal_steps(time_s: &[f64], start: usize, end: usize, interpolation: Interpolation) -> usize {
     let mut next = start;
     while interpolation == Interpolation::Cubic
@@ -69,8 +69,8 @@ pub(super) fn end_of_equal_steps(time_s: &[f64], start: usize, end: usize, inter
     (next..end).find(|&i| Interpolation::of(time_s, i).0 != interpolation).unwrap_or(end)
 }
 
-/// Weights with which four samples at these times enter the mean rate over the middle time step. The rate is assumed to
-/// be the cubic polynomial through the four samples.
+/// Computes the weights with which four samples at these times enter the mean rate over the middle time step. The rate
+/// is assumed to be the cubic polynomial through the four samples.
 pub(crate) fn cubic_weights([before, start, end, after]: [f64; 4]) -> [f64; 4] {
     let (a, h, b) = (start - before, end - start, after - end);
     // Mean of the cubic = mean of the linear interpolation - h^2/6 x weighted mean of the second divided differences on

@@ -11,7 +11,7 @@ use super::sums::{Node, STEPS_OF_A_NODE, Sample, Totals, end_of_nodes};
 /// Number of steps in a tile. A lane reads all samples of a tile together. A tile is half a node, which is a group of
 /// 16 steps (see `sums.rs`).
 const TILE: usize = STEPS_OF_A_NODE / 2;
-/// Memory is prefetched this number of samples before it is used.
+/// A sample is prefetched from memory this number of samples before it is used.
 const AHEAD: usize = 64;
 
 /// Block of consecutive samples. Each lane of a SIMD register processes an equal part of the block.

@@ -1,5 +1,5 @@
-//! Start value of the gyroscope's sensitivity. It is computed by a linear fit to the motion of gravity in the body
-//! frame during moves (`docs/model.md` (10)).
+//! Computes a start value of the gyroscope's sensitivity by a linear fit to the motion of gravity in the body frame
+//! during moves (`docs/model.md` (10)).
 //!
 //! In the body frame, the direction u of gravity changes by `du/dt = u x w`. The rate is `w = P (m - b)`, where P is
 //! the inverse of the sensitivity, m the measured rate and b the bias. The direction u is measured by the accelerometer
@@ -41,7 +41,7 @@ pub(crate) struct RateFromGravity {
     pub(crate) explained: f64,
 }
 
-/// The relation between rates and gravity, estimated from the moves; `None` if the motion does not determine it.
+/// Estimates the relation between rates and gravity from the moves; `None` if the motion does not determine it.
 pub(crate) fn rate_from_gravity(
     recordings: &[Recording<'_>],
     moves: &[Move],
@@ -78,8 +78,8 @@ pub(crate) fn rate_from_gravity(
     found.filter(|found| found.rate_from_raw.iter().all(|entry| entry.is_finite()))
 }
 
-/// Common scale of all axes of the gyroscope in `true rate = scale (raw - bias)`. It is used if the motion does not
-/// determine the matrix P of `true rate = P (raw - bias)`. `None` if there is no motion.
+/// Estimates a common scale of all axes of the gyroscope in `true rate = scale (raw - bias)`. It is used if the motion
+/// does not determine the matrix P of `true rate = P (raw - bias)`. `None` if there is no motion.
 pub(crate) fn scale_from_gravity(
     recordings: &[Recording<'_>],
     moves: &[Move],

@@ -1,4 +1,4 @@
-//! Integration of consecutive gyroscope samples to the rotation over their time interval.
+//! Integrates consecutive gyroscope samples to the rotation over their time interval.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -60,8 +60,8 @@ thread_local! {
 /// Number of steps that each SIMD lane processes in a block. The number is large, because the first samples of each
 /// lane are not prefetched. It is not a power of two, because the lanes would then compete for the same cache sets.
 const STEPS_OF_A_LANE: usize = 4000;
-/// Angular rate, rad/s (340 deg/s), that selects the first range of step angles to be tried ([`ANGLE_RANGES`]): the
-/// smallest range that contains the step angle at this rate. The step angles would often exceed a smaller range.
+/// The integration first tries the smallest range of step angles ([`ANGLE_RANGES`]) that contains the angle of a step
+/// at this angular rate, rad/s (340 deg/s). The step angles would often exceed a smaller range.
 const FAST_RAD_PER_S: f64 = 5.9;
 /// Minimum number of steps for vectorised integration. Fewer steps are integrated one by one.
 const FEW: usize = 16;
@@ -116,8 +116,8 @@ impl<'a> RateSegment<'a> {
         })
     }
 
-    /// Rotation from the frame at the end to the frame at the start of the segment, `v_start = rotation * v_end`, for a
-    /// gyroscope with these parameters.
+    /// Integrates the rotation over the segment for a gyroscope with these parameters. It maps vectors from the frame
+    /// at the end to the frame at the start: `v_start = rotation * v_end`.
     pub fn rotation(&self, gyroscope: &Triad<f64>) -> Matrix3<f64> {
         let (rotation, _) = match self.interpolation {
             Interpolation::Linear => self.integrate::<false, false>(gyroscope),
@@ -126,13 +126,14 @@ impl<'a> RateSegment<'a> {
         *rotation.to_rotation_matrix().matrix()
     }
 
-    /// Rotation over the segment, and the sums from which its derivatives with respect to the parameters are computed.
+    /// Integrates the rotation over the segment. Also returns the sums from which its derivatives with respect to the
+    /// parameters are computed.
     pub fn preintegrate(&self, gyroscope: &Triad<f64>) -> Preintegrated {
         let (rotation, sums) = self.sums(gyroscope);
         Preintegrated { rotation, sensitivity_sums: sums.sensitivity, bias_sum: sums.bias }
     }
 
-    /// Rotation over the segment, and the sums for its derivatives.
+    /// Integrates the rotation over the segment. Also returns the sums for its derivatives.
     pub(crate) fn sums(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
         let (rotation, sums) = match self.interpolation {
             Interpolation::Linear => self.integrate::<false, true>(gyroscope),
@@ -237,8 +238,8 @@ impl<'a> RateSegment<'a> {
         Increment { rotation: outward.inverse() * rotation * outward, sums: [bias, x, y, z], steps: steps.len() }
     }
 
-    /// Two factors that convert the sums of the vectorised integration to SI units. The first factor converts the sum
-    /// of the rotations R to s. The second factor converts the sums of R times a component of the rate to rad.
+    /// Returns two factors that convert the sums of the vectorised integration to SI units. The first factor converts
+    /// the sum of the rotations R to s. The second factor converts the sums of R times a component of the rate to rad.
     fn units_of_sums(&self) -> (f64, f64) {
         match self.sample_times {
             SampleTimes::Even(interval_s) => (interval_s, 6.0),

@@ -1,5 +1,5 @@
-//! Reference implementation for tests: the rotation over a move and the sums for its derivatives, in double-double
-//! arithmetic.
+//! Reference implementation for tests. It computes the rotation over a move and the sums for its derivatives in
+//! double-double arithmetic.
 
 use imucal_core::sensor::Triad;
 use nalgebra::Matrix3;
@@ -101,8 +101,9 @@ fn exponential(m: &Square) -> Square {
     sum
 }
 
-/// Rotation, G_x, G_y, G_z and G_b in double-double arithmetic, by the equations at the start of `preintegration.rs`.
-/// The first `at_nodes` steps are summed in nodes of 16 steps.
+/// Computes the rotation, G_x, G_y, G_z and G_b in double-double arithmetic, by the equations at the start of
+/// `preintegration.rs`. The first `at_nodes` steps are summed in nodes (groups) of 16 steps, all others sample by
+/// sample.
 pub(super) fn reference(path: &Samples<'_>, at_nodes: usize) -> [Square; 5] {
     let Samples { raw, time_s, triad, is_cubic } = path;
     let third = Double::of(1.0 / 3.0) + Double::of(-1.0 / 3.0 * 3.0 + 1.0) * Double::of(1.0 / 3.0);

@@ -1,4 +1,4 @@
-//! One integration step in every SIMD lane: the quaternion of the step, the rotation before the step, and the
+//! Computes one integration step in every SIMD lane: the quaternion of the step, the rotation before the step, and the
 //! contribution of the step's first sample to the sums.
 //!
 //! The quantities in this file are scaled so that the formulas are short. The rotation vector of a step is `3 p` with
@@ -21,8 +21,8 @@ use super::sums::Sample;
 pub(super) struct AngleRange {
     /// Maximum rotation angle of a step, rad.
     pub(super) turn_rad: f64,
-    /// Numbers of terms of the two polynomials that this range needs: the polynomial of the tangent, and the polynomial
-    /// of the squared cosine.
+    /// Number of terms that this range needs in each of two polynomials: that of the tangent, and that of the squared
+    /// cosine.
     terms: [usize; 2],
 }
 
@@ -210,8 +210,8 @@ impl<S: Simd> LaneState<S> {
         self.rotation()
     }
 
-    /// Sum of the samples since the last call of this function. The first and the last of these samples have half
-    /// weight.
+    /// Returns the sum of the samples since the last call of this function. The first and the last of these samples
+    /// have half weight.
     #[inline(always)]
     pub(super) fn sum_of_samples(&mut self) -> Three<S> {
         let (zero, half) = (Lanes::splat(self.simd, 0.0), Lanes::splat(self.simd, 0.5));

@@ -1,5 +1,6 @@
-//! Sums over the samples of R, and of R times each component of the rate. R is the rotation from the frame at a sample
-//! to the frame at the first sample. The sums are computed sample by sample, or node by node, which is faster.
+//! Computes sums over the samples of a move: the sum of R, and the sums of R times each component of the rate. R is the
+//! rotation from the frame at a sample to the frame at the first sample. The sums are computed sample by sample, or
+//! faster, node by node (in groups of time steps).
 //!
 //! A node combines n = 16 short time steps. The sum of `R w` over the samples of a node is approximated by `R W + R'
 //! D`. Here R is the rotation matrix in the middle of the node, and R' is its derivative with respect to time, in units
@@ -30,11 +31,11 @@ const N: f64 = STEPS_OF_A_NODE as f64;
 pub(super) const SECOND: f64 = (1.0 + 2.0 / (N * N)) / 24.0;
 /// Ratio b / a of the coefficients a and b of W (see the start of this file).
 const FOURTH: f64 = (1.0 / 1920.0 + 1.0 / (288.0 * N * N) - 1.0 / (720.0 * N * N * N * N)) / SECOND;
-/// D (see the start of this file) must be `n a w' (1 - (b / a) x^2)`. If D contained only the difference between the
-/// sums over the two halves of a node, this value would take the place of b / a.
+/// D must be `n a w' (1 - (b / a) x^2)` (see the start of this file). If D contained only the difference between the
+/// sums over the two halves of a node, it would contain this value instead of b / a.
 const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
-/// This value would take the place of b / a if D contained only the difference between the samples at the two ends of a
-/// node.
+/// If D contained only the difference between the samples at the two ends of a node, D would contain this value instead
+/// of b / a.
 const OF_ENDS: f64 = 1.0 / 24.0;
 /// Share of the difference between the end samples in D: `share x OF_ENDS + (1 - share) x OF_HALVES = b / a`.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
@@ -168,8 +169,8 @@ impl<S: Simd> Totals<S> {
     }
 }
 
-/// Contribution to the sums of the sample at the start (`sign` -1) or at the end (`sign` 1) of a series of nodes. It is
-/// the boundary term of the integration by parts that the start of this file describes.
+/// Computes the contribution of the sample at the start (`sign` -1) or at the end (`sign` 1) of a series of nodes to
+/// the sums. It is the boundary term of the integration by parts that the start of this file describes.
 #[inline(always)]
 pub(super) fn end_of_nodes<S: Simd>(simd: S, sign: f64, rate: Three<S>, rotation: &[Three<S>; 3]) -> Sample<S> {
     let factor = Lanes::splat(simd, sign * 6.0 * SECOND * N * N);

@@ -1,5 +1,6 @@
-//! Moves between consecutive rests, and the gravity directions at both ends of a move (model.md (7), (8), (13)). The
-//! gyroscope is fitted to the moves of a calibration recording and evaluated on the moves of a control recording.
+//! Finds the moves between consecutive rests, and computes the gravity directions at both ends of a move (model.md (7),
+//! (8), (13)). The gyroscope is fitted to the moves of a calibration recording and evaluated on the moves of a control
+//! recording.
 
 use std::ops::Range;
 
@@ -63,7 +64,7 @@ pub(crate) struct Ends {
     pub(crate) before: Vector3<f64>,
     /// Unit vector of gravity in the body frame at the rest after the move.
     pub(crate) after: Vector3<f64>,
-    /// Standard deviation of each of the two components of the residual of the move, rad.
+    /// Standard deviation, rad, of each of the two components (perpendicular to gravity) of the residual of the move.
     pub(crate) sigma_rad: f64,
 }
 
@@ -197,8 +198,8 @@ pub(crate) struct End {
 }
 
 impl Directions<'_> {
-    /// For each move: the gravity directions at both ends, with the standard deviation of the move's residual. The
-    /// second result is, for each move, the standard deviation of the residual without the noise of the means over
+    /// Returns, for each move, the gravity directions at both ends and the standard deviation of the move's residual.
+    /// The second result is, for each move, the standard deviation of the residual without the noise of the means over
     /// rests, rad. This standard deviation includes only errors that are independent between moves.
     pub(crate) fn ends_of(&self, moves: &[Move]) -> (Vec<Ends>, Vec<f64>) {
         moves
@@ -247,7 +248,8 @@ impl Directions<'_> {
         (0..3).any(|axis| scatter[axis] > floor[axis])
     }
 
-    /// Accelerometer reading of gravity at the last (`at_end`) or first sample of rest `k`, with its variance.
+    /// Returns the accelerometer reading of gravity at one end of rest `k`, with its variance: at the last sample if
+    /// `at_end` is true, otherwise at the first sample.
     fn reading(&self, k: usize, at_end: bool, steady: bool) -> End {
         let UnitRest { recording, rest, bias, .. } = &self.rests[k];
         let mean = &rest.specific_force;
@@ -275,10 +277,10 @@ impl Directions<'_> {
         End { raw, steady: false, shared_variance: 0.0, own_variance: scatter + walk * walk / 3.0 + rounding }
     }
 
-    /// Mean force over the last (`at_end`) or first second of a rest. Each sample is rotated by the integrated
-    /// gyroscope rate to the attitude at that end of the rest (model.md (13)). Returns the mean (m/s^2), the variance
-    /// of its direction (rad^2), and the duration of the averaged interval (s). The variance is computed from the
-    /// scatter of the means over ten parts of this interval.
+    /// Computes the mean force over the last second of rest `k` if `at_end` is true, otherwise over its first second.
+    /// Each sample is rotated by the integrated gyroscope rate to the attitude at that end of the rest (model.md (13)).
+    /// Returns the mean (m/s^2), the variance of its direction (rad^2), and the duration of the averaged interval (s).
+    /// The variance is computed from the scatter of the means over ten parts of this interval.
     ///
     /// The attitude of a hand-held unit varies during a rest, so the plain mean is not the gravity direction at the
     /// start of the move. The mean rate of this rest is used as the gyroscope bias, so a bias that depends on the pose

@@ -1,5 +1,5 @@
-//! White-noise densities of a recording, and the variances of quantities that are computed from noisy readings
-//! (model.md (8), (10)).
+//! White-noise densities of a recording. Computes the variances that this noise causes along the body axes and in
+//! integrated angles (model.md (8), (10)).
 
 use nalgebra::{Matrix3, Vector3};
 

@@ -1,5 +1,5 @@
-//! Rounding errors at the rests of a recording: estimation of noise that is smaller than the quantisation step, and a
-//! finding that reports such noise.
+//! Estimates the rounding errors at the rests of a recording whose noise is smaller than the quantisation step, and
+//! reports such noise as a finding.
 
 use std::ops::Range;
 
@@ -24,11 +24,11 @@ const EDGE: f64 = 0.15;
 /// noise. For any other mean, the ratio is larger.
 const SIGN: f64 = 1.28;
 
-/// Factor c of each channel before rounding (model.md (10)): the factor by which the correlation of the noise increases
-/// the variance of a mean. If the noise is below the quantisation step, c is estimated from the rounded samples. The
-/// farther the mean is from the middle between two levels, the less correlated the rounded samples are, and the smaller
-/// this estimate. The three axes of a sensor have equal filters and therefore equal factors c, so the largest estimate
-/// among the axes is the best one. `colour` contains the estimates.
+/// Returns the factor c that the noise of each channel has before rounding (model.md (10)). c is the factor by which
+/// the correlation of the noise increases the variance of a mean. If the noise is below the quantisation step, c is
+/// estimated from the rounded samples. The farther the mean is from the middle between two levels, the less correlated
+/// the rounded samples are, and the smaller this estimate. The three axes of a sensor have equal filters and therefore
+/// equal factors c, so the largest estimate among the axes is the best one. `colour` contains the estimates.
 pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6<f64> {
     let coarse = |channel: &usize| steps[*channel] > 0.0;
     Vector6::from_fn(|channel, _| {

@@ -1,4 +1,4 @@
-//! Detection of rests (model.md (11)).
+//! Detects the rests in a recording (model.md (11)).
 //!
 //! For each window of half a second, a statistic is computed: variance / noise variance, averaged over the six
 //! channels. A window is at rest if its statistic is below a threshold. At 400 Hz and above, the samples are first
@@ -120,8 +120,8 @@ impl Segments {
         // gravity disables the tilt check.
         let gravity = if sensors[1] { gravity_size(recording, blocks) } else { f64::INFINITY };
         let block_s = block_samples as f64 * dt_s;
-        // Smallest number of blocks of a long rest: those of LONG_REST_S, but at least those of a window, because at
-        // very low sampling rates a block may be longer than LONG_REST_S.
+        // Number of blocks in `LONG_REST_S`, but at least the number of blocks in a window. The lower limit is needed
+        // at very low sampling rates, where a block may be longer than `LONG_REST_S`.
         let long_blocks = ((LONG_REST_S / block_s).round() as usize).max(WINDOW_BLOCKS);
         let still: Vec<_> = still
             .iter()

@@ -1,4 +1,4 @@
-//! Hand-held units: detection of tremor, and its separation from sensor noise (model.md (27)).
+//! Detects the tremor of a hand-held unit, and separates it from sensor noise (model.md (27)).
 //!
 //! ```text
 //! tremor^2 = mean of [(f_i - f)^T (u x (phi_i - phi))] / (2 |f|)      phi_i: rotation integrated up to sample i
@@ -67,8 +67,8 @@ pub(crate) struct Sensors<'a> {
 
 impl<'a> Sensors<'a> {
     /// Specific force of each sample of a rest, m/s^2, rotated with the integrated gyroscope rate to the attitude at
-    /// the last (`at_end`) or first sample. The iterator starts at that end of the rest. `bias` is the bias of the
-    /// gyroscope, raw units.
+    /// one end of the rest: at the last sample if `at_end` is true, otherwise at the first. The iterator starts at that
+    /// end of the rest. `bias` is the bias of the gyroscope, raw units.
     pub(crate) fn along_gyroscope(
         self,
         recording: &'a Recording<'a>,
@@ -151,9 +151,10 @@ impl Hand {
         self.walk_rad2_per_s * between_s + self.tilt_rad2_s / averaging_s
     }
 
-    /// The specific force at the first or last (`at_end`) sample of a rest, m/s^2. It is a weighted mean of the
-    /// samples, each of which the gyroscope rotates to the attitude at this end of the rest. The weight of a sample
-    /// decreases exponentially with its distance in time from this end. `bias` is the bias of the gyroscope, raw units.
+    /// Computes the specific force at the last sample of a rest if `at_end` is true, otherwise at its first sample,
+    /// m/s^2. The force is a weighted mean of the samples, each of which the gyroscope rotates to the attitude at this
+    /// end of the rest. The weight of a sample decreases exponentially with its distance in time from this end. `bias`
+    /// is the bias of the gyroscope, raw units.
     pub(crate) fn force_at(
         &self,
         recording: &Recording<'_>,
@@ -270,7 +271,7 @@ struct OwnRest<'a> {
 
 /// Estimates the gyroscope bias at each rest. The bias may depend on the pose, but the mean rate of a rest also
 /// contains rotation of the hand. The mean rate of each rest is therefore shrunk towards the mean of all rests by the
-/// share v / (v + b). v is the variance of the error of this mean rate. b is the variance of the true bias between
+/// share v / (v + b). v is the variance of the error of this mean rate. b is the variance of the true bias over the
 /// rests. The variance b is estimated from the scatter of the mean rates. It is zero if the errors of the mean rates
 /// explain the scatter. Returns the mean bias of all rests, raw units, and the share of each rest.
 fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> (Vector3<f64>, Vec<Vector3<f64>>) {
@@ -364,8 +365,8 @@ mod tests {
     use crate::simulate::tumble::{HandMoves, Tumble};
     use crate::simulate::{Faults, Program, RandomMoves, Setup, Stand, Temperature, Unit, run};
 
-    /// The model of the tremor that is estimated from a simulated recording at 200 Hz, in which each sample occurs in
-    /// `held` rows.
+    /// Simulates a recording at 200 Hz, in which each sample occurs in `held` rows, and estimates the model of the
+    /// tremor from it.
     fn found(motion: &Motion, held: usize) -> Option<Hand> {
         let unit = Unit::paper();
         let setup = Setup {

@@ -21,8 +21,8 @@ pub(crate) struct UnitRest {
     pub(crate) bias: Vector3<f64>,
     /// Parameters with which the means of a hand-held rest are computed; `None` for a rest without tremor.
     pub(crate) propagated: Option<PropagatedMean>,
-    /// Index of the rest to which this interval belongs, among the rests of all recordings. All epochs of a long rest
-    /// have the same index.
+    /// Index of the rest to which this interval belongs, among the rests of all recordings. All epochs (parts) of a
+    /// long rest have the same index.
     pub(crate) whole: usize,
     /// Index of the epoch within its rest. It is 0 for a rest that is not divided into epochs.
     pub(crate) epoch: usize,
@@ -41,8 +41,8 @@ pub(crate) struct PropagatedMean {
     pub(crate) shrunk: Vector3<f64>,
 }
 
-/// The rests of a unit of which only a table of mean readings exists, one row per rest. All of them belong to one
-/// recording, and none is divided into epochs.
+/// Converts `rests`, which come from a table of mean readings with one row per rest, to rests of a unit. All of them
+/// count as rests of one recording, and none is divided into epochs.
 pub(crate) fn rests_of_means(rests: &[Rest]) -> Vec<UnitRest> {
     rests.iter().enumerate().map(|(whole, rest)| UnitRest::new(0, *rest, whole, 0)).collect()
 }

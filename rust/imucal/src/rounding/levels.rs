@@ -1,4 +1,4 @@
-//! Noise of the rests of one axis, estimated from the numbers of samples at each quantisation level (model.md (37)).
+//! Estimates the noise of one axis at the rests from the numbers of samples at each quantisation level (model.md (37)).
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, SQRT_2};
@@ -14,8 +14,8 @@ const SAME_READING: f64 = 0.15;
 /// transmission error, and a single such sample would dominate the estimated noise.
 const FOREIGN: f64 = 1e-3;
 /// Maximum number of independent samples of one rest in the comparison of its noise with that of the other rests. With
-/// this number, a rest contradicts a trial value only if its own noise differs from this value by more than about the
-/// spacing of the trial values (14 %).
+/// this number, a rest contradicts a trial value of the noise only if its own noise differs from this value by more
+/// than about the spacing of the trial values (14 %).
 const COMPARED: f64 = 300.0;
 /// A rest contradicts a trial value of the noise if its log-likelihood at this value is more than this amount below its
 /// maximum log-likelihood. This corresponds to four standard deviations. When the rests are compared with a trial
@@ -204,7 +204,8 @@ pub(super) mod tests {
     }
 
     /// If the noise is nearly large enough to neglect rounding, levels two steps from the mean occur. Small trial noise
-    /// cannot explain these levels. Its likelihood is then tiny, and it still has one maximum over the true mean.
+    /// cannot explain these levels. The likelihood of this noise is then tiny, but as a function of the true mean it
+    /// still has only one maximum.
     #[test]
     fn the_likelihood_of_small_noise_is_finite_and_smaller_with_levels_far_from_the_mean() {
         for shift in (0..100).map(|k| f64::from(k) * 1e-3) {

@@ -55,7 +55,8 @@ mod tests {
         }
     }
 
-    /// Angular rate and acceleration of the body: the formulas of the module's documentation, written in components.
+    /// Computes angular rate and acceleration of the body by the formulas of the module documentation, written in
+    /// components.
     fn by_components(motors: &MotorState) -> (Vector3<f64>, Vector3<f64>) {
         let ((sin_2, cos_2), (sin_3, cos_3)) = (motors.angle_rad.y.sin_cos(), motors.angle_rad.z.sin_cos());
         let (rate, acceleration) = (&motors.rate_radps, &motors.acceleration_radps2);

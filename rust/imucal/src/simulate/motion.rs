@@ -204,8 +204,9 @@ mod tests {
         }
     }
 
-    /// Order of convergence of the integrated attitude for sampling rates from 50 to 8000 Hz. It is the least-squares
-    /// slope of the logarithm of the largest error over the logarithm of the sampling interval.
+    /// Integrates the rate of a simulated motion at sampling rates from 50 to 8000 Hz, and returns the order of
+    /// convergence of the attitude. The order is the least-squares slope of the logarithm of the largest error over the
+    /// logarithm of the sampling interval.
     fn order(motion: &Motion) -> f64 {
         let rates_hz = [50.0, 100.0, 200.0, 400.0, 800.0, 1600.0, 4000.0, 8000.0];
         let points = rates_hz.map(|rate_hz: f64| {

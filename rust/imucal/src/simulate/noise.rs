@@ -220,8 +220,8 @@ mod tests {
         Noise::new(sensor, rate_hz, steps, kinds.map(|kind| generators(kind, seed)))
     }
 
-    /// Allan variance of means over m steps, averaged over the axes. The second result is the number of pairs of
-    /// consecutive means per axis.
+    /// Computes the Allan variance of means over m steps, averaged over the axes. The second result is the number of
+    /// pairs of consecutive means per axis.
     fn allan_variance(values: &[Vector3<f64>], m: usize) -> (f64, f64) {
         let means: Vec<Vector3<f64>> =
             values.chunks_exact(m).map(|chunk| chunk.iter().sum::<Vector3<f64>>() / m as f64).collect();

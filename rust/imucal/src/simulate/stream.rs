@@ -28,7 +28,7 @@ pub(super) enum Stream {
     Walk(Triad, u8),
     /// Noise of the encoder of one motor.
     Encoder(u8),
-    /// Sampling instants.
+    /// Jitter of the sampling instants.
     Jitter,
     /// Selection of lost samples.
     Missing,

@@ -20,7 +20,7 @@ fn random_run(unit: &Unit, rate_hz: f64, seed: u64) -> Simulation {
     simulate(&program, unit, rate_hz, GRAVITY_MPS2, seed).unwrap()
 }
 
-/// Mean and standard deviation of (measured - ideal) per axis.
+/// Returns mean and standard deviation of (measured - ideal) for each axis of a simulated run.
 fn error_statistics(measured: &[[f64; 3]], ideal: impl Fn(usize) -> Vector3<f64>) -> [(f64, f64); 3] {
     [0, 1, 2].map(|axis| {
         let errors: Vec<f64> = (0..measured.len()).map(|i| measured[i][axis] - ideal(i)[axis]).collect();
@@ -150,7 +150,7 @@ fn arguments_that_cannot_be_used_are_refused() {
     }
 }
 
-/// Setup of a run at 100 Hz with this motion, unit and temperature, without faults.
+/// Creates the setup of a simulated run at 100 Hz with this motion, unit and temperature, without faults.
 fn hand_setup<'a>(motion: &'a Motion, unit: &'a Unit, temperature: &'a Temperature) -> Setup<'a> {
     Setup {
         motion,

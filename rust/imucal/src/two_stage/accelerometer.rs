@@ -1,4 +1,4 @@
-//! Maximum-likelihood fit of the accelerometer to the means of the rests (model.md (5)).
+//! Fits the accelerometer to its mean readings at the rests by maximum likelihood (model.md (5)).
 //!
 //! ```text
 //! r_k = (|T^-1 (a_k - b)| - g) / sigma_k
@@ -27,9 +27,9 @@ use crate::rests::rest::{Rest, sigma_norm};
 use crate::two_stage::ellipsoid::{self, Start};
 use crate::two_stage::observability::{self, LARGEST_SHIFT, REST_ERROR_MPS2};
 
-/// An ellipsoid is valid only if the noise of a rest mean, relative to the size of the ellipsoid, is below this limit.
-/// The ratio is `noise |T^-1| / g` with the Frobenius norm. For a noisy sensor, the ratio is 0.001. If all rests have
-/// one pose, the ellipsoid is fitted to the noise of their means, and the ratio is about 0.5.
+/// The ellipsoid through the mean readings is valid only if the ratio of their noise to the size of the ellipsoid is
+/// below this limit. The ratio is `noise |T^-1| / g` with the Frobenius norm. Even for a noisy sensor, it is 0.001. If
+/// all rests have one pose, the ellipsoid is fitted to the noise of their means, and the ratio is about 0.5.
 const NOISE_OVER_SIZE: f64 = 0.02;
 
 /// Result of the accelerometer fit.
@@ -217,8 +217,8 @@ pub(crate) fn triad_of(parameters: &[f64]) -> Result<Triad<f64>, Error> {
     Triad::try_new(sensitivity, bias).map_err(|error| Error::Fit(format!("accelerometer: {error}")))
 }
 
-/// The norm |f| of the corrected force at a rest, and its derivative with respect to the nine parameters. `mean` is the
-/// mean reading of the rest.
+/// Computes the norm |f| of the corrected force at a rest, and its derivative with respect to the nine parameters.
+/// `mean` is the mean reading of the rest.
 pub(crate) fn norm_and_gradient(triad: &Triad<f64>, mean: &Vector3<f64>) -> (f64, SVector<f64, 9>) {
     let f = triad.correct(*mean);
     let norm = f.norm();

@@ -1,7 +1,8 @@
-//! Algebraic ellipsoid fit. It gives the start values of the accelerometer parameters (model.md (3), (4)).
+//! Fits an ellipsoid to the mean readings of the accelerometer at the rests. The fit is algebraic and gives the start
+//! values of the accelerometer parameters (model.md (3), (4)).
 //!
-//! At rest |T^-1 (a - b)| = g. The means a of the rests therefore lie on an ellipsoid, whose equation is linear in ten
-//! unknowns:
+//! A mean reading a satisfies |T^-1 (a - b)| = g. The mean readings therefore lie on an ellipsoid, whose equation is
+//! linear in ten unknowns:
 //!
 //! ```text
 //! [ax^2, ay^2, az^2, 2 ax ay, 2 ax az, 2 ay az, ax, ay, az, 1] . alpha = 0
@@ -26,12 +27,12 @@ pub(crate) struct Start {
     pub(crate) bias: Vector3<f64>,
 }
 
-/// A sphere is determined only if all singular values of the design matrix are at least this multiple of the largest
-/// one. If all means are in one plane, the smallest singular value is zero without noise. With noise, its ratio to the
-/// largest one is below this limit.
+/// The mean readings determine a sphere only if the smallest singular value of the design matrix is at least this
+/// fraction of the largest singular value. If all mean readings are in one plane, the smallest singular value is zero
+/// without noise, and below this limit with noise.
 const LEAST_SINGULAR: f64 = 1e-3;
 
-/// The ellipsoid through the mean readings `means` (one for each rest, in any raw unit), or a sphere if they determine
+/// Fits an ellipsoid to the mean readings `means` (one for each rest, in any raw unit), or a sphere if they determine
 /// no ellipsoid.
 ///
 /// Returns `None` if the means are in one plane, because they then determine no sphere.
@@ -53,8 +54,8 @@ pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<St
     }))
 }
 
-/// The sphere through the mean readings `means`. It is the minimum-norm least-squares solution. If the poses do not
-/// determine a unique sphere, the centre of this solution is near the midpoint of the means. Returns `None` for a
+/// Fits a sphere to the mean readings `means`. The result is the minimum-norm least-squares solution. If the poses do
+/// not determine a unique sphere, the centre of this solution is near the midpoint of the means. Returns `None` for a
 /// single pose.
 pub(crate) fn smallest_sphere(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
     let Some((centre, size)) = extent(means) else { return Ok(None) };

@@ -1,5 +1,5 @@
-//! The gyroscope in the two-stage fit. The bias is estimated from the rests, and the sensitivity from the moves between
-//! them (model.md (7), (8)).
+//! Fits the gyroscope in the second stage of the two-stage fit. The bias is estimated from the rests, and the
+//! sensitivity from the moves between consecutive rests (model.md (7), (8)).
 //!
 //! ```text
 //! r_k = E_k (R_k^T u_k - u_(k+1)) / sigma_k
@@ -114,8 +114,8 @@ impl<'a> PreintegratedMoves<'a> {
             }
         }
         let best = best.ok_or_else(|| Error::Fit("the fit of the gyroscope has no start value".into()))?;
-        // Observability is not tested here, because the scale may be wrong by a large factor. After the final fit, it
-        // is tested whether the moves determine all entries.
+        // Observability is not tested here, because the scale may be wrong by a large factor. The final fit tests
+        // whether the moves determine all entries.
         triad_of(&best.parameters, self.bias)
     }
 
@@ -151,7 +151,7 @@ impl<'a> PreintegratedMoves<'a> {
         Weighed { moves: self, ends, rows: (0..self.segments.len()).collect() }
     }
 
-    /// All moves, preintegrated with the gyroscope `triad`. If the second-order error is small, the most recent
+    /// Preintegrates all moves with the gyroscope `triad`. If the second-order error is small, the most recent
     /// preintegration is corrected to first order instead of integrating the samples again.
     fn preintegrated(&self, triad: &Triad<f64>, ends: &[Ends]) -> Rc<Linearised> {
         let known = self.last.borrow().clone();
@@ -168,8 +168,8 @@ impl<'a> PreintegratedMoves<'a> {
 }
 
 impl Linearised {
-    /// These preintegrated moves, corrected to first order for a slightly different gyroscope sensitivity; `None` if
-    /// the second-order error is too large.
+    /// Corrects these preintegrated moves to first order for a slightly different gyroscope sensitivity; `None` if the
+    /// second-order error is too large.
     fn moved(self: Rc<Self>, triad: &Triad<f64>, ends: &[Ends]) -> Option<Rc<Self>> {
         if self.triad == *triad {
             return Some(self);
@@ -197,7 +197,8 @@ pub(crate) fn triad_with(sensitivity: &Matrix3<f64>, bias: Vector3<f64>) -> Resu
     Triad::try_new(*sensitivity, bias).map_err(|error| Error::Fit(format!("gyroscope: {error}")))
 }
 
-/// Derivative of a move's residual (rad) with respect to the nine entries of T and the three biases; a 2 x 12 matrix.
+/// Computes the derivative of a move's direction residual (rad) with respect to the nine entries of the sensitivity T
+/// and the three biases; a 2 x 12 matrix.
 pub(crate) fn residual_gradient(ends: &Ends, preintegrated: &Preintegrated, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
     let propagated_up = preintegrated.rotation.tr_mul(&ends.before);
     // A small rotation `delta` of the attitude at the end of the move, given in the body frame at this time, changes

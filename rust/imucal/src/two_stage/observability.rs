@@ -1,4 +1,4 @@
-//! Test for parameters that a motion does not determine (model.md (12)).
+//! Finds the parameters that the poses and rotations of a recording do not determine (model.md (12)).
 //!
 //! ```text
 //! C = (J^T J + 1 / 10^2)^-1,     undetermined: C_jj > 1
@@ -30,8 +30,9 @@ pub(crate) const FARTHEST: f64 = 0.1;
 /// of this projection is at least this value, the parameter is unobservable by itself. Otherwise, it may belong to a
 /// group of parameters of which only linear combinations are observable.
 const OWN_SHARE: f64 = 0.95;
-/// Two undetermined parameters belong to one such group if the magnitude of their correlation exceeds this value. The
-/// correlation is computed from the unobservable directions only.
+/// Two undetermined parameters belong to the same group if the magnitude of their correlation exceeds this value. Only
+/// linear combinations of the parameters of a group are observable. The correlation is computed from the unobservable
+/// directions only.
 const TRADED: f64 = 0.1;
 /// A pose counts as "axis up" or "axis down" if the angle between the axis and the vertical is at most this limit, deg.
 const FACE_LIMIT_DEG: f64 = 40.0;
@@ -49,8 +50,8 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 pub(crate) struct Open {
     /// Columns of the design matrix whose parameters are not determined.
     pub(crate) columns: Vec<usize>,
-    /// Groups of columns whose parameters are not determined individually, but some of whose linear combinations are.
-    /// The number with each group is the number of these combinations.
+    /// Groups of columns. The parameters of a group are not determined individually, but some of their linear
+    /// combinations are. The number with each group is the number of these combinations.
     pub(crate) traded: Vec<(Vec<usize>, usize)>,
 }
 
@@ -132,7 +133,7 @@ impl Open {
     }
 }
 
-/// Groups of undetermined parameters (columns) that are correlated with each other within the unobservable directions.
+/// Groups the undetermined parameters (columns) that are correlated with each other within the unobservable directions.
 /// The number with each group is the number of linear combinations of its parameters that are determined.
 fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(Vec<usize>, usize)> {
     let mut left: Vec<usize> = columns.iter().copied().filter(|&j| projection(j, j) < OWN_SHARE).collect();

@@ -1,4 +1,4 @@
-//! Covariance of the result of the two-stage fit (model.md (9)).
+//! Computes the covariance of the parameters that the two-stage fit estimates (model.md (9)).
 //!
 //! Both stages use the same rests. Errors of the rests therefore affect the gyroscope in three ways: through the
 //! gravity directions, through the parameters of the accelerometer, and through the gyroscope bias. To first order, the
@@ -16,9 +16,9 @@ use crate::rests::rest::{Rest, RestMean, rounding_covariance};
 use crate::two_stage::accelerometer::AccelerometerFit;
 use crate::two_stage::gyroscope::{GyroscopeBias, GyroscopeFit, residual_gradient};
 
-/// Covariance of all parameters, 21 x 21, raw units. The parameters refer to the symmetric frame, which is the body
-/// frame in which the accelerometer sensitivity is a symmetric matrix. The order is: accelerometer bias, the six
-/// entries of its sensitivity, gyroscope bias, the nine entries of its sensitivity.
+/// Computes the covariance of all parameters, 21 x 21, raw units. The parameters refer to the symmetric frame, which is
+/// the body frame in which the accelerometer sensitivity is a symmetric matrix. The order is: accelerometer bias, the
+/// six entries of its sensitivity, gyroscope bias, the nine entries of its sensitivity.
 ///
 /// For each move, `random_walk_rad` contains the standard deviation, rad, of the part of the direction residual that is
 /// not due to the noise of the mean readings at rest.
@@ -71,7 +71,8 @@ pub(crate) fn covariance(
     covariance
 }
 
-/// Covariance of the nine parameters of an accelerometer without a gyroscope, in the order of the fit, raw units.
+/// Computes the covariance of the nine parameters of an accelerometer without a gyroscope, in the order of the fit, raw
+/// units.
 pub(crate) fn accelerometer_covariance(rests: &[&Rest], fit: &AccelerometerFit) -> Mat<f64> {
     let mut map = Mat::<f64>::zeros(9, 3 * rests.len());
     accelerometer_rows(&mut map, rests, fit);
@@ -158,8 +159,8 @@ fn subtract<const C: usize>(map: &mut Mat<f64>, column: usize, change: &SMatrix<
     }
 }
 
-/// Derivatives of the gravity direction at a rest with respect to the mean force of the rest (3 x 3), and with respect
-/// to the nine parameters of the accelerometer (3 x 9).
+/// Computes the derivatives of the gravity direction at a rest: with respect to the mean reading (3 x 3), and with
+/// respect to the nine parameters of the accelerometer (3 x 9).
 fn direction_gradients(rest: &Rest, fit: &AccelerometerFit) -> (Matrix3<f64>, SMatrix<f64, 3, 9>) {
     let f = fit.triad.correct(rest.specific_force.mean);
     let up = f.normalize();

@@ -1,4 +1,5 @@
-//! Scatter of the residuals of one kind, compared with their expected scatter from noise.
+//! Compares the size of the residuals of one kind, for example of the norms at the rests, with their expected size from
+//! noise.
 //!
 //! ```text
 //! ratio = sqrt(chi2 / dof),   p = P(chi2 of dof degrees of freedom is larger)
@@ -42,8 +43,8 @@ pub enum ResidualGroup {
 }
 
 impl ResidualGroup {
-    /// Name of the kind in documents. The factor by which the fit increases the standard deviations of this kind has
-    /// the same name.
+    /// Name of the kind in documents. The factor by which the fit increases the standard deviations of residuals of
+    /// this kind has the same name.
     pub fn name(self) -> &'static str {
         match self {
             Self::RestNorms => "norms",

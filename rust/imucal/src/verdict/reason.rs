@@ -67,7 +67,7 @@ pub enum Reason {
     UnknownDirection {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
-        /// Median standard deviation of the gravity direction after a move, from noise, deg.
+        /// Standard deviation of the gravity direction after a move due to noise, deg: median over the moves.
         sigma_deg: f64,
         /// Maximum standard deviation for a verdict on a gyroscope, deg.
         limit_deg: f64,
@@ -85,9 +85,9 @@ pub enum Reason {
     WorseThanUncalibrated {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
-        /// The residuals with the calibration.
+        /// Goodness of fit of the residuals with the calibration.
         after: GroupMisfit,
-        /// The residuals of the uncalibrated unit.
+        /// Goodness of fit of the residuals of the uncalibrated unit.
         before: GroupMisfit,
     },
     /// Many rests contradict the other rests.
@@ -127,7 +127,7 @@ pub enum Reason {
     ParametersHeld {
         /// Names of the parameters that the recordings do not determine, or names of groups of such parameters.
         parameters: String,
-        /// Errors, due to the uncertainty of the priors, of the gravity direction and of a measured rotation by 90 deg.
+        /// Errors of the gravity direction and of a rotation by 90 deg that the uncertainty of the priors causes.
         cost: PriorCost,
     },
     /// The residuals are far larger than sensor noise explains, but the uncertainty of the calibration explains them.

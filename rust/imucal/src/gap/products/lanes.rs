@@ -1,4 +1,4 @@
-//! Gram matrices of columns that are stored row by row. They are computed with SIMD instructions.
+//! Computes Gram matrices of Jacobian columns that are stored row by row, with SIMD instructions.
 
 use std::iter::once;
 use std::ops::Range;

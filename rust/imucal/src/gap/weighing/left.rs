@@ -66,8 +66,8 @@ impl Left {
         normal.symmetric_eigenvalues().into_iter().filter(|value| **value >= least).count()
     }
 
-    /// Sum, over the parameters of the additional columns, of the change of chi2 that occurs if only this parameter
-    /// changes, by its typical size.
+    /// Sum over the parameters of the additional columns. Each term is the change of chi2 if one parameter changes by
+    /// its typical size and the other parameters do not change.
     pub(crate) fn trace(&self) -> f64 {
         (0..self.columns()).map(|a| self.sums.row(a)[0].max(0.0)).sum()
     }

@@ -1,4 +1,5 @@
-//! Direction of the last motion of each motor of a stand, computed from the encoder readings.
+//! Determines, for every sample, the direction of the most recent motion of each motor of a stand. It is computed from
+//! the encoder readings.
 //!
 //! When a motor reverses, its reading jumps by twice the backlash (model.md (21)). If the wrong direction is assigned
 //! to a sample, its corrected angle has an error of this size. A motor starts slowly, so differences of readings detect
@@ -20,9 +21,9 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 use crate::cancellation::checkpoint;
 use crate::numerics::stats::{median, quantile, sample_interval_s};
 
-/// Order (0 to 1) of a quantile over the rests. For each rest, the largest change of a reading within `SPAN_S` is
-/// computed. The quantile of these largest changes counts as the largest change at an undisturbed rest. With 0.9, up to
-/// a tenth of the rests may be disturbed.
+/// For each rest, the largest change of a reading within `SPAN_S` is computed. The quantile of this order (0 to 1) over
+/// the rests is taken as the largest change at an undisturbed rest. With 0.9, up to a tenth of the rests may be
+/// disturbed.
 const ORDINARY: f64 = 0.9;
 /// Motion is detected from the change of a reading over this time interval, s. A rotation of half a degree or more
 /// changes the reading within this interval by more than the largest change at rest.
@@ -41,8 +42,8 @@ const START: f64 = 100.0;
 /// Lower limit of the noise of a reading, rad, for noise-free simulated encoders.
 const FINEST_RAD: f64 = 1e-12;
 
-/// Direction of the last motion of each motor (+1 or -1), for every sample of a recording. It is zero before the first
-/// motion. `rests` are the sample ranges of the rests.
+/// Determines the direction of the most recent motion of each motor (+1 or -1), for every sample of a recording. It is
+/// zero before the first motion. `rests` are the sample ranges of the rests.
 pub(super) fn directions(time_s: &[f64], stand_rad: &[[f64; 3]], rests: &[Range<usize>]) -> Vec<Vector3<f64>> {
     let mut all = vec![Vector3::zeros(); stand_rad.len()];
     let span = ((SPAN_S / sample_interval_s(time_s)).round() as usize).max(1);
@@ -56,8 +57,8 @@ pub(super) fn directions(time_s: &[f64], stand_rad: &[[f64; 3]], rests: &[Range<
     all
 }
 
-/// Limit for the change of a reading within `span` samples at standstill, rad. It is 1.5 times the largest change at an
-/// undisturbed rest (see [`ORDINARY`]).
+/// Computes the limit for the change of a reading within `span` samples at standstill, rad. It is 1.5 times the largest
+/// change at an undisturbed rest (see [`ORDINARY`]).
 fn still_rad(readings: &[f64], span: usize, rests: &[Range<usize>]) -> f64 {
     let largest = |rest: &Range<usize>| {
         let ends = readings[rest.clone()].iter().zip(readings[rest.clone()].iter().skip(span));

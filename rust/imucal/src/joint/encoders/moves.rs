@@ -1,5 +1,6 @@
-//! Whitened residuals inside a move with encoders. They are the residuals of the attitude relative to the stand and, if
-//! the fit uses the force in motion, the residuals of the force (model.md (20), (21)).
+//! Computes the whitened residuals inside a move on a stand with encoders. They compare the attitude integrated from
+//! the gyroscope with the attitude computed from the encoders. If the fit uses the force in motion, they also include
+//! the residuals of the force (model.md (20), (21)).
 //!
 //! ```text
 //! stand   log(C_0^T C(t) R(t)^T),   C = R_wb(q)      = random walk + encoder noise
@@ -24,7 +25,7 @@ use crate::joint::pass::Pass;
 use crate::joint::terms::Terms;
 use crate::rests::moves::across;
 
-/// Kind of a whitened residual inside a move.
+/// Whether a whitened residual inside a move belongs to the force or to the attitude relative to the stand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum About {
     Force,

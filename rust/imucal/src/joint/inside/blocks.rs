@@ -1,5 +1,5 @@
-//! Whitening of the derivatives inside a move with SIMD instructions. Each lane of a SIMD register processes one
-//! parameter.
+//! Whitens the derivatives of the residuals inside a move with SIMD instructions. Each lane of a SIMD register
+//! processes one parameter.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -119,8 +119,8 @@ fn by_direction<T>(rows: &mut [T], blocks: usize, length: usize) -> [&mut [T]; 3
     [along, one, other]
 }
 
-/// For each SIMD lane, which is one parameter: `there` plus the dot product of `direction` and the vector of the
-/// parameter. `planes` contains the x, y and z components of these vectors.
+/// Computes `there` plus the dot product of `direction` and a vector, in each SIMD lane. Each lane contains the vector
+/// of one parameter. `planes` contains the x, y and z components of these vectors.
 #[inline(always)]
 fn along_direction<S: Simd>(simd: S, direction: &Vector3<f64>, planes: [S::f64s; 3], there: S::f64s) -> S::f64s {
     let mut seen = simd.mul_add_e_f64s(simd.splat_f64s(direction.x), planes[0], there);
@@ -128,7 +128,7 @@ fn along_direction<S: Simd>(simd: S, direction: &Vector3<f64>, planes: [S::f64s;
     simd.mul_add_e_f64s(simd.splat_f64s(direction.z), planes[2], seen)
 }
 
-/// Innovation of one measurement, divided by its standard deviation. Also updates the filter state.
+/// Computes the innovation of the measurement `seen`, divided by its standard deviation, and updates the filter state.
 #[inline(always)]
 fn innovation<S: Simd>(simd: S, seen: S::f64s, gain: &Gain<1>, state: &mut S::f64s) -> S::f64s {
     let innovation = simd.sub_f64s(seen, *state);

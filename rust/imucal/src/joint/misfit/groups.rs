@@ -1,4 +1,5 @@
-//! Goodness of fit of each kind of residuals, relative to noise (model.md (26)).
+//! Computes the goodness of fit of each kind of residuals, relative to noise (model.md (26)). One kind is, for example,
+//! the force norms at all rests.
 //!
 //! The degrees of freedom of a kind are the sum of 1 - h over its residuals, where h is the leverage of a residual. The
 //! residuals are those of the final fit. In this fit, kinds of residuals with excess scatter have reduced weights. With
@@ -20,8 +21,8 @@ use crate::verdict::{GroupMisfit, ResidualGroup};
 /// freedom, the fit reproduces any values of the measurements.
 const MIN_FREEDOM: f64 = 1.0;
 
-/// Goodness of fit of each kind of residuals. `residuals` and `jacobian` are those at the end of the fit, whitened with
-/// `noise`, the weights from noise only.
+/// Computes the goodness of fit of each kind of residuals. `residuals` and `jacobian` are those at the end of the fit.
+/// They are whitened with `noise`, the weights from noise only.
 pub(super) fn group_misfits(
     linear: &Linear,
     (residuals, jacobian): (&Mat<f64>, &Mat<f64>),
@@ -35,7 +36,7 @@ pub(super) fn group_misfits(
     };
     // A long rest is divided into epochs, each with its own mean. Residuals of rests (first epochs) and of later epochs
     // are tested separately, and the worse result is reported. In a common test, many epochs of a long rest would mask
-    // the scatter between rests, or many rests would mask the drift within a rest.
+    // the scatter from rest to rest, or many rests would mask the drift within a rest.
     let worse = |poses: (f64, f64), epochs: (f64, f64)| {
         let are_worse = epochs.1 >= MIN_FREEDOM && epochs.0 / epochs.1 > poses.0 / poses.1;
         if are_worse { (epochs, true) } else { (poses, false) }
@@ -70,8 +71,9 @@ pub(super) fn group_misfits(
         .collect()
 }
 
-/// Residuals of norms or of moves, not yet whitened. If `are_of_epochs` is true, they are the residuals of the second
-/// and later epochs (parts) of long rests, otherwise all other residuals.
+/// Returns the residuals of force norms if `are_norms` is true, otherwise of gravity directions after moves, not yet
+/// whitened. If `are_of_epochs` is true, only the residuals of the second and later epochs (parts) of long rests are
+/// returned, otherwise all others.
 fn of_lines(linear: &Linear, are_norms: bool, are_of_epochs: bool) -> impl Iterator<Item = f64> {
     let is_own = move |line: &&Line| {
         matches!(line.source, Source::Norm(_)) == are_norms && line.is_of_later_epoch == are_of_epochs

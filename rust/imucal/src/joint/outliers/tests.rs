@@ -108,9 +108,8 @@ fn bad_neighbours_are_told_apart_or_leave_nothing_behind() {
             let (rests, moves) = left_out(&outcome);
             let near = |k: usize| (19..=22).contains(&k);
             assert!(rests.iter().all(|(k, _)| near(*k)) && moves.iter().all(|(from, to, _)| near(*from) && near(*to)));
-            // No bad residual remains that would increase the standard deviations of the residuals. The variances of
-            // the parameters grow by less than a factor of 3, because only the data of a few rests and moves are
-            // missing.
+            // No bad residual remains, so noise explains the residuals of the moves. The variances of the parameters
+            // grow by less than a factor of 3, because only the data of a few rests and moves are missing.
             assert_eq!(outcome.joint_scales.unwrap().moves, 1.0, "seed {seed}: {rests:?} {moves:?}");
             for (p, row) in outcome.covariance.iter().enumerate() {
                 assert!(row[p] < 3.0 * clean.covariance[p][p], "seed {seed} {p}");
@@ -139,7 +138,8 @@ fn with(run: &Simulation, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, &Model)) 
     .unwrap();
 }
 
-/// An error of five standard deviations is added to the mean rates of one rest after the rests have been detected.
+/// An error of five standard deviations is added to the mean rate of one rest, on each axis. It is added after the
+/// rests have been detected. The rest must be excluded.
 #[test]
 fn a_rest_with_a_wrong_rate_is_named() {
     for rest in [0, 20, 45] {

@@ -1,10 +1,11 @@
-//! Jacobians of the mean attitude and the mean force in each block (short interval) inside a move. A block consists of
-//! one or two segments.
+//! Computes the Jacobians of the mean attitude and the mean force in each block (short interval) inside a move. A block
+//! consists of one or two segments.
 //!
-//! A segment has n samples. For one parameter, `turn` is the attitude error, and G is its increase over the segment by
-//! the midpoint rule. F is the change of the force at the midpoint of the segment. R is the rotation to the body frame
-//! at the start of the move, and Phi is the derivative of the force in the body frame. Gdot is the central difference
-//! of G between the adjacent segments. G.. and F.. are second differences over the adjacent segments.
+//! A segment has n samples. `turn` is the attitude error due to a change of one parameter, and G is its increase over
+//! the segment by the midpoint rule. F is the change of the force at the midpoint of the segment. R is the rotation to
+//! the body frame at the start of the move, and Phi is the derivative of the force in the body frame. Gdot is the
+//! central difference of G between the adjacent segments. G.. and F.. are second differences over the adjacent
+//! segments.
 //!
 //! ```text
 //! turn(end)    = turn(begin) + G + G.. / 24
@@ -121,9 +122,9 @@ impl<'a> Turns<'a> {
         turns
     }
 
-    /// Computes the derivatives with respect to all parameters in the segments before `end`, unless they are already
-    /// known. The derivatives of the force with respect to the base parameters are evaluated at the propagated gravity,
-    /// which contains no noise.
+    /// Computes the derivatives of attitude and force with respect to all parameters in the segments before `end`,
+    /// unless they are already known. The derivatives of the force with respect to the base parameters are evaluated at
+    /// the propagated gravity, which contains no noise.
     fn look_to(&mut self, end: usize) {
         let Self { route, model, freed, stretches, weights, on_rate, on_force, rates, forces, .. } = self;
         let inverse = model.gyroscope.inverse();
@@ -202,8 +203,8 @@ impl WithSimd for NextStretch<'_, '_> {
 const KEPT: usize = 3;
 
 /// For each segment: products of a matrix and the derivatives of the sensor reading with respect to the parameters. The
-/// matrix is the rotation of the segment; for rates, it is multiplied by the duration of the segment. The sum over all
-/// segments is kept, but only the products of the latest segments.
+/// matrix is the rotation of the segment; for rates, it is multiplied by the duration of the segment. The sum of the
+/// products over all segments is stored, and the products themselves only for the latest segments.
 pub(super) struct Turned {
     last: Planes,
     sum: Aligned,

@@ -1,4 +1,4 @@
-//! Samples of a move, corrected for sensitivity, bias and effects.
+//! Corrects the samples of a move for sensitivity, bias and effects.
 
 use std::ops::Range;
 
@@ -72,8 +72,8 @@ impl Step {
 const SLOPE_PASSES: usize = 3;
 
 impl Route<'_> {
-    /// Index range of the corrected samples in the recording: the samples of the move, and one additional sample on
-    /// either side if it exists.
+    /// Index range of the samples of the recording that are corrected: the samples of the move, and one additional
+    /// sample on either side if it exists.
     pub(super) fn reach(&self) -> Range<usize> {
         self.span.first.saturating_sub(1)..(self.span.last + 2).min(self.recording.len())
     }
@@ -146,8 +146,8 @@ impl Route<'_> {
         }
     }
 
-    /// Mean contribution of the effects to the rate and to the force over `samples`. The indices in `samples` are
-    /// counted from the first corrected sample ([`Self::reach`]).
+    /// Computes the mean contribution of the effects to the rate and to the force over `samples`. The indices in
+    /// `samples` are counted from the first corrected sample ([`Self::reach`]).
     pub(super) fn mean_added(&self, model: &Model, freed: &Corrected, samples: Range<usize>) -> [Vector3<f64>; 2] {
         if !freed.has_effects {
             return [Vector3::zeros(); 2];

@@ -1,4 +1,4 @@
-//! Derivatives with respect to many parameters, stored in an order that SIMD instructions can process.
+//! Stores derivatives with respect to many parameters in an order that SIMD instructions can process.
 //!
 //! A Jacobian column contains the derivative with respect to one parameter: a 3-vector for each state. A state is a
 //! block or a segment of a move. The x components of all parameters in a state are stored together and form a plane.

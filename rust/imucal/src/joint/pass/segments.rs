@@ -1,6 +1,7 @@
-//! Integration over a move in segments. It gives the derivatives of the rotation over the whole move with respect to
-//! base parameters and effects. It also gives the segments at which generic error fields are evaluated. A generic error
-//! field is a variation of a bias or scale that no effect of the catalogue describes.
+//! Integrates the rates of a move in segments (short intervals), and computes the derivatives of the rotation over the
+//! whole move with respect to base parameters and effects. Also divides a move into the segments at which generic error
+//! fields are evaluated. A generic error field is a variation of a bias or scale that no effect of the catalogue
+//! describes.
 
 use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
@@ -37,8 +38,8 @@ pub(crate) struct MoveSegments {
 }
 
 impl Route<'_> {
-    /// Segments of a move, with the attitude integrated without effects. Only every `every`-th segment is kept. `pass`
-    /// is the result of the integration over this move.
+    /// Divides the move into segments, and integrates their attitudes without effects. Only every `every`-th segment is
+    /// kept. `pass` is the result of the integration over this move.
     pub(crate) fn segments(&self, model: &Model, pass: &Pass, every: usize) -> MoveSegments {
         let (recording, span) = (self.recording, self.span);
         let size = self.stretches_of_block().iter().product();
@@ -72,8 +73,8 @@ const STRETCH_S: f64 = 0.04;
 /// Minimum number of segments per move. It shortens the segments of moves that last less than 0.96 s.
 const FEWEST: f64 = 24.0;
 
-/// Attitude Jacobian at the end of the move with respect to the base parameters, rad per unit of the parameter. The
-/// entries of the parameters of effects are set to zero.
+/// Computes the derivative of the attitude at the end of the move with respect to the base parameters, rad per unit of
+/// the parameter. The entries of the parameters of effects are set to zero.
 fn turn(base: &Sums, model: &Model, total: usize) -> Vec<Vector3<f64>> {
     let (inverse, sensitivity) = (model.gyroscope.inverse(), &base.sensitivity);
     let mut turn = vec![Vector3::zeros(); total];
@@ -88,7 +89,8 @@ fn turn(base: &Sums, model: &Model, total: usize) -> Vec<Vector3<f64>> {
 }
 
 impl Route<'_> {
-    /// Rotation over the whole move, and its derivatives with respect to all parameters. No blocks are computed.
+    /// Computes the rotation over the whole move and its derivatives with respect to all parameters. The mean forces of
+    /// blocks inside the move are not computed.
     pub(super) fn over_whole_move(&self, model: &Model, evaluated: &EvaluatedTerms<'_>) -> Pass {
         // Effects on the force do not change the attitude.
         let EvaluatedTerms { terms, active, on_rate: SideBySide { terms: own, values, places }, .. } = evaluated;
@@ -123,8 +125,8 @@ impl Route<'_> {
         pass(rotation, turn)
     }
 
-    /// Rotation over the move, and the integrals for the Jacobian of the base parameters, from samples that are
-    /// already corrected for the effects.
+    /// Computes the rotation over the move and the integrals for the Jacobian of the base parameters, from samples that
+    /// are already corrected for the effects.
     fn preintegrate_corrected(
         &self,
         model: &Model,

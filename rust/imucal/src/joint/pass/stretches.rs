@@ -1,5 +1,5 @@
-//! Short segments of a move. The derivatives of the sensor readings with respect to the parameters of the effects are
-//! evaluated once per segment, at its midpoint.
+//! Divides a move into short segments. The derivatives of the sensor readings with respect to the parameters of the
+//! effects are evaluated once per segment, at its midpoint.
 //!
 //! ```text
 //! midpoint value from means m over n samples     m_k - (1 - 1/n^2) (m_(k-1) - 2 m_k + m_(k+1)) / 24
@@ -122,9 +122,8 @@ impl Route<'_> {
             freed.filter(|all| !all.slopes.is_empty()).map(|all| of_freed(&all.slopes));
     }
 
-    /// Rotation from the body frame at the midpoint of each segment to the start of the move. It is integrated from the
-    /// rates at the midpoints. Segments before the start of the move have the rotation of the first segment of the
-    /// move.
+    /// Integrates the rates at the midpoints of the segments to the rotation from the body frame at each midpoint to
+    /// the start of the move. Segments before the start of the move have the rotation of the first segment of the move.
     fn rotations(&self, start: usize, states: &[State<f64>], time_s: &[f64]) -> Vec<UnitQuaternion<f64>> {
         let rates: Vec<Vector3<f64>> = states.iter().map(|state| state.angular_rate).collect();
         let since_start_s = time_s[start] - (self.recording.time_s[self.span.first] - self.recording.time_s[0]);
@@ -136,8 +135,8 @@ impl Route<'_> {
         rotations
     }
 
-    /// Duration of each segment inside the move, s. It is the sum of the weights of the segment's samples in the
-    /// trapezoidal rule.
+    /// Computes the duration of each segment inside the move, s. It is the sum of the weights that the trapezoidal rule
+    /// gives to the samples of the segment.
     fn durations_s(&self, groups: Groups) -> Vec<f64> {
         let Move { first, last, .. } = *self.span;
         let time_s = |i: usize| self.recording.time_s[i.clamp(first, last)];

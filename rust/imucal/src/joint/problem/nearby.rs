@@ -50,8 +50,8 @@ impl Nearby {
 }
 
 impl Joint<'_> {
-    /// Linearisation at the parameters `parameters`. If they are near the parameters of the last linearisation, the
-    /// result is a first-order update of the last linearisation.
+    /// Returns the linearisation at `parameters`. If they are near the parameters of the last linearisation, the result
+    /// is a first-order update of the last linearisation.
     pub(crate) fn linear(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
         for place in [&self.nearby.last, &self.nearby.near] {
             let place = known(place);
@@ -62,8 +62,8 @@ impl Joint<'_> {
         self.linear_within(parameters, None)
     }
 
-    /// Linearisation at the end of a fit. A first-order update is usually accurate enough, because the last step of
-    /// the fit is small.
+    /// Returns the linearisation at the end of the fit `found`. A first-order update is usually accurate enough,
+    /// because the last step of the fit is small.
     pub(crate) fn linear_at_end(&self, found: &Solution) -> Result<Arc<Linear>, Error> {
         self.linear_within(&found.parameters, Some(&found.jacobian))
     }
@@ -92,9 +92,9 @@ impl Joint<'_> {
         Ok(is_moved)
     }
 
-    /// First-order update of the last linearisation; `None` if `parameters` are not near the parameters of this
-    /// linearisation, or if there are residuals relative to the stand. If the fit uses the force inside the moves, the
-    /// distance is computed from the whitened Jacobian `jacobian`. Without `jacobian`, there is then no update.
+    /// Computes a first-order update of the last linearisation; `None` if `parameters` are not near the parameters of
+    /// this linearisation, or if there are residuals relative to the stand. If the fit uses the force inside the moves,
+    /// the distance is computed from the whitened Jacobian `jacobian`. Without `jacobian`, there is then no update.
     ///
     /// There is also no update if a time constant is estimated. The derivative with respect to a time constant is zero
     /// while its effect is zero, so the distance would be underestimated.
@@ -116,8 +116,8 @@ impl Joint<'_> {
         (square < NEAR * NEAR).then(moved).transpose()
     }
 
-    /// Squared norm of the first-order change of the whitened residuals of force norms, gravity directions after moves,
-    /// and mean rates.
+    /// Computes the squared norm of the change of the whitened residuals, to first order. Only force norms, gravity
+    /// directions after moves and mean rates are included.
     fn square_of_lines(&self, linear: &Linear, change: &[f64]) -> f64 {
         let mut lines = Mat::from_fn(linear.lines.len(), 1, |row, _| linear.lines[row].change(change));
         self.weights.whitening.apply(&mut lines);

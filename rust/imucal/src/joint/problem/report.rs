@@ -154,10 +154,10 @@ impl JointFit {
 }
 
 impl Joint<'_> {
-    /// Mean square of the second-order errors that are due to the uncertainty of the held parameters (parameters with a
-    /// prior, `crate::held`). `None` without held parameters. Also `None` if the only priors are those of an
-    /// accelerometer that was calibrated earlier, because their standard deviations are too small for second-order
-    /// errors. `covariance` is the covariance of the parameters without second-order errors.
+    /// Computes the mean square of the second-order errors that are due to the uncertainty of the held parameters
+    /// (parameters with a prior, `crate::held`). `None` without held parameters. Also `None` if the only priors are
+    /// those of an accelerometer that was calibrated earlier, because their standard deviations are too small for
+    /// second-order errors. `covariance` is the covariance of the parameters without second-order errors.
     fn second_order(
         &self,
         linear: &Linear,
@@ -186,8 +186,8 @@ fn require_finite(parameters: &[f64], covariance: &Mat<f64>) -> Result<(), Error
     Err(Error::Fit(message.into()))
 }
 
-/// For each move: the gravity directions at its ends, the rotation, and the standard deviation of the direction
-/// residual from noise only.
+/// Collects, for each move: the gravity directions at its ends, the rotation, and the standard deviation of the
+/// direction residual from noise only.
 pub(crate) fn moves_of(linear: &Linear, weights: &Weights) -> Vec<(Ends, Matrix3<f64>)> {
     let ends = |m: &AtMove, sigma_rad: f64| Ends { before: m.before.up, after: m.after.up, sigma_rad };
     linear.moves.iter().zip(&weights.move_sigma_rad).map(|(m, sigma)| (ends(m, *sigma), m.pass.rotation)).collect()

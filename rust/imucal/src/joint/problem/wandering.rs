@@ -1,6 +1,6 @@
-//! Whitens errors that are correlated between rests. These are biases that vary between rests, rounding errors, and
-//! pose errors. A pose error depends on the attitude, so all epochs of a long rest have it in common. An epoch is a
-//! part of a long rest with its own mean.
+//! Whitens residuals whose errors are correlated from rest to rest. These errors are due to biases that vary from rest
+//! to rest, rounding errors, and pose errors. A pose error depends on the attitude, so all epochs of a long rest have
+//! it in common. An epoch is a part of a long rest with its own mean.
 
 use std::collections::BTreeMap;
 
@@ -20,10 +20,10 @@ use crate::rests::moves::{Move, rows_across};
 use crate::rests::rest::{RestMean, rounding_covariance};
 use crate::rounding::Rounding;
 
-/// Limit of the rate that defines the quiet ends of a move, in quantisation steps. During a quiet end, the rate of an
-/// axis differs from the mean rate at the adjacent rest by less than this limit. The rounding error of the rate is then
-/// assumed to equal the rounding error of this mean rate. In simulated moves with filter bandwidths from 5 to 40 Hz,
-/// the computed rotation error agrees best with the true error at a limit of 0.8 steps.
+/// The start and the end of a move are quiet as long as the rate of an axis differs from the mean rate at the adjacent
+/// rest by less than this number of quantisation steps. The rounding error of the rate is then assumed to equal the
+/// rounding error of this mean rate. In simulated moves with filter bandwidths from 5 to 40 Hz, the computed rotation
+/// error agrees best with the true error at a limit of 0.8 steps.
 const QUIET: f64 = 0.8;
 /// Standard deviation of the common error of the mean rates at the second and later epochs (parts) of a long rest,
 /// rad/s. The error is common because these epochs have one attitude. It is 0.1 deg/s, the effect of 1 g on a consumer
@@ -130,7 +130,7 @@ impl Wandering {
 }
 
 impl Joint<'_> {
-    /// Adds the covariance due to biases that vary between rests to `covariance`, the covariance of the whitened
+    /// Adds the covariance due to biases that vary from rest to rest to `covariance`, the covariance of the whitened
     /// residuals. Only the lower triangle is used.
     fn add_varying_biases(&self, linear: &Linear, unit: &UnitWander, covariance: &mut Mat<f64>) {
         let [by_gyroscope, by_accelerometer] = self.by_biases_of_rests(linear);
@@ -197,8 +197,9 @@ impl Joint<'_> {
         }
     }
 
-    /// Derivatives of the whitened residuals with respect to rounding errors. The first matrix is for rounding errors
-    /// of the mean rates, the second for rounding errors of the mean forces. Each rest has three columns.
+    /// Computes the derivatives of the whitened residuals with respect to rounding errors. The first matrix is for
+    /// rounding errors of the mean rates, the second for rounding errors of the mean forces. Each rest has three
+    /// columns.
     ///
     /// The rounding errors of the forces are multiplied by the larger of two factors (`Scales`), which multiply the
     /// standard deviations of force norms and of gravity directions after moves. Without this factor, if rounding is
@@ -247,9 +248,9 @@ impl Joint<'_> {
         [by_rate, by_force]
     }
 
-    /// Derivatives of a move's two direction residuals with respect to the rounding errors of the rates at the rests
-    /// before and after the move. These errors change the rotation over the quiet ends of the move. In the middle of a
-    /// move, the rate passes through many quantisation steps, so rounding errors average out.
+    /// Computes the derivatives of a move's two direction residuals with respect to the rounding errors of the rates at
+    /// the rests before and after the move. These errors change the rotation over the quiet ends of the move. In the
+    /// middle of a move, the rate passes through many quantisation steps, so rounding errors average out.
     fn by_quiet_ends(&self, m: &Move, at_move: &AtMove, model: &Model) -> [(usize, Matrix2x3<f64>); 2] {
         let AtMove { pass, before, after } = at_move;
         let (across, inverse) = (rows_across(&after.up), model.gyroscope.inverse());
@@ -259,9 +260,9 @@ impl Joint<'_> {
         [(m.from, start), (m.to, end)]
     }
 
-    /// Duration of the quiet start of a move for each axis, s, or of its quiet end if `at_end` is true. During this
-    /// time, the rate is within `QUIET` quantisation steps of its mean at the adjacent rest. The duration is zero for
-    /// an axis without rounding errors.
+    /// Measures the duration of the quiet start of a move for each axis, s, or of its quiet end if `at_end` is true.
+    /// During this time, the rate is within `QUIET` quantisation steps of its mean at the adjacent rest. The duration
+    /// is zero for an axis without rounding errors.
     fn quiet_s(&self, m: &Move, at_end: bool) -> Vector3<f64> {
         let recording = &self.prepared.recordings[m.recording];
         let rest = &self.prepared.rests[if at_end { m.to } else { m.from }].rest.angular_rate;

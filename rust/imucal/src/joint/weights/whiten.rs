@@ -1,4 +1,4 @@
-//! Whitening of residuals that have errors in common.
+//! Whitens residuals that have errors in common.
 //!
 //! ```text
 //! C = diag(own) + sum_e sigma_e^2 j_e j_e^T,   C = L L^T,   r <- L^-1 r,   J <- L^-1 J           model.md (19)

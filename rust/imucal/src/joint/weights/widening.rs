@@ -1,4 +1,4 @@
-//! Excess of the residuals over their noise, estimated from the residuals of a fit (model.md (19)).
+//! Estimates from the residuals of a fit by how much they exceed their noise (model.md (19)).
 
 use faer::Mat;
 
@@ -13,8 +13,8 @@ use crate::numerics::lsq::{self, Solution};
 use nalgebra::Matrix3;
 
 /// Number of quantities in a `Widening`. Six of them are factors on standard deviations. The other nine are three
-/// quantities with one value per gyroscope axis: variance of the mean rates between rests, bias instability, and
-/// variance of the mean rates between the epochs (parts) of long rests.
+/// quantities with one value per gyroscope axis: the variance with which the mean rates vary from rest to rest, the
+/// bias instability, and the variance from epoch to epoch (part to part) of long rests.
 pub(in crate::joint) const WIDENINGS: usize = FACTORS + 9;
 /// Number of factors in `Scales`. They are the first quantities of a `Widening`.
 pub(in crate::joint) const FACTORS: usize = 6;
@@ -24,13 +24,13 @@ pub(in crate::joint) const FACTORS: usize = 6;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Widening {
     pub(crate) scales: Scales,
-    /// For each gyroscope axis: the part of the variance of the mean rates between rests that noise does not explain,
-    /// squared raw units.
+    /// For each gyroscope axis: variance with which the mean rates vary from rest to rest in excess of noise, squared
+    /// raw units.
     pub(super) between_rests: [f64; 3],
     /// Bias instability of each axis of the gyroscope, raw units.
     pub(super) bias_instability: [f64; 3],
-    /// For each gyroscope axis: the part of the variance of the mean rates between the epochs (parts) of a long rest
-    /// that noise does not explain, squared raw units.
+    /// For each gyroscope axis: variance with which the mean rates vary from epoch to epoch (part to part) of a long
+    /// rest in excess of noise, squared raw units.
     pub(super) epoch_rates: [f64; 3],
 }
 
@@ -79,9 +79,9 @@ impl Widening {
     pub(super) const NONE: Self =
         Self { scales: Scales::NONE, between_rests: [0.0; 3], bias_instability: [0.0; 3], epoch_rates: [0.0; 3] };
 
-    /// Excess of the residuals in `linear` over noise. If they are the residuals at the end of a fit, `found` contains
-    /// this fit and the scales (factors on standard deviations) used in it. The standard deviations of a kind of
-    /// residuals are increased if its excess is significant, or if `kept` contains the kind.
+    /// Estimates by how much the residuals in `linear` exceed their noise. If they are the residuals at the end of a
+    /// fit, `found` contains this fit and the scales (factors on standard deviations) used in it. The standard
+    /// deviations of a kind of residuals are increased if its excess is significant, or if `kept` contains the kind.
     pub(super) fn of(
         prepared: &Prepared<'_>,
         linear: &Linear,
@@ -143,9 +143,9 @@ pub(super) fn rate_covariance(prepared: &Prepared<'_>, model: &Model, k: usize) 
     prepared.rests[k].rate_covariance + Matrix3::from_diagonal_element(finest * finest)
 }
 
-/// Excess scatter of the mean rates, for each axis: the variance between rests and the bias instability. One of the two
-/// is zero. The scatter is modelled either as errors that are independent from rest to rest or as bias instability of
-/// the gyroscope. The model with the larger likelihood is chosen.
+/// Estimates the excess scatter of the mean rates of rests on each axis. Returns a variance from rest to rest and a
+/// bias instability, of which at least one is zero. The scatter is modelled either as errors that are independent from
+/// rest to rest or as bias instability of the gyroscope. The model with the larger likelihood is chosen.
 fn excess_of_rates(
     prepared: &Prepared<'_>,
     linear: &Linear,
@@ -181,9 +181,9 @@ fn excess_of_rates(
     (between_rests, [0.0; 3])
 }
 
-/// Excess scatter of the mean rates of the second and later epochs (parts) of long rests, as variances between
-/// epochs. It is separate from the variance between rests, because the drift within a long rest does not predict the
-/// biases at other rests.
+/// Estimates the excess scatter of the mean rates of the second and later epochs (parts) of long rests, as a variance
+/// for each axis. It is separate from the variance from rest to rest, because the drift within a long rest does not
+/// predict the biases at other rests.
 fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], kept: Option<&Widened>) -> [f64; 3] {
     [0, 1, 2].map(|axis| {
         let (residuals, variances) = rates_of(prepared, linear, axis, true);
@@ -220,8 +220,8 @@ impl Scales {
         self.all().into_iter().fold(1.0, f64::max)
     }
 
-    /// For each kind of residuals, the scale (factor on the standard deviations) at which chi2 equals the degrees of
-    /// freedom. The scale is 1 if the excess is not significant (see [`refine`]).
+    /// Computes, for each kind of residuals, the scale (factor on the standard deviations) at which chi2 equals the
+    /// degrees of freedom. The scale is 1 if the excess is not significant (see [`refine`]).
     fn refined(&self, linear: &Linear, solution: &Solution, leverages: &[f64], kept: Option<&Widened>) -> Self {
         let lines = &linear.lines;
         let groups = linear.groups();
@@ -244,9 +244,9 @@ impl Scales {
     }
 }
 
-/// New scale of the chosen residuals. The candidate is the scale at which these residuals have unit variance. It is
-/// used if it is significantly above 1, or if it is above 1 and `is_kept` is set. Otherwise, the new scale is 1. With
-/// less than one degree of freedom, the scale is not changed.
+/// Computes the new scale of the chosen residuals. The candidate is the scale at which these residuals have unit
+/// variance. It is used if it is significantly above 1, or if it is above 1 and `is_kept` is set. Otherwise, the new
+/// scale is 1. With less than one degree of freedom, the scale is not changed.
 fn refine(
     (scale, is_kept): (f64, bool),
     residuals: &Mat<f64>,

@@ -1,5 +1,5 @@
-//! Forward search for steps and drifts (components). In each step of the search, the component with the largest
-//! penalised increase of the likelihood is added to the model, until no further component is significant.
+//! Searches for steps and drifts of the mean (components). Each iteration adds the component with the largest penalised
+//! increase of the likelihood to the model, until no further component is significant.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,8 +9,9 @@ use crate::noise::likelihood::Likelihood;
 use crate::noise::power_law::{KINDS, PerKind, WALK, WHITE, dot};
 
 /// A component is added only if it increases 2 ln L by at least this value plus the penalty of its shape, where L is
-/// the likelihood. If the time of the component were known, this value would be sufficient; the penalty accounts for
-/// the choice of the time. For a record without steps, the probability of a false alarm is then about 1e-3.
+/// the likelihood. If only one component (with known shape and time) were tried, no penalty would be needed. The
+/// penalty accounts for the number of shapes and times that are tried. For a record without steps, the probability of a
+/// false alarm is then about 1e-3.
 const GAIN: f64 = 16.0;
 /// Additional penalty of a drift, in units of 2 ln L. A drift has one more parameter than a step. This parameter must
 /// increase 2 ln L by at least this penalty of 4, which corresponds to a likelihood ratio of exp(4 / 2) = 7.
@@ -72,7 +73,7 @@ impl Search<'_> {
         2.0 * (self.shapes.iter().filter(is_same).count() as f64).ln() + length
     }
 
-    /// The model `present`, extended by the best further component. Candidates are scored twice: with the noise
+    /// Extends the model `present` by the best further component. Candidates are scored twice: with the noise
     /// parameters of `present`, and with noise parameters that are fitted without a random walk. The second score is
     /// needed because a large step that is not yet in the model increases the estimated random walk. With this random
     /// walk, the step would not be significant.
@@ -105,8 +106,9 @@ impl Search<'_> {
         best.map(|(_, explained)| explained)
     }
 
-    /// For the noise parameters `theta`: the best step, the best ramp and the best warm-up. Of all shapes of their
-    /// kind, these three increase 2 ln L most when they are added to the model of the data `residual`.
+    /// Finds the best step, the best ramp and the best warm-up for the noise parameters `theta`. The best shape of a
+    /// kind increases 2 ln L most when it is fitted to `residual`, the data minus the components of the model
+    /// `present`.
     fn best_shapes(&self, residual: &[f64], theta: &PerKind, present: &Explained) -> Vec<Shape> {
         let weights: Vec<f64> = self.blocks.expected.iter().map(|expected| 1.0 / self.power(theta, expected)).collect();
         let used = self.used(&weights);
@@ -140,9 +142,9 @@ impl Search<'_> {
         best.into_iter().filter_map(|(_, shape)| shape.map(within)).collect()
     }
 
-    /// The step near the start of block `first`, at the best time within a block. The cosine transform of a step within
-    /// a block is a weighted sum of the transforms of steps at the two ends of the block. The weights are fitted to
-    /// `residual`.
+    /// Finds the time, to a fraction of a block, at which a step near the start of block `first` fits `residual` best.
+    /// The cosine transform of a step within a block is a weighted sum of the transforms of steps at the two ends of
+    /// the block. The weights are fitted to `residual`.
     fn within_block(&self, first: usize, residual: &[f64], weights: &[f64]) -> Shape {
         let product = |a: &[f64], b: &[f64]| -> f64 { (0..weights.len()).map(|k| weights[k] * a[k] * b[k]).sum() };
         let plain = Shape::Step { first, fraction: 0.0 };

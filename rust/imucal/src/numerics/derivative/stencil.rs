@@ -1,6 +1,6 @@
-//! Stencils for the derivative of noisy data. A stencil consists of consecutive boxes with equal numbers of samples. A
-//! polynomial is chosen so that its means over the boxes equal the means of the data. The derivative at a sample is the
-//! slope of this polynomial.
+//! Computes the derivative of noisy data with stencils. A stencil consists of consecutive boxes (averaging intervals)
+//! with equal numbers of samples. A polynomial is chosen so that its means over the boxes equal the means of the data.
+//! The derivative at a sample is the slope of this polynomial.
 
 use std::iter::StepBy;
 use std::ops::Range;
@@ -133,7 +133,7 @@ impl Stencil {
         k.saturating_sub(self.before()).min(samples - self.boxes * self.stride)
     }
 
-    /// The boxes from which the derivative at sample `k` is computed, and their weights.
+    /// Returns the boxes (averaging intervals) from which the derivative at sample `k` is computed, and their weights.
     pub(super) fn at(&self, time_s: &[f64], k: usize) -> Boxes {
         let first = self.first(time_s.len(), k);
         let middle = first + self.before();
@@ -175,13 +175,14 @@ impl Stencil {
         self.even.as_ref().map(|even| Run { before: self.before(), stride: self.stride, edges: even.edges })
     }
 
-    /// Width of a box, s.
+    /// Width of a box (averaging interval), s.
     fn width_s(&self) -> f64 {
         self.stride as f64 * self.steps.interval_s
     }
 
-    /// Means over each box (columns) of the powers 0, 1, 2, ... (rows) of the time since sample `k`, in box widths.
-    /// The boxes begin at sample `first`. If there are fewer than five boxes, the polynomial has a lower degree.
+    /// Returns the means of 1, t, t^2, ... (rows) over each box (columns). t is the time since sample `k`, in box
+    /// widths. The boxes begin at sample `first`. If there are fewer than five boxes, the polynomial has a lower
+    /// degree.
     fn powers(&self, time_s: &[f64], k: usize, first: usize) -> Polynomial {
         let mut powers = Polynomial::identity();
         for (j, mut column) in powers.column_iter_mut().enumerate().take(self.boxes) {
@@ -198,8 +199,8 @@ impl Stencil {
         powers
     }
 
-    /// Weights of the means over the boxes. The weighted sum of the means is the slope, per second, of `polynomial` at
-    /// the time `at`, in box widths.
+    /// Returns the weights with which the weighted sum of the means over the boxes is the slope, per second, of
+    /// `polynomial` at the time `at`, in box widths.
     fn slope_of(&self, polynomial: &Polynomial, at: f64) -> [f64; BOXES] {
         std::array::from_fn(|j| {
             let slope = (1..self.boxes).rev().fold(0.0, |slope, m| slope * at + m as f64 * polynomial[(j, m)]);
@@ -317,7 +318,8 @@ fn add(sums: &[Vector4<f64>], run: &Run, times: f64, to: &mut [f64; 4]) {
     }
 }
 
-/// The boxes from which the derivative at one sample is computed, and the weight of the mean over each box.
+/// The boxes (averaging intervals) from which the derivative at one sample is computed, and the weight of the mean over
+/// each box.
 pub(super) struct Boxes {
     /// Index of the first sample of the first box.
     first: usize,

@@ -1,4 +1,4 @@
-//! Number of samples, mean and variance of each block, and the variances of windows of ten blocks (model.md (11)).
+//! Computes the mean and variance of each block of samples, and the variance of windows of ten blocks (model.md (11)).
 
 use imucal_core::rest::BlockSums;
 use nalgebra::{Vector3, Vector6};
@@ -126,7 +126,7 @@ impl WithSimd for Summing<'_> {
     }
 }
 
-/// Variance of each channel in each window. It is computed with the widest vector instructions of the processor.
+/// Computes the variance of each channel in each window, with the widest vector instructions of the processor.
 ///
 /// The blocks are divided into groups of ten. A window is the last k blocks of one group and the first 10 - k blocks of
 /// the next group. Both partial sums are accumulated step by step with k, so each window needs three additions of block

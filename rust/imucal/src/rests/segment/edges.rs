@@ -1,4 +1,4 @@
-//! Refinement of the start and the end of a rest (model.md (11)).
+//! Refines the start and the end of a rest (model.md (11)).
 
 use std::ops::Range;
 
@@ -160,8 +160,8 @@ const FIRST: usize = 4;
 /// bias that settles for a minute after power-on looks like a rotation that ends smoothly. With this limit, such a bias
 /// makes the rest at most 1.6 s shorter.
 const FARTHEST: usize = 32;
-/// Part of the time before the detection of a move ([`SeenMove`]) that is assigned to the move, in units of angle /
-/// rate at the detection.
+/// When a move is detected ([`SeenMove`]), the time of length `CUBIC` x (rotation angle / rate) before the detection is
+/// assigned to the move.
 ///
 /// The angular acceleration of a move starts at zero, and its derivative (jerk) is bounded. At the time t after its
 /// start, a move therefore has the angle c t^3 and the rate 3 c t^2 with a constant c, so t = 3 angle / rate. The last

@@ -1,4 +1,4 @@
-//! Division of a long rest into epochs, each with its own mean (model.md (41)).
+//! Divides a long rest into epochs, each with its own mean (model.md (41)).
 //!
 //! One mean describes a rest of a few seconds. During a rest of several minutes, the biases drift and the unit warms
 //! up. A mean over the whole rest is therefore not more accurate than a mean over a part. The change within the rest

@@ -1,5 +1,5 @@
-//! Detection of rests with different strengths of tremor in one recording, for example on a table and in a hand
-//! (model.md (11)). Each strength is called a level. A level has its own noise variances and its own threshold.
+//! Detects rests with different strengths of tremor in one recording, for example on a table and in a hand (model.md
+//! (11)). Each strength is called a level. A level has its own noise variances and its own threshold.
 
 use std::ops::Range;
 

@@ -1,5 +1,5 @@
-//! Unsteadiness of a rest, a ratio of variances that distinguishes rests on a rigid support from hand-held rests
-//! (model.md (11)).
+//! Computes the unsteadiness of a rest, a ratio of variances that distinguishes rests on a rigid support from hand-held
+//! rests (model.md (11)).
 
 use std::ops::Range;
 

@@ -1,5 +1,5 @@
-//! Estimation of the noise variance, the window statistic, and the choice of the threshold of the rest detection
-//! (model.md (11)).
+//! Estimates the noise variance, computes the statistic of each window (variance / noise variance), and chooses the
+//! threshold of the rest detection (model.md (11)).
 
 use std::ops::Range;
 
@@ -67,7 +67,8 @@ pub(super) fn window_statistic(
     (statistic, floor, coarse)
 }
 
-/// The statistic of each window. `floor` contains the noise variance of each channel.
+/// Computes the statistic of each window: variance / noise variance, averaged over the channels. `floor` contains the
+/// noise variance of each channel.
 pub(super) fn statistic_of(variances: &[Vec<f64>; 6], floor: &Vector6<f64>) -> Vec<f64> {
     let mut statistic = vec![0.0; variances[0].len()];
     Instructions::Best.run(Ratios { variances, floor, statistic: &mut statistic });

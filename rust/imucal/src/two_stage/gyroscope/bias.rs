@@ -1,4 +1,4 @@
-//! Estimate of the gyroscope bias as the random-effects mean over all rests (model.md (7)).
+//! Estimates the gyroscope bias as the random-effects mean of the mean rates at the rests (model.md (7)).
 
 use nalgebra::Vector3;
 
@@ -17,8 +17,8 @@ pub(crate) struct GyroscopeBias {
     /// Weight of each rest for each axis. The weights of an axis have the sum one, and an excluded rest has the weight
     /// zero.
     pub(crate) weights: Vec<Vector3<f64>>,
-    /// Variance of the bias between rests, squared raw units; tau^2 of model.md (7). It is estimated from the scatter
-    /// of the mean rates in excess of their noise.
+    /// Variance of the bias from rest to rest, squared raw units; tau^2 of model.md (7). It is estimated from the
+    /// scatter of the mean rates in excess of their noise.
     pub(crate) between: Vector3<f64>,
 }
 
@@ -30,10 +30,10 @@ impl GyroscopeBias {
     }
 }
 
-/// Estimates the bias. The weights are computed from the noise of each rest and the scatter between rests. At least one
-/// rest is required. For each rest, `wander` is the variance of the mean rates between its epochs, squared raw units;
-/// zero for a rest without epochs. An epoch is a part of a long rest with its own mean. `wander` is added to the
-/// variance from noise, because the bias may differ between rests by as much as it changes within a rest.
+/// Estimates the bias. The weights are computed from the noise of each rest and the scatter from rest to rest. At least
+/// one rest is required. An epoch is a part of a long rest with its own mean. For each rest, `wander` is the variance
+/// of the mean rate from epoch to epoch, squared raw units; zero for a rest without epochs. `wander` is added to the
+/// variance from noise, because the bias may change from rest to rest by as much as within a rest.
 pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> GyroscopeBias {
     let mut result = GyroscopeBias {
         bias: Vector3::zeros(),
@@ -62,13 +62,13 @@ pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> Gyros
 /// Indices of the rests that are not excluded (model.md (7)).
 ///
 /// The mean rate of a rest is compared with the median of all rests. Its deviation has three causes: the noise of the
-/// rest, the scatter between rests, and the error of the median. If only the noise of the rest were considered, the
+/// rest, the scatter from rest to rest, and the error of the median. If only the noise of the rest were considered, the
 /// rest with the least noise would be excluded first, for example a rest on a table before a hand-held run.
 fn kept(means: &[f64], variances: &[f64]) -> Vec<usize> {
     let centre = median(&mut means.to_vec());
     let squares: Vec<f64> = means.iter().map(|mean| (mean - centre).powi(2)).collect();
-    // Robust estimate of the variance between rests: with this value, half of the rests have a deviation of less than
-    // `MEDIAN_SIZE` standard deviations, as is true of normal variables.
+    // Robust estimate of the variance from rest to rest. With this value, half of the rests deviate by less than
+    // `MEDIAN_SIZE` standard deviations, as is expected for normal variables.
     let excess = |(square, variance): (&f64, &f64)| square / MEDIAN_SIZE.powi(2) - variance;
     let between = median(&mut squares.iter().zip(variances).map(excess).collect::<Vec<f64>>()).max(0.0);
     let typical = median(&mut variances.to_vec()) + between;
