@@ -60,7 +60,7 @@ class Instants:
         self._waiting.append(_Reading(latest_s, position_deg, rate_dps))
 
     def settled(self, now_s: float) -> list[Position]:
-        """Positions whose instants later reports cannot change any more; all positions if `now_s` is inf."""
+        """Positions with final instants, which no later report can change; all positions if `now_s` is inf."""
         instants: deque[float] = deque()
         following: _Reading | None = None
         for reading in reversed(self._waiting):

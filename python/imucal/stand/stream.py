@@ -153,7 +153,10 @@ class StreamSource:
         return np.array(rows, dtype=np.float64).reshape(-1, len(self.columns))
 
     def resume_after(self, logged: Logged) -> None:
-        """Continue the time of an interrupted run after its last sample, by the host clock."""
+        """Let the time stamps continue after the last sample of an interrupted run.
+
+        The clock of the host gives the length of the interruption.
+        """
         if len(logged.samples):
             self.continue_after(logged.samples[-1], float(logged.host_s[-1]))
 

@@ -31,11 +31,12 @@ const N: f64 = STEPS_OF_A_NODE as f64;
 pub(super) const SECOND: f64 = (1.0 + 2.0 / (N * N)) / 24.0;
 /// Ratio b / a of the coefficients a and b of W (see the start of this file).
 const FOURTH: f64 = (1.0 / 1920.0 + 1.0 / (288.0 * N * N) - 1.0 / (720.0 * N * N * N * N)) / SECOND;
-/// D must be `n a w' (1 - (b / a) x^2)` (see the start of this file). If D contained only the difference between the
-/// sums over the two halves of a node, it would contain this value instead of b / a.
+/// D must be `n a w' (1 - (b / a) x^2)`, and is computed as the weighted sum of two differences (see the start of this
+/// file). If D were computed only from the difference between the sums over the two halves of a node, the factor of x^2
+/// would be this value instead of b / a.
 const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
-/// If D contained only the difference between the samples at the two ends of a node, D would contain this value instead
-/// of b / a.
+/// If D were computed only from the difference between the samples at the two ends of a node, the factor of x^2 would
+/// be this value instead of b / a.
 const OF_ENDS: f64 = 1.0 / 24.0;
 /// Share of the difference between the end samples in D: `share x OF_ENDS + (1 - share) x OF_HALVES = b / a`.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);

@@ -4,8 +4,9 @@
 //! gravity directions, through the parameters of the accelerometer, and through the gyroscope bias. To first order, the
 //! error of every parameter is a linear function of independent errors: three errors of each mean force (one per axis),
 //! three of each mean rate, and two of each move (one per direction residual). The covariance is computed from the
-//! variances of these errors. For an accelerometer without a gyroscope, the covariance also contains the first-order
-//! and second-order errors that are due to priors.
+//! variances of these errors. If an accelerometer is calibrated without a gyroscope, some parameters may be held by
+//! priors. The covariance then also contains the errors that held parameters cause in the other parameters, to second
+//! order.
 
 use faer::Mat;
 use nalgebra::{Matrix2x3, Matrix3, SMatrix, SVector, Vector3};
