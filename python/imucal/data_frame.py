@@ -1,9 +1,10 @@
 """Conversion of data frames to recordings and of recordings to Arrow tables.
 
-The class `Recording` calls these functions, because it must not import the readers of file formats, which
-also read data frames. A data frame is any object with the Arrow PyCapsule interface (`__arrow_c_stream__`),
-for example of pandas, polars, pyarrow or DuckDB. The package `imucal` registers the name of the module that
-converts data frames (`register`). The registered module is loaded when the first data frame is used.
+A data frame is any object with the Arrow PyCapsule interface (`__arrow_c_stream__`), for example of pandas,
+polars, pyarrow or DuckDB. The conversion itself is in the package of the file readers, which the class
+`Recording` must not import. `Recording` therefore calls the functions of this module. The package `imucal`
+registers the name of the module that converts data frames (`register`). The registered module is loaded when
+the first data frame is used.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """HTML of results in notebooks.
 
 The method `_repr_html_` of a result calls `html_of`. The package `imucal` registers the name of the module
-that makes the HTML, so that the results do not depend on the report package. The registered module is loaded
-when the first result is shown.
+that makes the HTML. The modules of the results therefore need not import the report package. The registered
+module is loaded when the first result is shown.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ DEGREE_RAD: Final = math.pi / 180.0
 _G: Final = STANDARD_GRAVITY_MPS2
 _DEG: Final = DEGREE_RAD
 
-# For each SI unit, the units that files and options may use instead of it. Each number is the size of this
+# For each SI unit, the units that files and options may use for a quantity. Each number is the size of the
 # unit in the SI unit.
 UNITS: Final[dict[str, dict[str, float]]] = {
     "1": {"1": 1.0, "%": 1e-2, "ppm": 1e-6, "rad": 1.0, "deg": _DEG},
@@ -65,7 +65,7 @@ COUNTS: Final[dict[str, dict[str, float]]] = {
     "rad/s/lsb": {"lsb/(deg/s)": _DEG},
 }
 # For each sensor, the suffixes of column names that state a unit (mg in accel_x_mg), each with the size of
-# this unit in SI units. Counts (lsb) are not converted. A Gal is 1 cm/s^2, and a full circle has 400 gon.
+# this unit in SI units. Counts (lsb) are not converted. cm/s^2 is also called Gal. A full circle has 400 gon.
 COLUMN_UNITS: Final[dict[str, dict[str, float]]] = {
     "accel": {
         **{"mps2": 1.0, "cmps2": 1e-2, "mmps2": 1e-3, "ftps2": 0.3048},
@@ -182,7 +182,7 @@ def datasheet(name: str, unit: str) -> Scale:
 
 
 def units_of(si_unit: str) -> dict[str, float]:
-    """The units in which a value of this SI unit may be given, each with its value in the SI unit."""
+    """The units in which a quantity with this SI unit may be given, each with its size in the SI unit."""
     return UNITS.get(si_unit, {si_unit: 1.0})
 
 

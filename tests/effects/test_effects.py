@@ -425,7 +425,7 @@ def test_a_field_that_cannot_be_used_is_named(field, message):
     with pytest.raises(imucal.InputError, match=message):
         calibration.apply_recording(recording)
     with pytest.raises(
-        imucal.InputError, match="own is a user-defined effect, whose field needs whole columns"
+        imucal.InputError, match="own is a user-defined effect, whose function needs whole columns"
     ):
         calibration.apply(recording.angular_rate, recording.specific_force)
 

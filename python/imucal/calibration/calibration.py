@@ -89,9 +89,9 @@ class Calibration(SensorModel):
     def parameters(self) -> tuple[Parameter, ...]:
         """All parameters, with their standard deviations from the covariance.
 
-        The 21 parameters of the triads come first, in their fixed order (nine for an accelerometer alone).
-        The parameters of each effect follow, named <effect>_<parameter>; the shape of an effect (a time
-        constant) is its last parameter.
+        The 21 biases and sensitivities come first, in a fixed order (nine for an accelerometer alone). The
+        parameters of each effect follow, named <effect>_<parameter>; the shape of an effect (a time constant)
+        is its last parameter.
         """
         if self.covariance is None:
             return super().parameters
@@ -158,7 +158,7 @@ class Calibration(SensorModel):
         specific_force  (N, 3) in `accel_unit`
 
         Returns (angular_rate, specific_force), (N, 3) each, rad/s and m/s^2 in the body frame. NaN stays NaN.
-        A sample is NaN if its effects are too large to be inverted. A sensor that is None stays None.
+        A sample is NaN if its effects are too large to be removed. A sensor that is None stays None.
         Raises InputError for arrays of another shape and for a sensor that the calibration does not have.
         Also raises InputError if there are effects and a sensor is None, or if an effect depends on more than
         rate and force. Such an effect needs `apply_recording`.
@@ -166,7 +166,7 @@ class Calibration(SensorModel):
         return correct(self, angular_rate, specific_force)
 
     def apply_recording(self, recording: Recording, *, start_s: float | None = None) -> Recording:
-        """The recording in SI units and the body frame, with all effects removed except `left_in_data`.
+        """The recording in SI units and the body frame, without the effects that a correction can remove.
 
         start_s  time of the first sample of the whole recording, if `recording` is a piece of it; see
                  `takes_pieces`
@@ -174,10 +174,13 @@ class Calibration(SensorModel):
         A recording of one sensor alone can be corrected only if there are no effects. If the calibration has
         no gyroscope, the result contains no angular rate. Effects use the time since the recording's first
         sample, or since `start_s`, and the temperature minus 25 degC. The angular acceleration is the
-        derivative of the rate. NaN stays NaN. A sample is NaN if its effects are too large to be inverted.
-        Raises InputError for other raw units, and for negative counts that were read as unsigned numbers.
-        Also raises InputError if a column on which an effect depends is missing, if the definition of a
-        user-defined effect is missing, or if a piece is given although the whole recording is needed.
+        derivative of the rate. NaN stays NaN. A sample is NaN if its effects are too large to be removed.
+        The effects in `left_in_data` remain.
+
+        Raises InputError for a recording in raw units other than `accel_unit` and `gyro_unit`, and for
+        negative counts that were read as unsigned numbers. Also raises InputError if a column on which an
+        effect depends is missing, if the definition of a user-defined effect is missing, or if a piece is
+        given although the whole recording is needed.
         """
         return correct_recording(self, as_recording(recording), start_s=start_s)
 
@@ -267,7 +270,7 @@ def _calibration_of(node: Node, user_effects: Sequence[UserEffect]) -> Calibrati
 
 
 def require_calibration(given: Calibration) -> None:
-    """Raise InputError, with the argument to pass instead, if `given` is not a Calibration."""
+    """Raise InputError if `given` is not a Calibration. The message names the argument to pass instead."""
     if isinstance(given, Calibration):
         return
     if isinstance(given, (str, os.PathLike)):

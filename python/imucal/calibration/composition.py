@@ -59,7 +59,7 @@ DELAY: Final = "gyro_time_offset"
 
 
 def compose(first: Calibration, second: Calibration, *, files: tuple[Source, ...] = ()) -> Calibration:
-    """Compose two calibrations into one that corrects raw samples as `first` followed by `second`.
+    """Compose two calibrations into one whose correction equals that by `first` followed by that by `second`.
 
     second   estimated on recordings that `first` has corrected (`imucal apply`)
     files    the files of the two calibrations, which are recorded in the provenance of the result
@@ -129,8 +129,8 @@ def _require_composable(first: Calibration, second: Calibration) -> None:
     shared = second.provenance.seen_in(first.provenance.files)
     if shared:
         raise InputError(
-            f"both calibrations are made of {', '.join(source.path for source in shared)}, so the second is "
-            "not of data that the first has corrected: use one of them alone"
+            f"both calibrations are made of {', '.join(source.path for source in shared)}, so the second was "
+            "not made of data that the first has corrected: use one of them alone"
         )
 
 
@@ -169,12 +169,12 @@ def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
 
 
 def _product(first: Triad, sensitivity: FloatArray, bias: FloatArray) -> Triad:
-    """The triad that corrects as `first` followed by a triad with this sensitivity and bias."""
+    """The triad whose correction equals that by `first` followed by that with `sensitivity` and `bias`."""
     return Triad(first.sensitivity @ sensitivity, first.bias + first.sensitivity @ bias)
 
 
 def _along(triad: Triad, axes: FloatArray) -> Triad:
-    """The triad for samples before axis remapping by `axes` (3, 3), from `triad` for samples after it."""
+    """Convert `triad`, valid for samples after axis remapping by `axes` (3, 3), to samples before it."""
     return Triad(axes.T @ triad.sensitivity, axes.T @ triad.bias)
 
 
@@ -185,8 +185,8 @@ def _definitions(first: SensorModel, second: SensorModel) -> tuple[UserEffect, .
         other = found.setdefault(effect.name, effect)
         if other is not effect and getattr(other, "text", other) != getattr(effect, "text", effect):
             raise InputError(
-                f"both calibrations have an effect {effect.name}, with different fields: rename one of the "
-                "effects"
+                f"both calibrations have an effect {effect.name}, with different definitions: rename one of "
+                "the effects"
             )
     return tuple(found.values())
 
@@ -219,7 +219,7 @@ def _moved(
 
 
 def _is_neutral(accel2: Triad, gyro2: Triad, sensors: set[str]) -> bool:
-    """Whether the second calibration changes no sample; `sensors` are the sensors that have effects in it."""
+    """Whether the second calibration changes no sample; its effects act on the sensors `sensors`."""
     return not sensors and all(
         np.array_equal(triad.sensitivity, np.eye(3)) and not triad.bias.any() for triad in (accel2, gyro2)
     )
@@ -240,7 +240,7 @@ def _together(first: list[EffectValues], second: tuple[EffectValues, ...]) -> tu
                     "two steps"
                 )
             # Some effects have a plain form with fewer parameters than their full form. The plain form equals
-            # the full form with zeros for its further parameters.
+            # the full form if the parameters that the plain form lacks are zero.
             total = np.zeros(max(len(other.values), len(values.values)))
             total[: len(other.values)] += other.values
             total[: len(values.values)] += values.values

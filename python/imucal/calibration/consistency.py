@@ -1,9 +1,9 @@
 """Check that a calibration file does not contradict itself.
 
 The file repeats the matrices as a table of parameters, the covariance as standard deviations, the raw units
-as units of the parameters, and the frame in words. The check converts the calibration that was read to a
-document again, and compares each of these fields of the file with the same field of the new document. A
-tolerance allows for numbers that were rounded by hand.
+as units of the parameters, and the frame in words. The check makes a new document from the calibration that
+was read, and compares each of these fields of the file with the same field of the new document. A tolerance
+allows for numbers that were rounded by hand.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ CORRELATION_ROUNDING: Final = 1e-5
 def require_written_again(
     node: Node, written: Mapping[str, Any], parameters: Sequence[Parameter], frame: Frame
 ) -> None:
-    """Raise FormatError for the first field that would change if the calibration were written again.
+    """Raise FormatError for the first field of the file that differs from the same field in `written`.
 
-    written      the document of the calibration that was read
+    written      the document that is made from the calibration that was read
     parameters   the parameters of the calibration
     """
     origins = origins_of(written, parameters, frame)

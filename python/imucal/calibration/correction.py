@@ -5,9 +5,9 @@
 
 T is the sensitivity of the sensor, and `seen` the value that still contains the effects.
 
-For the effects of the catalogue, the compiled library performs this iteration sample by sample. The error of
-a user-defined effect is computed by a Python function of whole arrays. For user-defined effects, the
-iteration is therefore in this file; each step calls the library for the effects of the catalogue.
+For the effects of the catalogue, the compiled library performs this iteration sample by sample. The error
+that a user-defined effect causes is computed by a Python function of whole arrays. For user-defined effects,
+the iteration is therefore in this file; each step calls the library for the effects of the catalogue.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ COLUMNS: Final = {
     "temperature": "temperature_degc",
     "temperature_history": "temperature_degc",
 }
-# Inputs of effects whose value at one sample depends on other samples, too.
+# Inputs that are computed from more than one sample, so that an effect which depends on them needs the
+# neighbours of each sample.
 OF_OTHER_SAMPLES: Final = {"angular_acceleration", "temperature_history"}
 
 
@@ -168,7 +169,7 @@ def _require_rate_and_force_only(model: SensorModel) -> None:
                 )
     for own in model.user_effects:
         raise InputError(
-            f"{own.name} is a user-defined effect, whose field needs whole columns: use apply_recording"
+            f"{own.name} is a user-defined effect, whose function needs whole columns: use apply_recording"
         )
 
 
@@ -205,7 +206,7 @@ def _require_derivative(recording: Recording, name: str) -> None:
 def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     """Subtract the contributions of the user-defined effects from a raw recording.
 
-    The function of each effect receives a State, the motion and temperature at each sample. The angular
+    The function of each effect receives a State (rate, force, temperature, ... at each sample). The angular
     acceleration and the time since the last motion in this State are computed from the rate that is corrected
     for the effects of the catalogue only.
 

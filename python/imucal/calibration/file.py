@@ -60,7 +60,7 @@ BODY_FRAME: Final[dict[str, str]] = {
     "given": "frame in which another program, or the second of two composed calibrations, gives corrected "
     "samples; T of the accelerometer has nine free entries",
 }
-# Fields of a Calibration that the file has under the same name, in the order of the file.
+# Fields of a Calibration that have the same name in the file, in the order of the file.
 OTHERS: Final = (
     "noise",
     "temperature_range_degc",

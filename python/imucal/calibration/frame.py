@@ -88,7 +88,7 @@ def in_frame(calibration: Calibration, frame: Frame) -> Calibration:
 
 
 def for_columns(calibration: Calibration) -> Calibration:
-    """Convert a calibration to one for raw samples in the columns of the recordings, before axis remapping.
+    """Convert a calibration so that it applies to raw samples before axis remapping, as in the columns.
 
     The body frame does not change, so the sensitivity is no longer symmetric or triangular and the frame is
     "given".
@@ -110,7 +110,7 @@ def for_columns(calibration: Calibration) -> Calibration:
 
 
 def is_added(model: SensorModel, values: EffectValues) -> bool:
-    """Whether an effect adds vectors that depend only on time, temperature or auxiliary columns."""
+    """Whether an effect adds a vector that depends only on time, temperature or auxiliary columns."""
     effect = model.definition(values)
     if isinstance(effect, FormulaEffect):
         samples = {name for name in INPUTS if name not in ("temp_degc", "time_s", *ARGUMENTS)}
@@ -119,7 +119,7 @@ def is_added(model: SensorModel, values: EffectValues) -> bool:
 
 
 def rotated_effect(model: SensorModel, values: EffectValues, rotation: FloatArray) -> EffectValues:
-    """Convert an effect to another body frame, in which a vector v has the components rotation v.
+    """Convert an effect to another body frame, in which a vector v has the components `rotation @ v`.
 
     Raises InputError if the effect cannot be expressed in the other frame.
     """

@@ -1,4 +1,4 @@
-"""The sensor model of one unit: two triads (three sensor axes each) and their effects.
+"""The sensor model of one unit: two triads of three sensor axes each, and effects.
 
     measured = T (true + effects(true)) + bias
 

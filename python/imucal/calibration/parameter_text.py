@@ -37,7 +37,7 @@ class ParameterRow(NamedTuple):
 
 
 def parameter_row(parameter: Parameter, units: Units = datasheet) -> ParameterRow:
-    """The row of a parameter, whose value has the same number of decimals as its standard deviation."""
+    """The table row of a parameter. The value has as many decimals as the standard deviation."""
     scale = units(parameter.name, parameter.unit)
     value = scale.shown(parameter.value)
     std = None if parameter.std is None else scale.factor * parameter.std

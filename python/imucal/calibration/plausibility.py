@@ -27,8 +27,8 @@ __all__ = [
 
 AGAIN: Final = "correct it, or calibrate again"
 # Accepted range of the sensitivity by sensor and raw unit, in raw units per SI unit. In counts, the lower
-# limit for accelerometers is 8 bits at +-30 g (0.43 per m/s^2), and the upper limit is 32 bits at +-1 g. For
-# gyroscopes the limits are 8 bits at +-4000 deg/s (1.8 per rad/s) and 32 bits at +-10 deg/s.
+# limits are those of converters of 8 bits for +-30 g (0.43 per m/s^2) and +-4000 deg/s (1.8 per rad/s), and
+# the upper limits are those of converters of 32 bits for +-1 g and +-10 deg/s, with a margin.
 SENSITIVITY: Final[dict[tuple[str, str], tuple[float, float]]] = {
     ("accelerometer", "m/s^2"): unit_bounds.SENSITIVITY,
     ("gyroscope", "rad/s"): unit_bounds.SENSITIVITY,

@@ -19,9 +19,9 @@ class Imported:
     program   the program that wrote the files
     formula   correction that the other program computes
     files     the files
-    missing   parts that the files do not state: "covariance", "temperature", "noise", "gravity", or triads
-              and parameters such as "gyroscope", "accel_bias" or "gyro_scale", which get the values of a
-              perfect sensor in the calibration
+    missing   parts that the files do not state: "covariance", "temperature", "noise", "gravity", or a sensor
+              or parameter such as "gyroscope", "accel_bias" or "gyro_scale". The calibration has the values
+              of a perfect sensor for a missing parameter
     notes     further remarks about the file
     """
 
@@ -67,7 +67,7 @@ class Provenance:
     composed_of: tuple[Source, ...] = ()
 
     def seen_in(self, sources: Iterable[Source]) -> list[Source]:
-        """The given files whose bytes equal those of a file of the calibration recordings."""
+        """The files among `sources` that have the same bytes as a file of the calibration recordings."""
         hashes = {source.sha256 for source in self.files}
         return [source for source in sources if source.sha256 in hashes]
 

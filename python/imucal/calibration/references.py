@@ -77,8 +77,8 @@ class References:
             return []
         if self.gravity_from == "unknown":
             return [
-                "the file of the other program does not state the gravity of its calibration: figures use "
-                f"{gravity_mps2:.6g} m/s^2"
+                "the file of the other program does not state the gravity of its calibration: figures of "
+                f"merit are computed with {gravity_mps2:.6g} m/s^2"
             ]
         if self.gravity_from == "given":
             ppm = 1e6 * 1e-3 / gravity_mps2

@@ -21,7 +21,7 @@ __all__ = ["require_date", "require_figures", "require_fit", "require_sha256", "
 
 AGAIN: Final = "correct one of them, or calibrate again"
 # Largest accepted figures of merit by name. The limits are a residual as large as gravity, an angle of half a
-# revolution, and the chi2 of residuals of a million times the noise.
+# revolution, and the chi2 of residuals that are a million times as large as the noise.
 LARGEST: Final = {"gravity_norm_rms_mps2": 9.9, "gravity_direction_rms_deg": 180.0, "chi2_per_dof": 1e12}
 COUNTS: Final = ("rests", "moves")
 FITS: Final = ("accelerometer", "gyroscope", "joint")
@@ -51,8 +51,8 @@ VERSION: Final = (
     r"[0-9]+(\.[0-9]+)*((a|b|rc)[0-9]+)?(\.post[0-9]+)?(\.dev[0-9]+)?(-[0-9A-Za-z.]+)?(\+[0-9A-Za-z.]+)?"
 )
 # Accepted difference between a p-value in the file and the p-value that follows from its chi2, because the
-# file may be rounded. For the test statistics of effects, the reciprocal is the largest condition number of
-# the correlation matrix at which a statistic is recomputed.
+# file may be rounded. The test statistic of an effect is recomputed only if the condition number of the
+# correlation matrix is at most 1 / STATISTIC_ROUNDING, because a larger one amplifies the rounding.
 STATISTIC_ROUNDING: Final = 1e-4
 
 
@@ -81,8 +81,8 @@ def require_fit(
 ) -> None:
     """Raise FormatError if a number of the section `fit` contradicts another number or the covariance.
 
-    effects             for each effect, by its name: the values of its linear parameters (all except a time
-                        constant), by the full names of the parameters
+    effects             {effect name: {full parameter name: value}} for the linear parameters, which are all
+                        parameters except time constants
     names, covariance   the covariance, and the names of its parameters
     """
     fit = node.mapping()
@@ -228,7 +228,10 @@ def _require_statistic(
 
 
 def _require_threshold(node: Node) -> None:
-    """Raise FormatError if a rest detection threshold is outside the range that gives the same rests."""
+    """Raise FormatError unless the threshold of the rest detection is from `stable_from` to `stable_to`.
+
+    All thresholds in this range give the same number of rests.
+    """
     numbers = {}
     for name in ("factor", "stable_from", "stable_to", "window_s"):
         item = node.get(name)

@@ -1,4 +1,4 @@
-"""Draws a unit in a pose with Braille characters: the box of the printed pose cards, with its axes."""
+"""Draws a unit in a pose with Braille characters, as the box with axes that the printed pose cards show."""
 
 from __future__ import annotations
 

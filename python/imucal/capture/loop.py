@@ -1,4 +1,7 @@
-"""The main loop of a capture, which passes samples to the file and the session, and events to the view."""
+"""The main loop of a guided recording: writes the samples, passes them to the session, and reports events.
+
+The session (`Session`) requests poses and decides which of them count.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +54,7 @@ class Capture:
     """A guided recording in progress (a capture).
 
     say       function that is called with each event
-    commands  queue into which the view puts the commands of the person who holds the unit
+    commands  queue of the commands that the person who holds the unit has given
     """
 
     source: StreamSource
@@ -140,7 +143,7 @@ class Capture:
             self.say(event)
 
     def _silence(self, now_s: float) -> None:
-        """Report that no samples arrive."""
+        """Report if no samples arrive."""
         silent_s = now_s - self._heard_s
         due_s = SILENT_S if self._silent_said_s == math.inf else self._silent_said_s + SILENT_AGAIN_S
         if silent_s < due_s:
@@ -168,7 +171,7 @@ class Capture:
             self._say("info", "back", text)
 
     def _damage(self, now_s: float) -> None:
-        """Report that data are damaged or lost."""
+        """Report if data are damaged or lost."""
         counts = {name: count for name, count in self.source.counts().items() if name in DAMAGED}
         new = {name: count - self._damaged.get(name, 0) for name, count in counts.items()}
         worst = max(new, key=lambda name: new[name], default=None)

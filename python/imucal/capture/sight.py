@@ -25,7 +25,7 @@ LIVE_REST_S: Final = 0.3
 # allows for two details of rest detection: ends of rests have a resolution of 0.05 s, and a block of 0.05 s
 # is removed from the end of each rest.
 NOW_S: Final = 0.2
-# The displayed steadiness of the unit is computed from the last part of the recording with this duration, s.
+# Duration of the last part of the recording, from which the displayed steadiness of the unit is computed, s.
 # The windows of rest detection have the same duration.
 WINDOW_S: Final = 0.5
 

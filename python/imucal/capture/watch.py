@@ -39,23 +39,24 @@ SHAKEN_DEG: Final = 10.0
 # If the ratio of the mean angular rate to its rms exceeds this number, the motion counts as a rotation and
 # not as shaking.
 SHAKEN_SHARE: Final = 0.35
-# An axis is clipped at rest under two conditions. At least this share of the samples in the last `SHAKES_S`
-# have the extreme value of the axis, and at most the share `EQUAL_SHARE` of all other samples of the axis
-# equal the previous sample. The second condition excludes converters whose step exceeds the noise.
+# An axis is reported as clipped at rest if at least this share of its samples in the last `SHAKES_S` have its
+# extreme value.
 CLIPPED_SHARE: Final = 0.3
+# An axis is not reported as clipped if more than this share of its other samples equal the previous sample,
+# because the step of its converter then exceeds the noise.
 EQUAL_SHARE: Final = 0.1
 # A rotation is too fast above this angular rate, deg/s. It is the smallest measurement range of common
 # gyroscopes.
 FAST_DPS: Final = 250.0
-# Angular rate, deg/s, above which the stated unit of the gyroscope data must be wrong. The largest range of
-# common gyroscopes is 2000 deg/s, and a hand does not rotate a unit faster.
+# Angular rate, deg/s, above which the stated unit of measurement of the gyroscope data must be wrong. The
+# largest range of common gyroscopes is 2000 deg/s, and no person rotates a gyroscope faster by hand.
 LARGEST_DPS: Final = 2200.0
 # Length of the last part of the recording in which the fastest rotation is searched, s.
 RECENT_S: Final = 0.5
 # Time at each end of a rest, s, that is not evaluated, because the end of a rest in progress may still
 # change.
 BLOCK_S: Final = 0.1
-# Time after the first sample, s, during which a wrong unit of the data cannot be distinguished from a fast
+# Time after the first sample, s, during which a wrong unit of measurement cannot be distinguished from a fast
 # rotation.
 FIRST_S: Final = 1.5
 # Between two rests, the direction of gravity rotates in the body frame. The accelerometer gives the mean rate
@@ -63,7 +64,7 @@ FIRST_S: Final = 1.5
 # a few per cent. If the largest reading is below this share of the mean rate, the gyroscope data are in
 # another unit than stated.
 LEAST_SHARE: Final = 0.5
-# Rotations with a smaller mean rate, deg/s, are not used to test the unit of the gyroscope data.
+# Rotations with a smaller mean rate, deg/s, are not used to test the unit of measurement of the gyroscope.
 LEAST_MEAN_DPS: Final = 15.0
 # A rotation is too fast if the direction of gravity rotates faster than this mean rate, deg/s. This limit is
 # used for gyroscopes in raw counts, whose scale is not known yet. The peak rate of a smooth rotation is twice
@@ -80,7 +81,8 @@ class Watch:
         self._rests_seen = 0
         self._forgets_gap = False
         # The message about an axis that was clipped at rest. A clipped axis has no noise, so the estimated
-        # noise is too small, and rests in other poses look like shaking.
+        # noise is too small, and rests in other poses look like shaking. This message is then repeated
+        # instead of a message about shaking.
         self._clipped: str | None = None
 
     def forget_gaps(self) -> None:

@@ -222,8 +222,8 @@ def _complete(instruction: str) -> NoReturn:
 def _unwritable(error: OSError) -> int:
     """Handle an OSError of standard output. Commands convert all other OSErrors to ImucalError."""
     if error.filename is None and error.strerror is not None:
-        # Standard output is redirected to the null device. The interpreter flushes standard output again at
-        # exit, which would otherwise fail a second time.
+        # Standard output is redirected to the null device, because the interpreter flushes it again at exit.
+        # Without the redirection, this flush would also fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return _failed(error)
 

@@ -216,7 +216,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             ),
             cure=(
                 "Give the files of one unit and one recording. If one sensor is late, correct its time "
-                "stamps; otherwise only the rotations from rest to rest are right."
+                "stamps. Without this correction, only the total rotation of each move is correct."
             ),
         ),
         "axes_turned": Code(
@@ -548,7 +548,7 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
     },
 }
-# Kind of the codes under a heading. Other codes are errors, except `WARNINGS` and `ERRORS_OR_WARNINGS`.
+# Kind of the codes under these headings. All other codes are errors, except those in the two lists below.
 KIND_OF_GROUP: Final = {
     "Reading files": "warning",
     "Verdict poor": "reason",
@@ -556,7 +556,7 @@ KIND_OF_GROUP: Final = {
     "Diagnosis of a fit": "warning",
     "Noise of a unit at rest": "warning",
 }
-# Warnings under the other headings: imucal computes a result in spite of the fault.
+# Codes under the other headings that are warnings: imucal computes a result in spite of the fault.
 WARNINGS: Final = (
     "noise_below_lsb",
     "gyro_common_gain",
@@ -588,9 +588,9 @@ ERRORS_OR_WARNINGS: Final = (
 HEAD: Final = """# Why refused? All reason codes
 
 Copy the code in brackets from the message or from the line of the verdict, such as `[gyro_units]`, and find
-it on this page, or run `imucal help gyro_units`. Some messages have no code. They contain the remedy: most
-often, poses to add (their code in JSON documents is `not_enough_motion`). In a verdict, "above its limit"
-refers to a limit in the file that was given with `--limits`.
+it on this page, or run `imucal help gyro_units`. Some messages show no code. They contain the remedy, most
+often poses to add; the code of such a message in JSON documents is `not_enough_motion`. In a verdict, "above
+its limit" refers to a limit in the file that was given with `--limits`.
 
 The column **kind** gives the consequence of a code:
 

@@ -35,7 +35,7 @@ GALLERY = """## What they look like
 Each picture shows the error of the corrected signals over time if the effect is not compensated. A stand
 rotates the unit, and the parameters are random numbers whose standard deviations are the typical sizes.
 The lower curve is the angular rate of the motion or, for effects of the temperature, the temperature.
-`make docs-figures` draws the pictures from the fields of the catalogue.
+`make docs-figures` draws the pictures from the definitions in the catalogue.
 """
 
 IN_PYTHON = """## With Python

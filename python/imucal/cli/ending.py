@@ -19,7 +19,7 @@ HANDLED: Final = ("SIGTERM", "SIGHUP")
 # After the first signal, further signals within this time, s, are ignored. A closing terminal and its shell
 # both send SIGHUP, and the second signal must not interrupt the stopping of the motors.
 GRACE_S: Final = 5.0
-# Delay, s, after which a discarded interrupt is raised again.
+# Delay, s, after which an interrupt that Python has discarded is raised again.
 AGAIN_S: Final = 0.05
 
 

@@ -169,7 +169,7 @@ class Equipment:
 
     @property
     def files(self) -> tuple[str | Path | None, ...]:
-        """Values of options that can be input files, including names of built-in units and stands."""
+        """Values of the options that name an input file or, instead, a built-in unit or stand."""
         return (self.unit, self.stand, self.packet)
 
     def open(

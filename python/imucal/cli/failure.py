@@ -37,7 +37,7 @@ TRACEBACK: Final = "IMUCAL_TRACEBACK"
 OFFERED: Final = r"\bmodel='(\w+)'"
 WITH_MODEL: Final = ("calibrate", "gap")
 # If the message of an error contains this text, the calibration needs the noise of the mean readings, and the
-# offered command contains the option --noise.
+# command that `command_offered` returns contains the option --noise.
 NOISE_NEEDED: Final = "noise_mps2=..."
 
 
@@ -122,8 +122,8 @@ def no_result_told(options: Mapping[str, Any]) -> Iterator[None]:
     except (Exit, SystemExit):
         raise
     except BaseException as error:
-        # If the user interrupts the command, a result that is already in the JSON file stays there. If an
-        # ImucalError occurs after the result was written, another output file could not be written. The
+        # If the user interrupts the command, a result that is already in the JSON file stays there. An
+        # ImucalError after the result was written means that another output file could not be written. The
         # document of this error then replaces the result.
         is_told = Output.documents > before and (path == "-" or not isinstance(error, ImucalError))
         if path is not None and not is_told and not _is_read(path, options.values()):
@@ -162,7 +162,7 @@ def _is_read(path: str, given: Iterable[Any]) -> bool:
         return False
     values = [item for value in given for item in (value if isinstance(value, (list, tuple)) else [value])]
     named = [os.path.realpath(value) for value in values if isinstance(value, (str, Path))]
-    # The journal of an interrupted run, OUTPUT.journal, may contain samples.
+    # The journal of an interrupted run, OUTPUT.journal, may contain samples and must not be overwritten.
     journals = [f"{name}.journal" for name in named]
     # The value of --json itself is among these names, so a count of 1 means that no other argument has this
     # path.

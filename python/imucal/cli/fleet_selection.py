@@ -55,7 +55,7 @@ def selection_options(command: Callable[..., None]) -> Callable[..., None]:
 def store_of(path: Path, **outputs: str | Path | None) -> Fleet:
     """The store at `path`. Raises InputError if an output would overwrite it.
 
-    outputs   output files by the name of their command line option without dashes
+    outputs   output files; the keyword of a file is its command line option without dashes
     """
     from imucal.fleet.fleet import Fleet
 

@@ -1,4 +1,4 @@
-"""Command groups that load a command when it is used, and write a JSON document even if it fails."""
+"""Command groups that load a command on use, and write a JSON document even if the command fails."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str
     It is called before any work is done.
 
     inputs    input files of the command; may include names of built-in units and stands
-    outputs   output files by option; "-" is standard output
+    outputs   the output file that each option names; "-" is standard output
     """
     taken = {os.path.realpath(path): "" for path in inputs if path is not None}
     for option, path in outputs.items():
@@ -117,8 +117,8 @@ class Output:
     units       units in which parameters and figures of merit are printed
     """
 
-    # Number of JSON documents written by this process. If it is 0, an existing file of --json may be from an
-    # earlier run.
+    # Number of calls of `document` in this process. While a command has not increased it, an existing file of
+    # --json is from an earlier run.
     documents: ClassVar[int] = 0
 
     def __init__(self, json_path: str | None, units: UnitSystem = UnitSystem.datasheet) -> None:

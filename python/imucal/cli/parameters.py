@@ -23,7 +23,7 @@ import click
 __all__ = ["Argument", "Declared", "Option", "argument", "call_with", "option", "parameters_of"]
 
 _TYPES: Final[dict[Any, Any]] = {str: click.STRING, int: click.INT, float: click.FLOAT}
-# Metavars (placeholders of values in the help) by the suffix of an option's name, which states the unit.
+# Metavars (placeholders of values in the help) of options whose names end with a unit, by this ending.
 _ENDINGS: Final = {
     "_s": "S",
     "_hz": "HZ",

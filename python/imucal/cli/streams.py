@@ -49,7 +49,7 @@ def printable(text: str) -> str:
 
 
 def _open_closed_descriptors() -> None:
-    """Open the null device for closed standard streams, otherwise the next file would get their number."""
+    """Open the null device for closed standard streams, so that no file opened later gets their number."""
     for descriptor in range(3):
         try:
             os.fstat(descriptor)

@@ -44,10 +44,10 @@ def agree(one: float, other: float, *, absolute: float = 0.0, relative: float = 
 def require_agreement(
     given: Node, written: Any, *, origin: Callable[[str], Origin], optional: Container[str], way_out: str
 ) -> None:
-    """Raise FormatError for the first value of a document that differs from the value written again.
+    """Raise FormatError for the first value in `given` that differs from the same value in `written`.
 
     given     the document as it was read
-    written   the document written again from the fields of `given`, as plain values
+    written   the document that is made from the fields of `given`, as plain values
     origin    function that returns, for the path of a value, the field that this value repeats
     optional  names of fields that older files do not have
     way_out   what to do about a difference
@@ -78,7 +78,7 @@ def require_agreement(
 
 
 def require_fields(node: Node, known: Sequence[str], what: str) -> None:
-    """Raise FormatError for an unknown field, with the known field of the most similar name."""
+    """Raise FormatError for an unknown field. The message suggests the known field with the nearest name."""
     for name in node.mapping():
         if name not in known:
             import difflib

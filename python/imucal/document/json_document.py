@@ -77,8 +77,7 @@ def read_json(path: str | os.PathLike[str]) -> Node:
     except json.JSONDecodeError as error:
         raise FormatError(
             f"{given} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}: give a JSON file "
-            "here (a calibration, limits, a unit, a program); --help shows with REC where recordings are "
-            "given"
+            "here (a calibration, limits, a unit, a program); give recordings where --help shows REC"
         ) from None
     except (UnicodeDecodeError, RecursionError):
         raise FormatError(f"{given} is not JSON: it is no text in UTF-8") from None

@@ -78,7 +78,7 @@ class UserEffect:
 
     @property
     def plain(self) -> int:
-        """Number of all parameters, because a user-defined effect has only one form, the plain form."""
+        """Number of parameters of the plain form. A user-defined effect has only this form."""
         return len(self.parameters)
 
     @property

@@ -71,7 +71,7 @@ class Effect:
 
     @property
     def forms(self) -> dict[str, int]:
-        """Forms other than the plain one, such as "6" and "full", with their numbers of parameters."""
+        """Number of parameters of each form other than the plain form, such as {"6": 6, "full": 9}."""
         full = len(self.parameters)
         between = {str(count): count for count in range(2 * self.plain, full, self.plain)}
         return between | ({"full": full} if self.plain < full else {})

@@ -127,7 +127,7 @@ def is_formula(text: str) -> bool:
 def parse_formula(text: str, columns: Collection[str]) -> Formula:
     """Parse the text of a formula.
 
-    columns  names of the further columns of the recordings
+    columns  names of the auxiliary columns of the recordings
 
     Raises InputError, with the position and a remedy, if the text is not a formula, if an operation is not
     allowed, and if the expression is not linear in its parameters.

@@ -67,7 +67,7 @@ class FormulaEffect(UserEffect):
     ) -> FormulaEffect:
         """Make the effect that a formula such as "gyro: k * (supply_v - 3.3)" defines.
 
-        columns  names of the further columns of the recordings that the formula may depend on
+        columns  names of the auxiliary columns of the recordings on which the formula may depend
         typical  typical size of each parameter in its SI unit; 1 if not given
         name     name of the effect if the text contains none; default: gyro_formula or accel_formula
 
@@ -86,7 +86,7 @@ class FormulaEffect(UserEffect):
     def stored(text: str, name: str, parameters: Sequence[EffectParameter]) -> FormulaEffect:
         """Make the effect that a formula in a file defines.
 
-        Names in the formula that are not among `parameters` or the inputs are columns.
+        A name in the formula that is neither one of `parameters` nor an input is a column.
 
         Raises InputError if the text is not a formula, or if it has another number of parameters.
         """
@@ -107,7 +107,7 @@ class FormulaEffect(UserEffect):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Quantities such as time and temperature that the formula needs, by their names in the catalogue."""
+        """Names of the quantities that the formula needs, as in `Effect.needs`, such as "temperature"."""
         inputs = self.formula.inputs
         given = {
             "time": "time_s" in inputs,

@@ -1,4 +1,4 @@
-"""The true state (rate, force, temperature, ...) at each sample, on which the errors of effects depend."""
+"""The true state (rate, force, temperature, ...) at each sample, from which effects are computed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOVING_RADPS: Final = 0.1
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The true state at N samples, from which errors of effects are computed. Unknown quantities are None.
+    """The true state at N samples, from which effects are computed. Unknown quantities are None.
 
     angular_rate          (N, 3)  body frame, rad/s
     specific_force        (N, 3)  body frame, m/s^2

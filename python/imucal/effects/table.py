@@ -37,7 +37,7 @@ def catalogue_by_name() -> Mapping[str, Effect]:
 
 
 def find(name: str) -> Effect:
-    """The effect with this name; InputError with similar names if there is none."""
+    """The effect with this name. If there is none, raises InputError, whose message lists similar names."""
     if name in catalogue_by_name():
         return catalogue_by_name()[name]
     from imucal.effects.disturbance import disturbances

@@ -107,8 +107,8 @@ def calibrate(
     hold               further parameters to hold. A held parameter has a normal prior, whose uncertainty is
                        included in the standard deviations of the result. The argument consists of texts NAME,
                        NAME=VALUE or NAME=VALUE+-SIGMA, or is a mapping from names to None, the value, or
-                       (value, sigma). NAME is accel_ or gyro_ with bias, scale or misalignment, for all axes,
-                       or with axes (accel_misalignment_xy). The default of VALUE is the value of a perfect
+                       (value, sigma). NAME is accel_ or gyro_, then bias, scale or misalignment, and then the
+                       axes, such as _xy, or nothing for all axes. The default of VALUE is that of a perfect
                        sensor. The default of SIGMA is the spread between units that `unit` states, or else
                        the spread of MEMS sensors (docs/model.md (40)). Biases are in the raw unit, scales
                        relative to the nominal scale, misalignments in rad

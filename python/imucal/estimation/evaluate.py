@@ -152,8 +152,8 @@ def evaluate(
 ) -> Evaluation:
     """Evaluate a calibration on recordings of the same unit that were not used to estimate it.
 
-    Raises InputError for recordings with faults or with other raw units, and for arguments of other types;
-    NotEnoughMotionError for recordings without a rest.
+    Raises InputError for recordings with faults, for raw units other than those of the calibration, and for
+    arguments of a wrong type. Raises NotEnoughMotionError for recordings without a rest.
     """
     require_calibration(calibration)
     judges = as_recordings(recordings)
@@ -191,7 +191,7 @@ def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s:
 
 
 def _covariance(calibration: Calibration) -> FloatArray | None:
-    """The covariance of the parameters of the triads; None if it is not known or the frame is "given"."""
+    """The covariance of the biases and sensitivities; None if it is not known or the frame is "given"."""
     base = base_count(calibration.frame, has_gyroscope=calibration.gyroscope is not None)
     names = [parameter.name for parameter in calibration.parameters[:base]]
     if (

@@ -193,7 +193,7 @@ def _of_accelerometer(
 
 
 def _not_determined(missing: str) -> set[str]:
-    """Names of the parameters that the message of NotEnoughMotionError lists, as "accelerometer's bias x"."""
+    """Names of the parameters that the message `missing` lists in words like "accelerometer's bias x"."""
     names = set()
     for sensor, listed in re.findall(r"not determine the (accel|gyro)\w*'s ([^:]*)", missing):
         for kind, axes in re.findall(r"(bias|scale|misalignment) ([xyz]+)\b", listed):

@@ -36,13 +36,13 @@ class UserField(NamedTuple):
 class Options:
     """Options of an estimation; the compiled library reads the fields by name.
 
-    effects      for each effect of the catalogue to estimate: its name, and the number of parameters of its
-                 form
+    effects      names of the effects of the catalogue to estimate, each with the number of parameters of the
+                 requested form
     user_fields  user-defined effects, evaluated at each sample of each recording
     partly       names of the effects that were requested as NAME:seen, so that their parameters have a prior
     accelerometer   nine parameters of a calibrated accelerometer in the symmetric frame, and their
                     covariance, as a prior
-    hold         for each held parameter or group: its name, and mean and standard deviation of its prior
+    hold         names of held parameters or groups, each with the mean and standard deviation of its prior
     profile      spread of the parameters between units (standard deviation), by group of parameters, from the
                  profile of the unit
     The other fields are the arguments of `calibrate`.

@@ -22,11 +22,11 @@ SOURCES: Final = {"given": "given", "unit": "of the unit's profile", "default": 
 
 @dataclass(frozen=True, slots=True)
 class HeldParameter:
-    """A held parameter, which has a prior, and its estimate, in the symmetric body frame.
+    """The prior of a held parameter, and the estimate of this parameter, in the symmetric body frame.
 
     name           such as accel_misalignment_xy: accel_ or gyro_, then bias, scale or misalignment, then the
                    axes
-    unit           the raw unit for a bias, 1 for a scale relative to the nominal one, rad for a misalignment
+    unit           the raw unit for a bias, 1 for a scale relative to its nominal value, rad for misalignment
     prior_value    mean of the prior
     prior_sigma    standard deviation of the prior
     prior_source   origin of `prior_sigma`: "given", "unit" (the unit's profile) or "default"

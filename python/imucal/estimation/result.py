@@ -47,7 +47,7 @@ class CalibrationResult:
     rests, moves     the rests and moves of the calibration recordings, in order of time
     findings         warnings about the recordings
     held_out         cross-validation: rests and moves predicted by fits that exclude them; None without folds
-    control          the evaluation on the control recordings; None without any
+    control          the evaluation on the control recordings; None without control recordings
     verdict          `good`, `incomplete` or `poor`: the worst of the verdicts on the calibration recordings,
                      on the control recordings and against limits
     reasons          why the verdict is not good
@@ -90,7 +90,7 @@ class CalibrationResult:
 
     @property
     def control_before(self) -> Figures | None:
-        """Figures of merit of the uncalibrated unit on the control recordings; None if there are none."""
+        """Figures of merit of the uncalibrated unit on the control recordings; None without recordings."""
         return None if self.control is None else self.control.before
 
     @property
@@ -162,7 +162,7 @@ class CalibrationResult:
         return f"chi2{rates} is {test.chi2:.4g} for {test.degrees_of_freedom} degrees of freedom"
 
     def _widened(self) -> list[tuple[str, float | None]]:
-        """Factors that widen the uncertainties: by kind of residual, or by sensor without a joint fit."""
+        """Factors that widen the uncertainties: by kind of residual; if there is no joint fit, by sensor."""
         if self.fit.joint is not None:
             scales = self.fit.joint.scales
             return [

@@ -21,8 +21,9 @@ from imucal.recording.recording import Recording, samples_of_both
 __all__ = ["UserEffectSource"]
 
 
-# To predict the errors of two calibrations, samples are averaged over this time, s, before they are
-# corrected. These errors vary as slowly as the motion, so averages over this time are sufficient.
+# Time, s, over which samples are averaged before two calibrations correct them. The errors of the two
+# calibrations are predicted from these means. The errors vary as slowly as the motion, so means are
+# sufficient.
 BRIEF_S: Final = 0.1
 
 RateAndForce: TypeAlias = tuple[FloatArray, FloatArray]

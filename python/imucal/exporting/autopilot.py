@@ -78,8 +78,8 @@ class PerAxis:
 def per_axis_model(calibration: Calibration) -> PerAxis:
     """The offsets and scales that approximate `calibration`.
 
-    The mean square error of the specific force over all directions is minimal. The values are computed in the
-    symmetric body frame, the orthogonal frame closest to the sensor axes.
+    The scales minimise the mean square error of the specific force over all directions. The values are
+    computed in the symmetric body frame, the orthogonal frame closest to the sensor axes.
     """
     moved, _ = rotated(calibration, "symmetric")
     accel, gyro = moved.accelerometer, moved.gyroscope

@@ -18,8 +18,8 @@ def guarded(content: Sequence[str], prefix: str, what: str) -> list[str]:
     """The lines of a C header: the content inside an include guard that contains a hash of the content.
 
     Including two different calibrations with the same prefix is a compile error; an ordinary include guard
-    would silently drop the second. `what` is the kind of file, so that a prefix can serve one file of each
-    kind.
+    would silently drop the second calibration. `what` is the kind of the file; files of different kinds can
+    have the same prefix.
     """
     start = f"{prefix}_{what}".upper()
     # The hash of the content is part of the name of a macro, because the preprocessor cannot compare strings.

@@ -2,9 +2,9 @@
 
 The prefix `imucal` can be replaced, so that one firmware can contain several units.
 
-The effects are inverted by the fixed-point iteration of imucal-core, `EffectSet::remove` (docs/model.md
-(16)): true <- T^-1 (raw - bias) - effects(true), until changes are at rounding level. The double version
-returns the same numbers as `Calibration.apply`.
+The effects are removed by the fixed-point iteration of imucal-core, `EffectSet::remove` (docs/model.md (16)):
+true <- T^-1 (raw - bias) - effects(true), until an iteration changes the values only by rounding errors. The
+double version returns the same numbers as `Calibration.apply`.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ ARGUMENTS: Final = {
 
 
 def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PREFIX) -> Written:
-    """Write the C header with the user-defined effects that are formulas, but not Python functions."""
+    """Write the C header. User-defined effects are included if a formula, not a function, defines them."""
     formulas = [own for own in calibration.user_effects if isinstance(own, FormulaEffect)]
     known = {*FIELDS, *(own.name for own in formulas)}
     effects = [values for values in calibration.effects if values.name in known]
@@ -121,7 +121,7 @@ def _notes(
     notes = [f"No allocation and {state}. The output arrays may be the input arrays."]
     if effects:
         notes.append(f"Effects compensated: {', '.join(values.name for values in effects)}")
-        notes.append("Returns 0, or -1 with NaN results if the effects are too large to be inverted.")
+        notes.append("Returns 0, or -1 with NaN results if the effects are too large to be removed.")
     else:
         notes.append("Returns 0.")
     if any(calls_function(own) for own in formulas):

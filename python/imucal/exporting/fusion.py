@@ -2,9 +2,9 @@
 
     calibrated = misalignment * hadamard(uncalibrated - offset, sensitivity)
 
-Sources: FusionModelInertial in FusionModel.h (Fusion 1.3; FusionCalibrationInertial in FusionCalibration.h
-before), `imufusion.model_inertial` in Python. Fusion's AHRS expects deg/s and g, so the sensitivities also
-convert from the raw units to deg/s and g.
+Sources: FusionModelInertial in FusionModel.h (before Fusion 1.3: FusionCalibrationInertial in
+FusionCalibration.h), and `imufusion.model_inertial` in Python. Fusion's AHRS expects deg/s and g, so the
+sensitivities also convert from the raw units to deg/s and g.
 
 The initialisers use the member names. FusionMatrix is a union whose first member is float[3][3] before
 version 1.3 and float[9] from version 1.3. A list without names therefore has a different meaning in each

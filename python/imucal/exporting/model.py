@@ -50,7 +50,7 @@ def inverse(triad: Triad) -> FloatArray:
 
 
 def along_columns(calibration: Calibration, *, with_body: bool = False) -> Calibration:
-    """Convert a calibration to one for raw samples before the axis remapping `axes` of the recordings.
+    """Convert a calibration so that it applies to raw samples before the axis remapping of its recordings.
 
     Firmware and other programs correct such samples. The body frame of the corrected samples stays the same.
     With `with_body`, the axes of the body frame also follow the columns. The result has no covariance,
@@ -152,7 +152,7 @@ def turned_axes(calibration: Calibration, rotation: FloatArray) -> Calibration:
 
 
 def turned(rotation: FloatArray) -> str:
-    """Header text on the rotation from the calibration's body frame to that of the file; empty if equal."""
+    """Header text on the rotation from the calibration's body frame to the file's; empty for the identity."""
     if np.array_equal(rotation, np.eye(3)):
         return ""
     return f"; v = R v_body of the calibration, R = {rotation.tolist()}"

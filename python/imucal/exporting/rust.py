@@ -39,7 +39,7 @@ pub fn calibration<F: RealField + Copy>() -> Result<Calibration<F>, &'static str
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """Write the Rust module with the user-defined effects that are formulas, but not Python functions."""
+    """Write the Rust module. User-defined effects are included if a formula, not a function, defines them."""
     own = {effect.name for effect in calibration.user_effects}
     effects = [values for values in calibration.effects if values.name not in own]
     formulas = [(own, values) for own, values in calibration.own_effects() if isinstance(own, FormulaEffect)]

@@ -109,8 +109,8 @@ class DaskPool:
 
         The scheduler gives the other tasks of this process to other workers.
         """
-        # A worker that runs without Dask's nanny process cannot be restarted. The unfinished job then
-        # continues to occupy a thread of this worker.
+        # A worker that runs without Dask's nanny process cannot be restarted. The job that exceeded its time
+        # limit then continues to occupy a thread of this worker.
         with suppress(Exception):
             self._client.restart_workers(list(self._client.who_has([future])[future.key]), timeout=RESTART_S)
 

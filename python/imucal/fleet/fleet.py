@@ -77,7 +77,7 @@ class Fleet(Judging):
         what       path of a manifest (.csv, see docs/fleet.md), files, folders or glob patterns, or jobs
         names      pattern of paths from which serial numbers are taken, such as "{date}/{serial}.csv"
         limits     limits, or the path of a limits file
-        gap        whether to search each unit also for an effect that its calibration does not include
+        gap        whether to also search each unit for an effect that its calibration does not include
         read, calibrate   arguments of `imucal.read` and `imucal.calibrate`
         workers    processes on this computer; None for one per processor
         scheduler  address of a Dask scheduler, or a `distributed.Client`, instead of `workers`
@@ -123,7 +123,7 @@ class Fleet(Judging):
     def rows(
         self, columns: Sequence[str], **selection: str | None
     ) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """Names of the given columns of the SQL view `measurements`, and its selected rows, by date."""
+        """Names of the given columns of the SQL view `measurements`, and the selected rows sorted by date."""
         where, arguments = _selected(selection)
         with self._reading() as connection:
             sql = f"SELECT {', '.join(columns)} FROM measurements WHERE {where} ORDER BY date, serial, id"
@@ -137,7 +137,7 @@ class Fleet(Judging):
             return dict(query(connection, sql, arguments)[1])
 
     def failures(self, **selection: str | None) -> dict[str, int]:
-        """The number of selected rows without a result for each reason code, the most frequent code first."""
+        """For each reason code, most frequent first, the number of selected rows that have no result."""
         where, arguments = _selected(selection)
         with self._reading() as connection:
             sql = (
@@ -147,7 +147,7 @@ class Fleet(Judging):
             return dict(query(connection, sql, arguments)[1])
 
     def same_recordings(self, **selection: str | None) -> list[list[str]]:
-        """Serial numbers of units whose calibrations are equal to the last bit, one list per set of units.
+        """Lists of serial numbers; the calibrations of the units of one list are equal to the last bit.
 
         Such units have the same recording, because a file was copied or a serial number is wrong. Even two
         recordings of one unit never have equal results, because the noise in the recordings differs.

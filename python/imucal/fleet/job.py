@@ -102,8 +102,8 @@ class Options:
         wrong = [name for name in OF_A_JOB if name in self.calibrate]
         if wrong:
             raise InputError(f"{wrong[0]} is no option of a run of many units: leave it out")
-        # Arguments that equal their defaults are removed, so that a job has the same key whether or not they
-        # are given.
+        # Arguments that equal their defaults are removed, so that the key of a job does not depend on whether
+        # a default is given explicitly.
         defaults = {name: of.default for name, of in signature(calibrate).parameters.items()}
         given = {
             name: value
@@ -191,7 +191,7 @@ def hash_of(path: str) -> str:
 
 
 def as_date(text: str, what: str) -> str:
-    """A date, or date and time, in a form whose alphabetical order is the order in time.
+    """Convert a date, or date and time, to ISO 8601, so that alphabetical order is the order in time.
 
     Raises InputError for any other text.
 

@@ -58,7 +58,7 @@ class Judging(ABC):
     def drift(self, serial: str | None = None, **selection: str | None) -> DriftResult:
         """Drift of all units, or of one unit, between calibrations on different dates.
 
-        The false discovery rate refers to all units, even if the result is for one unit.
+        The false discovery rate is controlled over all units, even if the result is for one unit.
 
         Raises InputError if no unit has two dates.
         """
@@ -138,7 +138,8 @@ class Judging(ABC):
             if serial in wanted and serial not in found:
                 options = json.loads(text)
                 # The datasheet of the unit (argument `unit`) is not used, because its bias instabilities
-                # would be added to the standard deviations. They average out in means over units.
+                # would be added to the standard deviations of each unit. In a mean over units, errors due to
+                # bias instability average out.
                 arguments = {k: v for k, v in options["calibrate"].items() if k not in ("unit", "folds")}
                 found[serial] = UnitFiles(serial, tuple(json.loads(files)), options["read"], arguments)
         return list(found.values())

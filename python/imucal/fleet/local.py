@@ -30,8 +30,8 @@ class Ended:
 
 # A submitted `Work` object, and its answer, or `Ended` if the process ended without an answer.
 Done = tuple[Any, Any]
-# Number of tasks in the pool per process. While one task runs, the other waits, so that the process can start
-# it without waiting for the parent process.
+# Number of tasks in the pool per process. One task runs and the next one waits, so that the process can start
+# the next task without waiting for the parent process.
 PER_PROCESS: Final = 2
 # Time, s, to wait for the exit code of a process whose pipes are closed.
 ENDS_S: Final = 0.2

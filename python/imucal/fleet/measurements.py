@@ -31,8 +31,8 @@ class Measurements:
     values_si     (n, p) values of the parameters, SI units
     sigmas_si     (n, p) standard deviations of the parameters, SI units
     covariances   (n, p, p), or None if they were not requested
-    figures       figures of merit and the temperature by name, (n,) each: gravity_direction_rms_deg,
-                  chi2_per_dof, temperature_degc, ...
+    figures       one array (n,) for each figure of merit and for the temperature, by name:
+                  gravity_direction_rms_deg, chi2_per_dof, temperature_degc, ...
     """
 
     serials: TextArray

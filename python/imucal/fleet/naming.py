@@ -99,7 +99,7 @@ def naming_of(pattern: str | None) -> Naming:
 
 
 def files_of(patterns: Sequence[str], *, or_none: bool = False) -> list[str]:
-    """The files to which paths, folders and glob patterns refer. Those of each folder or pattern are sorted.
+    """The files that match paths, folders and glob patterns. The files of each folder or pattern are sorted.
 
     Raises InputError for a pattern without any file.
     """
@@ -121,7 +121,7 @@ def files_of(patterns: Sequence[str], *, or_none: bool = False) -> list[str]:
 
 
 def _by_words(file: str) -> dict[str, str | None]:
-    """Serial number and role from the words of the name: run-0007.csv, 0007_control.csv, 0007/run.csv."""
+    """Serial number and role from the words of a path: run-0007.csv, 0007_control.csv, 0007/run.csv."""
     path = Path(file)
     stem = path.name.split(".")[0] or path.name
     words = WORD.findall(stem)

@@ -97,7 +97,8 @@ def measured_of(result: CalibrationResult, gap: Any = None) -> Measured:
         matrix = _in_order(calibration.covariance, calibration.covariance_names, names)
         covariance = matrix[np.triu_indices(len(names))].tobytes()
         # The covariance is stored as the upper triangle of a matrix in the order of `names`. If the matrix in
-        # the document has the same order of parameters, it is removed from the document.
+        # the document has the same order of parameters, it is removed from the document, so that it is stored
+        # only once.
         if calibration.covariance_names == names and np.array_equal(matrix, matrix.T):
             document["covariance"]["matrix"] = None
     temperature = calibration.temperature_range_degc

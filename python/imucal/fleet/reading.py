@@ -116,7 +116,7 @@ def batches_of(
 def measurements(
     connection: sqlite3.Connection, where: str, arguments: Sequence[Any], *, covariances: bool
 ) -> Measurements:
-    """The current rows with a result as arrays.
+    """The last calibration of each selected recording, as arrays. Recordings without a result are omitted.
 
     Raises InputError if the rows differ in the units of their parameters.
     """
@@ -206,7 +206,7 @@ def _common(sets: Sequence[Sequence[tuple[str, ...]]]) -> tuple[tuple[str, ...],
 
 
 def _names(connection: sqlite3.Connection, kinds: np.ndarray[Any, Any]) -> dict[int, Any]:
-    """The stored lists of names (of parameters or figures of merit) with the identifiers `kinds`.
+    """The stored lists of names (of parameters or figures of merit) whose identifiers are `kinds`.
 
     The keys of the result are the identifiers.
     """

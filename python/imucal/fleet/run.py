@@ -113,7 +113,7 @@ def run_jobs(
     total      number of jobs, if known; it determines the size of tasks
     retry      whether to compute jobs without a result again
     tell       callback for each job with its verdict, and code and message of a failure
-    tally      counts of earlier runs, to which the counts of this run are added, even after an interrupt
+    tally      counts of earlier runs, to which the counts of this run are added, even if it is interrupted
 
     Raises ImucalError if the store cannot be written or the pool is lost. After such an error, the store
     contains all outcomes that were reported to `tell`.

@@ -5,7 +5,7 @@
              options
 
 A job is one recording of a unit, or several recordings that are calibrated together, with the options of the
-run. The row of a job contains its outcome: a verdict, or the reason why there is none. The version of the
+run. The row of a job contains its outcome: a verdict, or the reason for a missing verdict. The version of the
 tables is SQLite's `user_version`.
 """
 
@@ -134,8 +134,8 @@ def packed_figures(figures: Mapping[str, float | None]) -> tuple[str, bytes]:
     return json.dumps(list(figures)), values.tobytes()
 
 
-# The first function creates the tables of version 1. Each further function converts the tables of a version
-# to the next version. The number of functions is the current version of the tables.
+# The first function creates the tables of version 1. Each further function converts the tables from one
+# version to the next. The number of functions is the current version of the tables.
 MIGRATIONS: Final[tuple[Callable[[sqlite3.Connection], None], ...]] = (_first, _second)
 
 

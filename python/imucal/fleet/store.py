@@ -1,4 +1,4 @@
-"""Writing to a store. Only one process writes at a time, and a commit is on the disk when it returns."""
+"""Writing to a store. Only one process writes at a time. Committed data survive a power failure."""
 
 from __future__ import annotations
 

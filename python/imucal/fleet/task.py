@@ -52,7 +52,7 @@ class Task:
         return len(self.jobs)
 
     def run(self) -> list[Outcome]:
-        """Compute the outcome of each job. The failure of a job is its outcome; the next job then follows.
+        """Compute the outcome of each job. A failure is also an outcome, after which the next job follows.
 
         A job that exceeds the time limit ends the task, because the thread of the job cannot be ended.
         """
@@ -167,8 +167,8 @@ def _keyed_by_sources(job: Job, options: Options, recordings: Sequence[Recording
     found = {source.path: source.sha256 for recording in recordings for source in recording.sources}
     files = (*job.files, *job.control)
     if not all(path in found for path in files):
-        # If the job names a folder, the recording has the hashes of the files in the folder. The hash of the
-        # folder itself is then computed separately.
+        # If the job names a folder, `found` contains only the files in the folder, so the hash of the folder
+        # is computed separately.
         return keyed(job, options.text)
     return keyed_by(job, options.text, tuple(found[path] for path in files))
 

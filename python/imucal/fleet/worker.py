@@ -1,7 +1,7 @@
 """A process of the local pool, which reads work from its standard input and writes the answers.
 
 The processes are not started by `multiprocessing`, because it would run the caller's script again and does
-not report which task ended a process.
+not report which task was running when a process ended.
 """
 
 from __future__ import annotations
@@ -55,9 +55,9 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 def _keep_memory() -> None:
     """Have the C library keep freed memory instead of returning it to the system after each array.
 
-    Dask starts its workers with a threshold of 64 kB, so that more freed memory than this is returned. The
-    calibration of a recording of 2 MB then takes a quarter longer, because the system clears each page again.
-    Other C libraries have no `mallopt`.
+    Dask starts its workers with a threshold of 64 kB: the library returns freed memory beyond this amount.
+    The calibration of a recording of 2 MB then takes a quarter longer, because the system clears each page
+    again. Other C libraries have no `mallopt`.
     """
     with suppress(OSError, AttributeError, TypeError):
         library = ctypes.CDLL(None)

@@ -20,8 +20,9 @@ from imucal.recording.recording import Recording, samples_of_both
 __all__ = ["column_effects", "usable_columns"]
 
 # A column is not a candidate if time, temperature, force and rate explain at least this share of its
-# variance. This excludes counters and clocks, copies of the sensor's columns, and further temperatures, which
-# effects of the catalogue describe. A supply voltage stays below this share because of its own noise.
+# variance. This excludes counters and clocks, copies of the sensor's columns, and further temperatures.
+# Effects of the catalogue already describe the dependence on temperature. A supply voltage stays below this
+# share because of its own noise.
 EXPLAINED: Final = 0.95
 # Maximum number of columns that become candidates. The number is limited because an effect needs more
 # evidence if there are more candidates. The selected columns are those whose variance is explained least by
@@ -32,7 +33,7 @@ SAMPLES: Final = 4000
 
 
 def column_effects(recordings: Sequence[Recording]) -> tuple[FormulaEffect, ...]:
-    """Effects by which the biases depend linearly on auxiliary columns that known inputs do not explain."""
+    """Effects in which a bias depends linearly on an auxiliary column (see `usable_columns`)."""
     texts = []
     for name in usable_columns(recordings):
         middle = np.mean([np.mean(recording.auxiliary[name]) for recording in recordings])

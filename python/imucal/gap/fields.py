@@ -1,4 +1,4 @@
-"""Fields of the result of a search. They are separate from the class `Gap`, so that `text` can use them."""
+"""Fields of the result of a search. The module `text` imports them without importing the class `Gap`."""
 
 from __future__ import annotations
 

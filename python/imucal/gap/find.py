@@ -72,11 +72,10 @@ def find_gap(
     gravity_mps2        local gravity, m/s^2; default: gravity of `calibration`, else standard gravity
     min_rest_s          minimum duration of a rest, s
     exclude_saturated   whether to exclude saturated samples
-    model, hold         parameters that have a prior in all fits, as in `calibrate`
+    model, hold         which parameters have a prior in all fits, see `calibrate`
     stage               function that is called with a description of each step before the step starts
 
-    Raises the errors of `calibrate`, except that faults of the data are not raised but give the verdict
-    `data_fault`.
+    Raises the errors of `calibrate`. Faults of the data raise no error, but give the verdict `data_fault`.
     """
     if calibration is not None:
         require_calibration(calibration)

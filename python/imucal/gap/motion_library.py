@@ -102,7 +102,7 @@ def _at_rates(rates_dps: Sequence[float]) -> Program:
 
 
 def _circles() -> Program:
-    """Rotations of gravity in the planes normal to body x, y and z, with a rest at each step."""
+    """A program that rotates the unit in steps about body x, y and z, with a rest after each step."""
     count = round(360.0 / CIRCLE_DEG)
 
     def circle(*turn_deg: float) -> list[Step]:
@@ -124,7 +124,7 @@ def _circles() -> Program:
 
 
 def _headings() -> list[Step]:
-    """Four headings in each of six poses (each body axis up and down), set by a vertical motor axis."""
+    """Four headings, about a vertical motor axis, in each of six poses (each body axis up and down)."""
 
     def go(*turn_deg: float) -> Step:
         first, second, third = turn_deg

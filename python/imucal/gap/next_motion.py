@@ -153,7 +153,7 @@ def _separation(
     """Smallest expected chi2 T(a, b) over all pairs; zero if parameters are not determined.
 
     It is computed for the present recordings together with the suggested motion, or for this motion alone if
-    the suggestion says so. Without a suggestion, it is computed for the present recordings.
+    `suggestion.on_its_own` is set. Without a suggestion, it is computed for the present recordings.
     """
     if not pairs:
         return 0.0

@@ -157,8 +157,8 @@ def _refit_alone(chi2: Sequence[float], question: Question) -> Iterator[str]:
         of = "these" if not question.control else "the control"
         yield (
             f"the given calibration does not fit {of} recordings: chi2 per degree of freedom {given:.4g}, "
-            f"refitted without effects {refitted:.4g}, with effects {after:.4g}; only the second change is "
-            "due to the effects, but the predicted error of the corrected signals includes both changes"
+            f"refitted without effects {refitted:.4g}, with effects {after:.4g}; only the last change is due "
+            "to the effects, but the predicted error of the corrected signals includes both changes"
         )
 
 

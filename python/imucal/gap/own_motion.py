@@ -72,13 +72,13 @@ class MoveSignals:
 
     @property
     def residual_before(self) -> FloatArray:
-        """Measured force minus gravity predicted by the gyroscope, without the effects, (N, 3), m/s^2."""
+        """Measured force minus predicted gravity, both corrected without the effects, (N, 3), m/s^2."""
         residual: FloatArray = self.measured_before - self.predicted_before
         return residual
 
     @property
     def residual_after(self) -> FloatArray:
-        """Measured force minus gravity predicted by the gyroscope, with the effects, (N, 3), m/s^2."""
+        """Measured force minus predicted gravity, both corrected with the effects, (N, 3), m/s^2."""
         residual: FloatArray = self.measured_after - self.predicted_after
         return residual
 

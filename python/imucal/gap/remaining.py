@@ -20,7 +20,7 @@ Described = tuple[Remainder, Mapping[str, Any] | None, list[str]]
 
 
 def described(analysis: _core.GapAnalysis, after: CalibrationResult) -> Described:
-    """The remainder, its pattern in the form of `Gap.generic`, and reasons of a poor fit as notes."""
+    """The remainder; its pattern in the form of `Gap.generic`; and, as notes, the reasons for a poor fit."""
     found, search = analysis.remainder, analysis.search
     session, reasons = notes.session_of(analysis.session), notes.misfits(after)
     generic = notes.generic_of(search.generic)

@@ -315,8 +315,8 @@ class _Search:
         """Models with one or two lags.
 
         To first order, the lag of a polynomial in the temperature is its derivative times the lag of the
-        temperature. In a model with two lags, the coefficients of the lags are therefore polynomials of one
-        degree less.
+        temperature. In a model with two lags, the coefficients of the lags are therefore polynomials whose
+        degree is less by one than that of the bias.
         """
         turn = f"{self.prefix}_hysteresis"
         for form in plain:

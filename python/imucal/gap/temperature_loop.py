@@ -19,9 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["TemperatureLoop", "temperature_loops"]
 
-# Duration over which residuals at rest are averaged, s. A sensor has a loop only if there are at least
-# LEAST_EPOCHS of these means. A rest is used for the accelerometer only if it has at least LEAST_EPOCHS
-# means.
+# Duration over which residuals at rest are averaged, s. The loop of a sensor needs at least LEAST_EPOCHS of
+# these means. For the accelerometer, each rest needs at least LEAST_EPOCHS means.
 EPOCH_S: Final = 10.0
 LEAST_EPOCHS: Final = 8
 SENSORS: Final = {"gyroscope": "gyro_bias_temperature", "accelerometer": "accel_bias_temperature"}
@@ -29,7 +28,7 @@ SENSORS: Final = {"gyroscope": "gyro_bias_temperature", "accelerometer": "accel_
 
 @dataclass(frozen=True, eq=False)
 class TemperatureLoop:
-    """Mean residuals of one sensor at rest, in order of time. Over temperature, they may form a loop.
+    """Mean residuals of one sensor at rest, in order of time. Plotted over temperature, they may form a loop.
 
     sensor         "gyroscope" (residuals in rad/s) or "accelerometer" (in m/s^2)
     degc           (K,) temperature

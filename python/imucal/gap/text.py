@@ -44,9 +44,9 @@ VERIFIED: Final = {
 MOST_CHANNELS: Final = 4
 # An improvement factor is printed if the lower end of its 95 % interval is at least this value.
 LEAST_IMPROVEMENT: Final = 1.05
-# The summary states only one improvement: that of the figure of merit on control or held-out data, or that of
-# the kind of residual that improves most. Both are measured in multiples of the noise. The improvement of the
-# figure of merit is chosen if it exceeds this share of the improvement of the residual.
+# The summary states only one improvement, either of the figure of merit on control or held-out data, or of
+# the kind of residual that improves most. Both improvements are measured in multiples of the noise. The
+# figure of merit is chosen if its improvement exceeds this share of the improvement of the residual.
 LEAST_SHARE_OF_CONTROL: Final = 0.1
 
 
@@ -183,8 +183,8 @@ def _finding(gap: GapFields) -> str:
     )
     figure = _by_the_effects(gap.gap)
     row = max(gap.where["channels"], key=_drop) if gap.where else None
-    # If the figures of merit on control data hardly improve, the effect acts during moves or on the stand.
-    # The improvement of a kind of residual is then printed instead.
+    # Effects that act during moves or on the stand hardly improve the figures of merit on control data. The
+    # improvement of a kind of residual is then printed instead.
     if (
         figure is not None
         and verified is not None
@@ -204,13 +204,13 @@ def _finding(gap: GapFields) -> str:
     excess, left = (max(0.0, row[name] ** 2 - 1.0) for name in ("times_noise", "times_noise_after"))
     share = f"{100 * (1.0 - left / excess):.0f} % of" if excess > left else "hardly any of"
     return (
-        f"{names} {explain} {share} the excess of {_channel(row)}: {row['times_noise']:.3g} -> "
-        f"{row['times_noise_after']:.2g} x noise"
+        f"{names} {explain} {share} the excess of {_channel(row)} over noise: "
+        f"{row['times_noise']:.3g} -> {row['times_noise_after']:.2g} x noise"
     )
 
 
 def _by_the_effects(figure: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-    """The figure of merit in which `before` is always the value of the fit without effects."""
+    """The figure of merit with `before` from the fit without effects, even if a calibration was given."""
     if figure is None or figure.get("refitted") is None:
         return figure
     before, after, floor = figure["refitted"], figure["after"], figure["floor"]

@@ -78,7 +78,7 @@ def _yaml(text: str, name: str) -> Any:
 
 
 def _with_numbers(value: Any) -> Any:
-    """The value with texts such as 1e-5, which YAML 1.1 does not read as numbers, converted to numbers."""
+    """Convert texts such as 1e-5, which YAML 1.1 does not read as numbers, to numbers."""
     if isinstance(value, dict):
         return {key: _with_numbers(item) for key, item in value.items()}
     if isinstance(value, list):

@@ -4,9 +4,9 @@
     gyro = R_g^-1 K_g^-1 (raw - K_ga acc - b_g)
 
 R_a and R_g are misalignment matrices, K_a and K_g scale matrices, b_a and b_g biases, and K_ga is the
-g-sensitivity. So the sensitivity T of the accelerometer is K_a R_a, T of the gyroscope is K_g R_g, and the
-g-sensitivity in the body frame is T^-1 K_ga. Source: FerrarisCalibrationInfo in ferraris_calibration_info.py
-of mad-lab-fau/imucal.
+g-sensitivity. So the sensitivity of the accelerometer is K_a R_a, that of the gyroscope is T = K_g R_g, and
+the g-sensitivity in the body frame is T^-1 K_ga. Source: FerrarisCalibrationInfo in
+ferraris_calibration_info.py of mad-lab-fau/imucal.
 """
 
 from __future__ import annotations

@@ -22,7 +22,8 @@ NOISE: Final = {
     "gyroscope_noise_density": "gyro_noise_density_radps_per_sqrt_hz",
     "gyroscope_random_walk": "gyro_random_walk_radps2_per_sqrt_hz",
 }
-# Largest accepted deviation of a matrix from a rotation. The matrix is written with seven digits or more.
+# Largest accepted deviation of a matrix from a rotation. Files state the matrix with seven digits or more, so
+# rounding errors are smaller.
 ROTATION_ROUNDING: Final = 1e-6
 
 
@@ -61,7 +62,7 @@ def noise_of(block: Node) -> dict[str, float]:
 
 
 def rotation_in(node: Node) -> FloatArray:
-    """A rotation matrix. Raises FormatError for another matrix."""
+    """Read a rotation matrix. Raises FormatError for any other matrix."""
     matrix = node.array(3, 3)
     if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_ROUNDING or np.linalg.det(matrix) < 0:
         raise FormatError(f"{node.file}: {node.path} is no rotation: the file is damaged, export it again")

@@ -3,8 +3,8 @@
     corrected = T K (raw - B)
 
 A file has the misalignment matrix T and the scale matrix K row by row, then the bias B (CalibratedTriad_ in
-calibration.h of imu_tk, save, load and unbiasNormalize). It does not state the raw unit, which is inferred
-from the scale where that is unambiguous.
+calibration.h of imu_tk, save, load and unbiasNormalize). It does not state the raw unit. The unit is inferred
+from the scale if the scale permits only one unit.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@
 
 f and w are the true force and rate in the IMU frame i. r_y and r_z are the positions of the accelerometer's y
 and z axes relative to its x axis. C_gyro_i is a rotation, A is the g-sensitivity, and b_a and b_g are the
-biases. So the sensitivity T of the accelerometer is M_a, T of the gyroscope is M_g C_gyro_i, and the
+biases. So the sensitivity of the accelerometer is M_a, that of the gyroscope is T = M_g C_gyro_i, and the
 g-sensitivity in the body frame is T^-1 A C_gyro_i. Source: IccSensors.py of ethz-asl/kalibr,
 addAccelerometerErrorTerms and addGyroscopeErrorTerms of IccScaledMisalignedImu and
 IccScaledMisalignedSizeEffectImu. `imucal.exporting.kalibr` writes these files.

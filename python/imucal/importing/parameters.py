@@ -85,7 +85,7 @@ class Parameters:
     def scale(self, name: str) -> FloatArray:
         """Three scale factors, one per axis.
 
-        Raises FormatError if one is not positive, as in an autopilot that was never calibrated.
+        Raises FormatError if a factor is not positive, as in an autopilot that was never calibrated.
         """
         scale = self.vector(name)
         for axis, value in zip(AXES, scale, strict=True):

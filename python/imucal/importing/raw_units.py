@@ -11,9 +11,9 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["UNITS", "in_si", "per_si_unit"]
 
-# For each sensor, the units of raw samples, with the SI unit first. The number is one SI unit expressed in
-# the unit, such as 0.102 for g, because 1 m/s^2 = 0.102 g. A sample in the unit, divided by this number, is
-# in the SI unit. Calibrations are converted to SI units, because recordings are read in SI units.
+# For each sensor, the units of raw samples, with the SI unit first. The number of a unit states how many of
+# these units equal one SI unit: 0.102 for g, because 1 m/s^2 = 0.102 g. A sample divided by this number is in
+# the SI unit. Calibrations are converted to SI units, because recordings are read in SI units.
 UNITS: Final[dict[str, dict[str, float]]] = {
     "accelerometer": {"m/s^2": 1.0, "g": 1 / STANDARD_GRAVITY_MPS2, "mg": 1e3 / STANDARD_GRAVITY_MPS2},
     "gyroscope": {"rad/s": 1.0, "deg/s": math.degrees(1.0), "mdeg/s": 1e3 * math.degrees(1.0)},

@@ -72,7 +72,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
 
 
 def _unit_of(bias_dps: FloatArray) -> tuple[str, ...]:
-    """A note if the bias of the gyroscope may be in rad/s, which rs-imu-calibration.py writes."""
+    """A note if the gyroscope bias may be in rad/s, the unit that rs-imu-calibration.py writes."""
     largest = float(np.abs(bias_dps).max())
     if not 0.0 < largest < IN_RADIANS:
         return ()

@@ -120,8 +120,7 @@ class Reader:
 def corrected_by(matrix: FloatArray, bias: FloatArray) -> Triad:
     """The triad of `corrected = matrix raw - bias`: sensitivity matrix^-1, bias matrix^-1 bias.
 
-    The inverse of a lower triangular matrix is exactly lower triangular, and the inverse of a diagonal matrix
-    is exactly diagonal.
+    If the matrix is triangular or diagonal, the sensitivity has exact zeros in the same places.
     """
     inverse: FloatArray = np.linalg.inv(matrix).astype(np.float64, copy=False)
     for part in (np.tril, np.triu):

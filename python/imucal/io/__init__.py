@@ -61,10 +61,10 @@ def read(
     instance   [ulog, dataflash] number of the sensor, from 0
     group      [matlab, hdf5, numpy] group that contains the arrays
     receive_time   [rosbag, mcap] use the time stamps of the bag instead of those of the messages
-    time_unit  [imu_tk, pair, folder] s, ms, us or ns, if there is no header that gives it
+    time_unit  [imu_tk, pair, folder] s, ms, us or ns, if no header states the unit
     accel_unit, gyro_unit  [imu_tk, pair, folder] "lsb" (default of imu_tk), "m/s^2" and "rad/s"; for pair and
-               folder also "g", "mg", "deg/s", "mdeg/s" and the other units of docs/formats.md, if there is no
-               header that gives it
+               folder also "g", "mg", "deg/s", "mdeg/s" and the other units of docs/formats.md, if no header
+               states the unit
     temp_scale  slope, degC per count, and offset, degC, of a column temp_lsb: (1/340, 36.53) or
                "1/340,36.53". Without `temp_scale` these counts become an auxiliary input
     axes       axis remapping after reading, for all formats: "frd" or "ned" for data with z down, "x,-y,-z",

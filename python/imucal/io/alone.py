@@ -32,7 +32,7 @@ NO_UNITS = Units(None, None, None)
 def recording_of_any_text(
     text: Text, columns: str | Sequence[str] | None, rate_hz: float | None
 ) -> Recording:
-    """The recording in a text table with a header, with both sensors or with the only sensor in the table.
+    """The recording in a text table with a header. The table may contain both sensors or only one.
 
     Arguments as for `read_csv`.
     """

@@ -69,7 +69,7 @@ def present_of(array: Any) -> NDArray[np.bool_]:
 
 
 def arrow_of(values: NDArray[Any]) -> Any:
-    """An array of numbers as an Arrow array, which shares the memory of a contiguous array; NaN stays NaN."""
+    """Convert numbers to an Arrow array, without a copy if they are contiguous; NaN stays NaN."""
     import pyarrow as pa
 
     whole = np.ascontiguousarray(values, values.dtype.newbyteorder("="))

@@ -56,8 +56,8 @@ def read_csv(
 ) -> Recording:
     """Read a CSV file with a header line.
 
-    columns  "canonical=name,..." if the header has other names. Columns that are not listed are ignored
-             unless their names are canonical and not assigned to another column.
+    columns  "canonical=name,..." if the header has other names. Columns that are not listed are also read if
+             their names are canonical and not assigned to another column. All other columns are ignored.
     rate_hz  sampling rate, Hz, if there is no time column
     """
     return recording_of_any_text(open_path(path), columns, rate_hz)

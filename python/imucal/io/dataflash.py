@@ -65,7 +65,7 @@ def read_dataflash(
 ) -> Recording:
     """Read a dataflash log.
 
-    topic     IMU, or ACC (with GYR); None if the log contains only one choice
+    topic     IMU, or ACC (with GYR); None if the log contains only one of these
     instance  number of the sensor, from 0; None if the log contains only one sensor
 
     Raises InputError if the choice is ambiguous, FormatError for invalid contents.

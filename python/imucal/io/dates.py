@@ -151,7 +151,7 @@ def _days(year: NDArray[np.int64], month: NDArray[np.int64], day: NDArray[np.int
 
 
 def _past_midnight(ns: NDArray[np.int64], empty: NDArray[np.bool_], turn_ns: int) -> NDArray[np.int64]:
-    """Times of day, continued over midnight.
+    """Convert times of day to times that continue to increase after midnight.
 
     turn_ns   period after which the times start again, ns: a day, or an hour for times without hours
 

@@ -28,7 +28,7 @@ def read_frame(
     columns  "canonical=name,..." if the frame has other names
     rate_hz  sampling rate, Hz, if there is no time column
 
-    An index of time stamps serves as the time column if there is no time column. Raises FormatError and
+    If there is no time column, an index of time stamps is used as the time column. Raises FormatError and
     InputError as for a file.
     """
     import pyarrow as pa

@@ -243,8 +243,8 @@ def certain_time(
     if has_rate:
         return None, None
     if header.stamp is not None and np.any(head.numbers(header.stamp[0]) > 0):
-        # The seconds and nanoseconds of the message are joined to one time stamp in ns. This time stamp is
-        # used instead of the time at which the message was received.
+        # The seconds and nanoseconds in the header of a ROS message are joined to one time stamp in ns. This
+        # time stamp is used instead of the time at which the message was received.
         return (header.stamp[0], "time_ns"), None
     time = time_of(header, head)
     return None if time is None else time

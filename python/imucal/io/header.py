@@ -57,7 +57,7 @@ class Header:
     linear       triads of acceleration without gravity
     plain        triads whose column names are only x, y, z, each with the sensor that its unit implies, or
                  "" if the unit implies no sensor
-    times        name and unit, or None, of the time columns
+    times        name and unit of each time column; None for an unknown unit
     stamp        names of two columns with the seconds and the nanoseconds of a time stamp of ROS, or None
     temperature  name of a column of temperature and its canonical name, or None
     program      the program or app that writes such files, with the units of its manual, or None
@@ -211,8 +211,8 @@ def names_sensor(names: Sequence[str], what: str) -> bool:
 def _is_quaternion(x: str, names: Sequence[str]) -> bool:
     """Whether the column `x` is a component of a quaternion.
 
-    In this case there is also a column with the same name except for the letter w in the place of x.
-    False if several columns have the name `x`.
+    A quaternion also has a column whose name differs only by the letter w in the place of x. The result is
+    False if several columns have the name of the given column.
     """
     w = re.sub(r"x(?=[^x]*$)", "w", x.lower())
     return list(names).count(x) == 1 and any(name.lower() == w for name in names)
@@ -233,8 +233,8 @@ def _has(groups: _Groups, what: str) -> bool:
 def _sensors_by_unit(names: Sequence[str], described: Sequence[str], groups: _Groups) -> None:
     """Add a sensor that is identified only by the unit in its column names, such as AsX(°/s), to `groups`.
 
-    Three columns of which only the first has a name and a unit are also such a sensor. GoPro's telemetry
-    without names of axes has this form: `Gyroscope [rad/s]`, `1`, `2`.
+    This includes three columns of which only the first states sensor and unit, as in GoPro's telemetry
+    without names of axes: `Gyroscope [rad/s]`, `1`, `2`.
     """
     for what in ("accel", "gyro"):
         if _has(groups, what):

@@ -84,7 +84,7 @@ def _has_samples(by_path: Mapping[str, StoredArray]) -> bool:
 
 
 def _transposed(array: StoredArray) -> StoredArray:
-    """The array in MATLAB's orientation, because MATLAB's columns are rows in HDF5."""
+    """Transpose an array, because MATLAB's columns are rows in HDF5."""
     return StoredArray(array.shape[::-1], array.dtype, lambda: array.load().T)
 
 

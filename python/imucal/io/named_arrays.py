@@ -194,7 +194,7 @@ def _canonical(arrays: NamedArrays) -> list[tuple[str, Array]]:
 
 
 def _triad_of(name: str) -> str | None:
-    """The triad, for example accel for accel_x_mps2 and accel_mps2; None for other names."""
+    """The triad of a column name, for example accel for accel_x_mps2 and accel_mps2; None for other names."""
     triad, _, unit = re.sub(r"_[xyz123]_", "_", name, count=1).partition("_")
     return triad if unit in COLUMN_UNITS.get(triad, {}) else None
 

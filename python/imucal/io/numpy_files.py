@@ -68,7 +68,7 @@ def _whole(file: BinaryIO) -> StoredArray:
 
 
 def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> StoredArray:
-    """An array of a .npz file, which is decompressed when its values are needed."""
+    """An array of a .npz file. The array is decompressed when its values are needed."""
     with archive.open(member) as file:
         shape, dtype = _header(file)
         _require_size(shape, dtype, member.file_size - file.tell())

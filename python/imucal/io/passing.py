@@ -82,7 +82,7 @@ def _write_line(document: dict[str, Any], stream: BinaryIO) -> None:
 def recordings_in(stream: IO[bytes], most_bytes: int) -> Iterator[Recording]:
     """The recordings in a stream. Each array may have at most `most_bytes` bytes.
 
-    Raises the written ImucalError, and BrokenFrameError for a stream without an end.
+    Raises the ImucalError that the stream contains, and BrokenFrameError for a stream without an end.
     """
     while True:
         line = stream.readline(LONGEST_LINE)

@@ -42,7 +42,7 @@ class Samples:
     stamp_ns: array[int] = field(default_factory=lambda: array("q"))
     accel: array[float] = field(default_factory=lambda: array("d"))
     gyro: array[float] = field(default_factory=lambda: array("d"))
-    # Sensors that were not measured, as the covariance in a message states.
+    # Sensors that a message marks as not measured, by the first element of a covariance.
     absent: set[str] = field(default_factory=set)
 
 

@@ -165,7 +165,7 @@ def cleaned_columns(
 
 
 def _valid_text(buffer: Any) -> Any:
-    """The text with U+FFFD in place of invalid UTF-8. Arrow does not report rows with invalid UTF-8."""
+    """Replace invalid UTF-8 by U+FFFD, because Arrow does not report invalid UTF-8 as an invalid row."""
     import pyarrow as pa
 
     content = buffer.to_pybytes()

@@ -1,8 +1,8 @@
 """Inference of units from the first numbers of a file whose header states no units.
 
-An accelerometer that includes gravity has a median magnitude of 1 g. The unit of a gyroscope is inferred from
-the size of its counts, such as 131 per deg/s, and from its noise, which is 0.01 to 0.3 deg/s per sample for
-MEMS sensors.
+Acceleration that includes gravity has a median magnitude of 1 g. The unit of a gyroscope is inferred from the
+size of its counts, such as 131 per deg/s, and from its noise, which is 0.01 to 0.3 deg/s per sample for MEMS
+sensors.
 """
 
 from __future__ import annotations
@@ -68,8 +68,7 @@ UNSTEADY: Final = 0.5
 REPEATED: Final = 0.25
 # Largest share of time steps that may be negative in a column of time.
 MOST_BACKWARDS: Final = 0.1
-# The sensor can be at rest only if the standard deviation of the accelerometer's samples is below this number
-# of g.
+# Standard deviation of the accelerometer's samples, g, above which the sensor cannot be at rest.
 STILL_G: Final = 0.02
 # Number of consecutive samples in a block. The noise is estimated from the blocks with the least variation.
 BLOCK: Final = 20
@@ -272,7 +271,7 @@ def _noise(values: FloatArray) -> tuple[float, float]:
     """Two estimates of the standard deviation of the noise per sample, from short blocks of samples.
 
     The first estimate is the 10 % quantile of the standard deviations of all blocks. The second estimate is
-    the smallest standard deviation of a block that is not zero.
+    the smallest nonzero standard deviation of a block.
     """
     steps = np.diff(values, axis=0)
     steps = steps[np.isfinite(steps).all(axis=1)]

@@ -138,7 +138,7 @@ def stated_unit(sensor: Sensor, what: str, units: Units) -> str | None:
 
 
 def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
-    """The unit of a sensor, which the header or the caller states, or which the size of gravity indicates."""
+    """The unit of a sensor: stated by the header or the caller, or inferred from the size of gravity."""
     stated = stated_unit(sensor, what, units)
     if stated is not None:
         return stated

@@ -134,7 +134,7 @@ def _likely_first(header: Header, numbers: Callable[[str], Any]) -> Header:
 
 
 def _with_rates(header: Header, names: Sequence[str]) -> Header:
-    """The header with a gyroscope of the three columns in a unit of angular rate, such as p, q, r in deg/s.
+    """Add a gyroscope that consists of the three columns in a unit of angular rate, such as p, q, r in deg/s.
 
     The header is unchanged if there are not three such columns, or if it already has a gyroscope.
     """

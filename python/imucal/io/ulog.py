@@ -50,7 +50,7 @@ def read_ulog(
 ) -> Recording:
     """Read a ULog file.
 
-    topic     sensor_accel (with sensor_gyro) or sensor_combined; None if the log contains only one choice
+    topic     sensor_accel (with sensor_gyro) or sensor_combined; None if the log contains only one of these
     instance  number of the sensor, from 0; None if the log contains only one sensor
 
     Raises InputError if the choice is ambiguous, FormatError for invalid contents.

@@ -72,7 +72,8 @@ _CHARACTERS: Final = str.maketrans(
 # Matches a text in brackets anywhere in a name.
 _BRACKETS: Final = r"[\[({]([^\[\](){}]*(?:\([^()]*\)[^\[\](){}]*)*)[\])}]"
 # Matches a unit in the last words of a name, such as time_us, gyro_x_rad_per_s, "Gyr X deg/s". In a name
-# without a separator, such as AccXm/s2, the unit follows the letter of an axis, so that km/s2 is not m/s2.
+# without a separator, such as AccXm/s2, the unit must follow the letter of an axis. Otherwise the end of
+# km/s2 would match as m/s2.
 _ENDING: Final = (
     r"(?i)(?:[_ .]|(?<=[xyz])|(?<![a-z\d]))("
     r"m?(?:rad|deg)[_ ]?per[_ ]?(?:s|sec|second)|deg[_ ]?per[_ ]?(?:h|hr|hour|min|minute)|"
@@ -119,7 +120,7 @@ def split_unit(name: str) -> tuple[str, tuple[str, str] | None]:
 
 
 def split_unread(name: str) -> tuple[str, str]:
-    """A column name without its unit, and the unit, if it is not supported: ("Acc x", "inch/s²").
+    """Split an unsupported unit from a column name. Returns name and unit: ("Acc x", "inch/s²").
 
     The unit is "" if the name has no text in the place of a unit. Remarks such as (with gravity), [x8004] and
     (z-axis) are no units. The function is only for names in which `split_unit` finds no unit.

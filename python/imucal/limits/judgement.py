@@ -141,7 +141,7 @@ class VerdictCheck(Check):
 
     @property
     def used(self) -> float:
-        """0 if the check passes, because a verdict has no margin to its limit that could be compared."""
+        """0 if the check passes, and infinite if it fails; a verdict has no distance to its limit."""
         return 0.0 if self.passed else math.inf
 
     @property
@@ -184,7 +184,7 @@ class Judgement:
         return tuple(dict.fromkeys(check.reason for check in self.failed))
 
     def applied(self, verdict: Verdict, reasons: Sequence[str]) -> tuple[Verdict, tuple[str, ...]]:
-        """The verdict and all reasons after the checks; the arguments are those before the checks."""
+        """Add failed checks to a verdict and its reasons: the verdict is poor if any check has failed."""
         return verdict if self.passed else "poor", (*self.reasons, *reasons)
 
     @property

@@ -72,7 +72,7 @@ class Limits:
         control_set: Figures | None = None,
         verdict: tuple[Verdict, tuple[str, ...]] | None = None,
     ) -> Judgement:
-        """Check a calibration, or a result of `calibrate`, which may have held-out figures, against limits.
+        """Check a calibration or a result of `calibrate`. Only a result can have held-out figures.
 
         control_set  figures of merit on other recordings, which replace those of the control set; None: the
                      figures in the calibration

@@ -165,7 +165,7 @@ class NoiseResult:
         if not self.has(sensor):
             name = {"accel": "accelerometer", "gyro": "gyroscope"}[sensor]
             raise InputError(
-                f"{self.name}: there is no {name} in this recording, and this needs its noise "
+                f"{self.name}: there is no {name} in this recording, but its noise is needed "
                 "[sensor_missing]: record both sensors at rest"
             )
         return tuple(self.axes[f"{sensor}_{axis}"] for axis in "xyz")

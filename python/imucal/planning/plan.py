@@ -137,7 +137,7 @@ def plan(
 
 
 def _within(planned: Plan, minutes: float | None, *, reached: bool) -> Plan:
-    """The plan with its allowed duration; `reached` says whether the plan meets the targets."""
+    """The plan with its allowed duration. `reached` is whether the plan meets the targets."""
     planned = dataclasses.replace(planned, allowed_minutes=minutes)
     return dataclasses.replace(planned, reached=reached and is_within(planned))
 
@@ -199,7 +199,7 @@ class _Planner:
     def rounds_of_faces(
         self, targets: Mapping[str, float], options: dict[str, float | int]
     ) -> tuple[Motion, bool]:
-        """Find the fewest rounds of the motion `faces` that reach the targets; also return whether any do."""
+        """The motion `faces` with the fewest rounds that reach the targets, and whether they are reached."""
         if "rounds" in options:
             raise InputError(
                 "the number of rounds is computed from the targets: leave out rounds or the targets"

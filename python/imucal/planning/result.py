@@ -55,12 +55,12 @@ class Plan:
     reached           whether all targets and the allowed duration are met
     allowed_minutes   the allowed duration on the stand; None without a limit
     detection_limits  for each effect, the smallest size that `imucal gap` would detect with 90 % probability
-    not_observable    effects that are not observable in such a run
+    not_observable    effects that are not observable in a run with this motion
     undetermined      the parameters that the motion does not determine, and the motion to add; None if the
                       motion determines all parameters
     through_moves     names of the parameters that only the moves determine. The directions of gravity at the
                       rests, such as those on the six faces of a box, are not sufficient for them
-    comparison        the paper's programs with this unit: each one alone, and both together
+    comparison        the programs grid and random with this unit: each program alone, and both together
     notes             errors that the predicted standard deviations do not include, as text
     """
 
@@ -85,7 +85,7 @@ class Plan:
 
     @property
     def program(self) -> Program:
-        """The program for a stand. Raises InputError for a motion without a program, such as one by hand."""
+        """The program for a stand. Raises InputError for a motion without one, such as a tumble by hand."""
         if not isinstance(self.motion, Program):
             raise InputError(
                 f"the motion {self.kind} has no program for a stand: use grid, random, faces or optimal"
@@ -101,7 +101,7 @@ class Plan:
         return document
 
     def summary(self) -> str:
-        """Plain text: duration, largest standard deviation of each kind of parameter, and motions to add."""
+        """Plain text: duration, largest standard deviation in each group of parameters, motions to add."""
         return _summary(self)
 
 
@@ -138,7 +138,7 @@ def shown(size: Size | None) -> str:
 
 
 def worst_rows(plan: Plan) -> list[list[str]]:
-    """Largest standard deviation of each group for this plan and for the paper's programs."""
+    """Largest standard deviation of each group for this plan and for the programs grid and random."""
     rows = [["this plan", f"{plan.minutes:.2f}", *(shown(plan.worst[group]) for group in GROUPS)]]
     for row in plan.comparison:
         rows.append([row.name, f"{row.minutes:.2f}", *(shown(row.worst[group]) for group in GROUPS)])

@@ -27,7 +27,7 @@ def targets_of(given: Mapping[str, float | str], effects: Sequence[str]) -> dict
             unit = find(group).parameters[0].unit
         else:
             raise InputError(
-                f"targets has {group!r}: give {', '.join(GROUPS)}, or an effect that is in effects, too"
+                f"targets has {group!r}: give {', '.join(GROUPS)}, or an effect that `effects` also names"
             )
         value = _value(group, target, unit)
         if not 0 < value < math.inf:

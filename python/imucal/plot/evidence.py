@@ -136,7 +136,7 @@ def ranking(gap: Gap) -> Figure:
 
 
 def law(found: Law, points: Mapping[str, tuple[FloatArray, FloatArray]] | None = None) -> Figure:
-    """The curve of a law over its variable by axis, with its 95 % band.
+    """The curve of a law over its variable, one for each axis, with a 95 % band.
 
     The band is computed from the standard deviations of the law's parameters.
 

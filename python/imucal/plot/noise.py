@@ -35,7 +35,7 @@ DASHES: Final = ("dot", "dash", "dashdot")
 
 
 def marks(axis: AxisNoise) -> dict[str, tuple[float, float]]:
-    """Averaging time, s, and Allan deviation at which each of N, B and K that has a value is read.
+    """For each of N, B and K that has a value: averaging time, s, and Allan deviation at which it is read.
 
     N is read at 1 s and K at 3 s, where their asymptotes have the values N and K. 0.664 B is read at the
     minimum of the model.

@@ -27,8 +27,8 @@ SAMPLES: Final = 800
 # A residual is drawn against a variable if a cubic in the variable explains at least this share of its
 # variance.
 LEAST_SHARE: Final = 0.3
-# The dependence of a residual on a variable is drawn only if there are at least this number of rests or
-# moves, because a cubic fits fewer points by chance.
+# Minimum number of rests or moves for the dependence of a residual on a variable to be drawn. A cubic fits
+# fewer points by chance.
 LEAST_POINTS: Final = 8
 # The residual |f| - g of a rest is attributed to an axis if the cosine of the angle between the axis and the
 # vertical exceeds this value. The cosine of 26 deg is 0.9.
@@ -174,9 +174,9 @@ def residual_against(shown: Sequence[Dependence], *, has_effects: bool = True) -
 def law_points(motion: OwnMotion, law: Law) -> dict[str, tuple[FloatArray, FloatArray]]:
     """Points to draw beside the curve of a law, by axis: values of its variable, and errors of the sensor.
 
-    A point is a rest or a move whose residual is the error of one axis. The error is the value of the law
-    plus the residual that remains with the law, in SI units. There are no points for a law of several
-    variables, or of a variable that is not known for rests or moves.
+    Each point shows the error of one axis at a rest or in a move. The error is the value of the law plus the
+    residual that remains with the law, in SI units. There are no points for a law of several variables, or of
+    a variable that is not known for rests or moves.
     """
     curve = law.curve
     if curve is None:

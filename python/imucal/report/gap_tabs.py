@@ -115,7 +115,7 @@ def laws(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
 def _curve(law: Law, motion: OwnMotion | None) -> Shown:
     points = {} if motion is None else plot.law_points(motion, law)
     measured = (
-        " Markers: the law plus the residual that remains, for each rest or move in which it is measured."
+        " Markers: the law plus the residual that remains, for each rest or move that shows this error."
         if points
         else ""
     )
@@ -124,7 +124,7 @@ def _curve(law: Law, motion: OwnMotion | None) -> Shown:
         f"law-{law.name}",
         plot.law(law, points),
         f"Error of the {law.sensor} against {law.curve.variable}, relative to its mean, with the 95 % band "
-        f"of its parameters.{measured}",
+        f"from the standard deviations of the parameters.{measured}",
     )
 
 

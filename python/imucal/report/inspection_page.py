@@ -99,10 +99,10 @@ def _content(inspection: Inspection, recording: Recording, number: int) -> Itera
     yield Shown(
         f"signals-{number}",
         plot.recording_signals(recording, inspection),
-        f"Signals over time, the smallest and the largest sample of each of many intervals; {rests}. Crosses "
+        f"Signals over time: the smallest and the largest sample in each short interval; {rests}. Crosses "
         "are samples at the end of a sensor's range."
         if any(finding.code.endswith("_saturation") for finding in inspection.findings)
-        else f"Signals over time, the smallest and the largest sample of each of many intervals; {rests}.",
+        else f"Signals over time: the smallest and the largest sample in each short interval; {rests}.",
     )
     yield facts_table(inspection)
     if inspection.findings:

@@ -137,7 +137,8 @@ def _judged(result: CalibrationResult | Evaluation | NoiseResult, good: str, bes
 def _better(judged: Evaluation) -> str:
     """A sentence on one figure of merit before and after calibration; empty if none is known.
 
-    The figure of merit is the direction error after moves, or without moves the error of the norm at rests.
+    The figure of merit is the direction error after moves. If there are no moves, it is the error of the norm
+    at rests.
     """
     uncalibrated = judged.before.gravity_direction_rms_deg
     calibrated = judged.figures.gravity_direction_rms_deg

@@ -80,7 +80,7 @@ class Program:
 
     @staticmethod
     def faces(*, rounds: int = 1, move_s: float = 1.5, hold_s: float = 3.0) -> Program:
-        """A box rolled over its faces: four turns of 90 deg about each axis while that axis is level.
+        """Program that rolls a box over its faces: four turns of 90 deg about each axis while it is level.
 
         One round has 14 rests. Both a person at a table and a stand with three motors can run it, because
         every move turns one motor only.

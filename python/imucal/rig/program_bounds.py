@@ -1,4 +1,4 @@
-"""Checks a program for a stand: values that no stand or gyroscope can follow are mistakes in the file."""
+"""Checks a program for a stand. Values that no stand or gyroscope can follow are treated as mistakes."""
 
 from __future__ import annotations
 

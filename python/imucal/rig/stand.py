@@ -39,7 +39,7 @@ NOT_NEGATIVE: Final = (
     *("vibration_deg", "vibration_mm", "vibration_hz", "encoder_noise_deg", "tremor_deg", "slip_time_s"),
 )
 # The encoders of the cheap stand have 12 bits. The errors of these encoders are the listed effects of the
-# catalogue, with their typical sizes.
+# catalogue, drawn with their typical sizes as standard deviations.
 CHEAP_COUNTS: Final = 4096
 CHEAP_ENCODERS: Final = ("encoder_eccentricity", "encoder_time_offset", "encoder_backlash")
 CHEAP_VIBRATION_HZ: Final = (20.0, 80.0)
@@ -204,7 +204,7 @@ def stand_of(node: Node) -> Stand:
 
 
 def _require_possible(node: Node, name: str, value: Any) -> None:
-    """Raise FormatError for an error that is larger than any stand has."""
+    """Raise FormatError if a stand error in the file is larger than that of any real stand."""
     most = next((most for ending, most in LARGEST.items() if name.endswith(ending)), None)
     if most is None:
         return

@@ -168,7 +168,7 @@ class StandLimits:
 
 @dataclass(frozen=True)
 class CoreLimits:
-    """The limits under the names of the compiled library, in rad and s."""
+    """The limits in rad and s, with the field names that the compiled library reads."""
 
     axes: Any
     settle_s: float

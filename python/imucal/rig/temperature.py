@@ -36,7 +36,7 @@ FORMS: Final = (
 
 @dataclass(frozen=True, eq=False)
 class Temperature:
-    """Temperature over time, linear between the knots `time_s` (K,), increasing, and `temp_degc` (K,).
+    """Temperature over time, linear between K knots at the increasing times `time_s` with `temp_degc`.
 
     One knot is a constant temperature.
 

@@ -4,9 +4,9 @@
 
 A unit file (schema imucal.unit/1) has the figures of a datasheet, such as bias, noise density and range, each
 with its unit and source. The noise density of a datasheet is one-sided and is given as
-`noise_density_one_sided`; `noise_density` is the two-sided density of the Allan deviation, which is smaller
-by a factor of sqrt(2). A figure that the source does not give is `null` and is simulated as perfect. The
-package contains the units `unit_names()`.
+`noise_density_one_sided`; `noise_density` is two-sided, as in the Allan deviation, and smaller by a factor of
+sqrt(2). A figure that the source does not give is `null` and is simulated as perfect. The package contains
+the units `unit_names()`.
 """
 
 from __future__ import annotations
@@ -388,7 +388,7 @@ def _draw(node: Node, seed: int) -> Unit:
 def _deviation(spread: Node, name: str, unit: str, count: int) -> FloatArray:
     """Standard deviation of a randomly drawn parameter with `count` numbers; 0 if it has no tolerance.
 
-    All numbers have the same standard deviation, but a parameter of three numbers may have one per axis.
+    All numbers have the same standard deviation. Only a parameter of three numbers may have one per axis.
     """
     tolerance = Figure.optional(spread, name, unit, per_axis=count == 3)
     if tolerance is None:

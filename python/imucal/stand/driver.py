@@ -100,7 +100,7 @@ class Source(Protocol):
         """Events since the last call."""
 
     def resume_after(self, logged: Logged) -> None:
-        """Continue the times of an interrupted run. Raises InputError if the source does not support this."""
+        """Let time stamps continue those of an interrupted run. Raises InputError if not supported."""
 
     def counts(self) -> dict[str, int]:
         """Counts of received, lost and damaged data by stable names, such as packets_damaged."""

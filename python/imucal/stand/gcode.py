@@ -37,7 +37,7 @@ LEAST_FEED_DPM: Final = 1.0
 # which four are decimals.
 MAX_ANGLE_DEG: Final = 9999.9999
 # Largest accepted rate, deg/s, and acceleration, deg/s^2, of a motor. The feed that corresponds to this rate,
-# in deg/min with two decimals, has eight digits.
+# in deg/min with two decimals, has eight digits, the most that GRBL reads.
 MAX_RATE_DPS: Final = 10_000.0
 MAX_ACCELERATION_DPS2: Final = 1e6
 # A move is reported as late if it takes longer than in the program by more than this time, s.
@@ -115,7 +115,7 @@ class Block:
         return f"G4P{_number(self.dwell_s, 3)}"
 
     def move_line(self, axes: Axes, words: str = "G1", shift_deg: Sequence[float] = (0.0, 0.0, 0.0)) -> str:
-        """The line of the move. With all motors at zero, the controller reports `shift_deg`."""
+        """The line of the move; `shift_deg` is the position that is reported at the zero of the stand."""
         angles = [angle + shift for angle, shift in zip(self.angles_deg, shift_deg, strict=True)]
         return f"{words}{axes.words(angles)}F{_number(self.feed_dpm or LEAST_FEED_DPM, FEED_DECIMALS)}"
 

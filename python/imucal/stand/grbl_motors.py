@@ -1,8 +1,9 @@
 """Motors of a stand under a GRBL controller: their reported position, and moves to confirmed targets.
 
-For each move the origin of the work coordinates is set to the target by `G92`, or by `G43.1` with grblHAL,
-which keeps the offset of G92 over a restart. When a report has confirmed this offset, a move to 0, 0, 0 is
-commanded. A move has ended when reports show the motors at rest.
+For each move the origin of the work coordinates is set to the target by `G92`. With grblHAL it is set by
+`G43.1`, because grblHAL keeps the offset of G92 over a restart, so that the restart would not be detected.
+When a report has confirmed this offset, a move to 0, 0, 0 is commanded. A move has ended when reports show
+the motors at rest.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ AT_TARGET_DEG: Final = 0.02
 # A reported offset of the work coordinates counts as equal to the requested offset if they differ by at most
 # this angle, deg. It allows for half a unit of the last digit of a report, and for rounding.
 SAME_DEG: Final = 0.0015
-# The offset of the work coordinates after a restart of the controller is known, and a restart is detected by
-# this offset. A target that would have the same offset is displaced by this angle, deg, so that a restart can
-# still be detected.
+# A restart of the controller sets the offset of the work coordinates to a known value, by which the restart
+# is detected. A target with the same offset is displaced by this angle, deg, so that a restart can still be
+# detected.
 MARK_DEG: Final = 0.004
 # Timeout of a move: the planned duration times this factor, plus `Timeouts.stall_s`.
 SLOW_FACTOR: Final = 1.5

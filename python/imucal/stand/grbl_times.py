@@ -1,9 +1,10 @@
 """Determines the instants of reported motor positions.
 
 The latest possible instant of a position is the arrival of its report minus the shortest transmission time.
-If a report is delivered late, this instant is too late. Later reports correct the instant, because motors do
-not exceed their commanded rate. While the motors turn at this rate, one report that is not delayed corrects
-all late reports before it.
+If a report is delivered late, this instant is too late. Later reports correct the instant: the motors do not
+exceed their commanded rate, so they were at an earlier position at least (rotation / rate) before they were
+at a later position. While the motors turn at this rate, one report that is not delayed corrects all late
+reports before it.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ LARGEST_S: Final = 0.05
 
 
 def one_way_s(shortest_s: float, length: int, baud: int) -> tuple[float, float]:
-    """Shortest times, s, from the query to the position, and from the position to the arrival of the report.
+    """Shortest times, s, from a query to the reading of the position, and from then to the report's arrival.
 
     `shortest_s` is the shortest time from a query to the arrival of its report. It includes the transmission
     of the report, which takes the time given by the baud rate, unless the line is faster, as with USB. Of the
@@ -60,7 +61,7 @@ class Instants:
         self._waiting.append(_Reading(latest_s, position_deg, rate_dps))
 
     def settled(self, now_s: float) -> list[Position]:
-        """Positions with final instants, which no later report can change; all positions if `now_s` is inf."""
+        """Positions whose instants are final (later reports cannot change them); all if `now_s` is inf."""
         instants: deque[float] = deque()
         following: _Reading | None = None
         for reading in reversed(self._waiting):

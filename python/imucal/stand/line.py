@@ -52,7 +52,7 @@ class Order:
                   only this path is known to be free of obstacles
     control_name  name of the control program in the result
     driver        name of the driver in the result
-    require       worst verdict on the calibration with which the unit passes
+    require       worst accepted verdict on the calibration
     resume        data that the journal stores so that an interrupted run can be resumed
     """
 
@@ -299,7 +299,7 @@ def _with_files(order: Order, assessment: Assessment, own: Path, runs: Mapping[s
 
 
 def _require_exports(order: Order, columns: Sequence[str]) -> None:
-    """Refuse, before the run, exports that do not support raw counts if the unit sends raw counts."""
+    """If the unit sends raw counts, refuse exports that do not support them, before the run."""
     if not any(column.endswith("_lsb") for column in columns):
         return
     unfit = [name for name in order.exports if not find_format(name).takes_counts]

@@ -30,10 +30,10 @@ GROUPS: Final = {
 
 @contextmanager
 def live_view(name: str, *, prints_steps: bool = False) -> Iterator[Callable[[Moment], None] | None]:
-    """A context that gives a function, which shows the state of a run.
+    """A context manager that yields a function; the function shows the state of a run.
 
     prints_steps  whether to print a line for each step if there is no terminal, for persons who need the
-                  instructions; otherwise the context gives None without a terminal
+                  instructions. If it is false and there is no terminal, the context manager yields None
     """
     if not sys.stderr.isatty():
         yield _Steps().say if prints_steps else None
@@ -60,12 +60,13 @@ def recoverable(output: Path) -> Iterator[None]:
     from imucal.stand.recorder import journal_of
 
     journal = journal_of(output)
-    # A journal that existed before belongs to another run. The error message already explains this.
+    # A journal that existed before belongs to another run, and the error message of `Journal` already says
+    # so.
     was_there = journal.exists()
     try:
         yield
     except ImucalError:
-        # The error message already contains the command.
+        # The message of this error already contains the command that recovers the data.
         raise
     except BaseException:
         if journal.exists() and not was_there:

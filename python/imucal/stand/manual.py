@@ -26,11 +26,11 @@ __all__ = ["ManualDriver", "pose_text", "ups_of"]
 NEAR_DEG: Final = 25.0
 # Averaging time of the samples for the detection of rest, s.
 BIN_S: Final = 0.2
-# The unit counts as at rest only if its up directions, averaged over intervals of `BIN_S`, deviate from their
-# mean by at most this angle, deg.
+# First condition for rest: the up directions, averaged over intervals of `BIN_S`, deviate from their mean by
+# at most this angle, deg.
 STILL_DEG: Final = 2.0
-# Angular rates are averaged over intervals of `BIN_S`. The unit counts as at rest only if these averages
-# deviate from their mean by at most this share of the largest range of such averages during a move.
+# Second condition for rest: the angular rates, averaged over intervals of `BIN_S`, deviate from their mean by
+# at most this share of the largest range of such averages during a move.
 STILL_SHARE: Final = 0.15
 # A pose is described by a single body axis, such as `+x up`, if that axis is within this angle of the
 # vertical, deg.

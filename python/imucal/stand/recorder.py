@@ -172,7 +172,7 @@ def _require_columns(resume: Logged, source: Source) -> None:
 
 
 def _recoverable(error: ImucalError, samples: str, output: str | os.PathLike[str]) -> ImucalError:
-    """The error with the command that recovers the samples of the run."""
+    """The error, with a message that also contains the command to recover the samples of the run."""
     journal = journal_of(output)
     return type(error)(
         f"{error}; {samples} are safe in {journal}: after solving the problem (for a full disk: make room), "

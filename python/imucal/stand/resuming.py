@@ -21,8 +21,8 @@ __all__ = ["Interrupted", "interrupted_in", "program_from"]
 
 ENDING: Final = ".journal"
 # The monotonic clock of a computer starts again when the computer restarts. The computer counts as restarted
-# since the interruption if the time that has elapsed by this clock differs by more than this number, s, from
-# the time that has elapsed by the time of day.
+# since the interruption if the elapsed times by this clock and by the time of day differ by more than this
+# number, s.
 RESTARTED_S: Final = 5.0
 
 

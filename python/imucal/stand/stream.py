@@ -161,7 +161,7 @@ class StreamSource:
             self.continue_after(logged.samples[-1], float(logged.host_s[-1]))
 
     def continue_after(self, row: FloatArray, host_s: float) -> None:
-        """Continue the time after an earlier sample `row`, (columns,), that arrived at host time `host_s`."""
+        """Let time stamps continue after a sample `row`, (columns,), that arrived at host time `host_s`."""
         name = "time_s" if self._time is None else self._decoder.columns[self._time]
         self._interrupt(float(row[self.columns.index(name)]) / TICKS_PER_S[name], host_s)
 

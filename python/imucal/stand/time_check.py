@@ -98,7 +98,7 @@ class TimeCheck:
     def _continues(self, last_s: float, last_arrived_s: float, new: _Waiting) -> bool:
         """Whether the time step from an earlier row to `new` is possible for their times of arrival.
 
-        The earlier row may have arrived late.
+        The earlier row may have arrived late, so its delay is added to the longest possible step.
         """
         late_s = max(last_arrived_s - last_s - self._least_s, 0.0)
         return _is_step(new.time_s - last_s, new.timed[1] - last_arrived_s + late_s)
@@ -115,7 +115,7 @@ class TimeCheck:
         for row in rows:
             arrived_s = row.timed[1]
             if self._last is not None:
-                # The smallest value of arrival minus time may grow, because the rates of both clocks differ.
+                # `_least_s` may grow in the course of time, because the rates of both clocks differ.
                 self._least_s += RATE_ERROR * max(arrived_s - self._last[1], 0.0)
             self._least_s = min(self._least_s, arrived_s - row.time_s)
             self._last = row.time_s, arrived_s

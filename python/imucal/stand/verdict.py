@@ -107,7 +107,7 @@ def assess(
     """Calibrate a unit from its run, evaluate it on its control run, and name its faults.
 
     programs  program of the run and, if there is one, of the control run
-    require   worst verdict on the calibration with which a unit passes
+    require   worst accepted verdict on the calibration
     """
     recordings = [run, *([] if control is None else [control])]
     pairs = zip(recordings, programs, strict=False)
@@ -208,7 +208,7 @@ def _mount(result: CalibrationResult, recording: Recording) -> list[Finding]:
 
 
 def _refused(error: InputError) -> Assessment:
-    """The assessment if checks refuse the recordings; the unit is judged only if it has a fault itself."""
+    """The assessment of recordings that checks refuse; the unit is judged only if it has a fault itself."""
     grave = [finding for finding in error.findings if finding.severity == "error"]
     unit = [Reason(OF_THE_UNIT[f.code], str(f)) for f in grave if f.code in OF_THE_UNIT]
     other = [Reason(f"data_{f.code}", str(f)) for f in grave if f.code not in OF_THE_UNIT]

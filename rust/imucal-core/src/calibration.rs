@@ -236,9 +236,9 @@ mod tests {
     fn a_pass_shrinks_the_error_by_the_slope_of_the_effect() {
         // The slope of an effect is the derivative of the error that the effect adds with respect to the quantity that
         // the sensor measures (rate or force). Each iteration of the correction multiplies the remaining error by about
-        // the slope. For a gyroscope effect, the derivative with respect to force is omitted: the force converges
-        // before the rate, because only two accelerometer effects depend on the rate (the lever-arm effect and the size
-        // effect).
+        // the slope. The slope of a gyroscope effect does not include the derivative with respect to force. Only two
+        // accelerometer effects depend on the rate (the lever-arm effect and the size effect), so the force converges
+        // before the rate.
         let step = 1e-6;
         let slope = |effect: &'static Effect<f64>, times: f64| {
             let (values, state) = (typical(effect, times), fast_state());

@@ -63,8 +63,9 @@
 //!   device without `std` use `default-features = false, features = ["libm"]`.
 //! * `catalogue` (default) adds the data and functions of the [`effects`] that only estimation, simulation and reports
 //!   need: names, units and texts, lookup by name, the derivatives of an effect's error with respect to its parameters,
-//!   and the effects on the encoders of a stand. A device does not need this feature. It refers to effects by constants
-//!   such as `Effect::GYRO_G_SENSITIVITY`, so that only the effects of its calibration take memory.
+//!   and the effects on the encoders of a stand. A device does not need this feature. The code of a device refers to
+//!   effects by constants such as `Effect::GYRO_G_SENSITIVITY`, so that only the effects of its calibration take
+//!   memory.
 //!
 //! # Panics
 //!

@@ -1,8 +1,8 @@
 //! Rotations. All conventions about rotations are defined here.
 //!
-//! 1. `r_wb` maps the components of a vector in the body frame to its components in the world frame. In a product,
-//!    adjacent letters are equal: `v_w = r_wb * v_b`, `r_wb = r_ws * r_sb`. As an operator on vectors, a rotation is
-//!    active: it rotates the vector and not the frame.
+//! 1. `r_wb` maps the components of a vector in the body frame to its components in the world frame. In a product, the
+//!    adjacent letters of the subscripts are equal: `v_w = r_wb * v_b`, `r_wb = r_ws * r_sb`. As an operator on
+//!    vectors, a rotation is active: it rotates the vector and not the frame.
 //! 2. A quaternion follows Hamilton's convention (`i j = k`) and is written `[w, x, y, z]` in every array. nalgebra
 //!    *stores* x, y, z, w; only [`to_wxyz`] and [`from_wxyz`] convert between the two orders. `q` and `-q` are the same
 //!    rotation.

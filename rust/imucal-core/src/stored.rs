@@ -184,7 +184,7 @@ fn axes(codes: [u8; 3]) -> Result<[Axis; 3], StoredError> {
     Ok([x, y, z])
 }
 
-/// The bytes that have not been read yet. Each method reads a value and removes its bytes from the start.
+/// The bytes that have not been read yet. Each method reads the value at the start and removes the bytes of this value.
 struct Bytes<'a>(&'a [u8]);
 
 impl Bytes<'_> {

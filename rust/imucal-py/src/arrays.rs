@@ -158,7 +158,7 @@ fn raw_unit(name: &str) -> RawUnit {
     if name == "lsb" { RawUnit::Lsb } else { RawUnit::Si }
 }
 
-/// An array (N,), without a copy.
+/// Returns the values of an array (N,), without a copy.
 pub(crate) fn column<'a>(py: Python<'_>, array: &'a PyReadonlyArray1<'_, f64>, name: &str) -> PyResult<&'a [f64]> {
     match array.as_slice() {
         Ok(values) if array.is_c_contiguous() => Ok(values),
@@ -166,7 +166,7 @@ pub(crate) fn column<'a>(py: Python<'_>, array: &'a PyReadonlyArray1<'_, f64>, n
     }
 }
 
-/// An array (N, 3) in C order, without a copy.
+/// Returns the rows of an array (N, 3), which must be in C order, without a copy.
 pub(crate) fn rows<'a, T: Element>(
     py: Python<'_>,
     array: &'a PyReadonlyArray2<'_, T>,
@@ -183,7 +183,7 @@ pub(crate) fn rows<'a, T: Element>(
     }
 }
 
-/// A (3, 3) matrix.
+/// Converts an array (3, 3) to a matrix.
 pub(crate) fn matrix(py: Python<'_>, array: &PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<Matrix3<f64>> {
     match rows(py, array, name)? {
         [x, y, z] => Ok(Matrix3::from_rows(&[(*x).into(), (*y).into(), (*z).into()])),
@@ -191,7 +191,7 @@ pub(crate) fn matrix(py: Python<'_>, array: &PyReadonlyArray2<'_, f64>, name: &s
     }
 }
 
-/// A vector (3,).
+/// Converts an array (3,) to a vector.
 pub(crate) fn vector(py: Python<'_>, array: &PyReadonlyArray1<'_, f64>, name: &str) -> PyResult<Vector3<f64>> {
     match column(py, array, name)? {
         &[x, y, z] => Ok(Vector3::new(x, y, z)),

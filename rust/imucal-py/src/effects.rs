@@ -164,7 +164,7 @@ impl StateArrays<'_> {
             surroundings.time_s = Some(time_s[i]);
             surroundings.angular_acceleration = acceleration.map(|values| values[i].into());
             surroundings.temperature_difference_k = temperature_degc.map(|degc| degc[i] - REFERENCE_TEMPERATURE_DEGC);
-            // A quaternion that is zero or not finite counts as unknown.
+            // A quaternion that is zero or not finite is treated as an unknown attitude.
             surroundings.rotation_world_from_body = rotation.and_then(|wxyz| so3::from_wxyz(wxyz[i]));
             surroundings.stand = stand_rad.map(|angle| StandState {
                 angle_rad: angle[i].into(),
@@ -177,7 +177,7 @@ impl StateArrays<'_> {
     }
 }
 
-/// An optional array (N, 3), without a copy.
+/// Returns the rows of an optional array (N, 3), without a copy.
 fn known_rows<'a>(
     py: Python<'_>,
     array: &'a Option<PyReadonlyArray2<'_, f64>>,
@@ -186,7 +186,7 @@ fn known_rows<'a>(
     array.as_ref().map(|values| rows(py, values, name)).transpose()
 }
 
-/// An array (N, 4) in C order, without a copy.
+/// Returns the rows of an array (N, 4), which must be in C order, without a copy.
 fn quaternions<'a>(py: Python<'_>, array: &'a PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<&'a [[f64; 4]]> {
     match array.as_slice() {
         Ok(values) if array.is_c_contiguous() && array.shape()[1] == 4 => Ok(values.as_chunks::<4>().0),

@@ -91,8 +91,8 @@ pub(crate) struct Search {
     /// this limit.
     smallest_visible: Vec<(String, f64, String)>,
     traces: Vec<Trace>,
-    /// The kind of residual whose scatter exceeds noise most: the name of this kind, the ratio of the scatter to noise,
-    /// and the p-value of the ratio. None if no ratio is significant.
+    /// The kind of residuals with the largest ratio of scatter to noise, if this ratio is significant: the name of the
+    /// kind, the ratio, and the p-value of the ratio. None if no ratio is significant.
     scattering_rests: Option<(&'static str, f64, f64)>,
     is_hand_moved: bool,
 }
@@ -121,19 +121,19 @@ pub(crate) struct GapAnalysis {
     /// The fit with the accepted effects; None if no effect was accepted.
     after: Option<Py<GapFit>>,
     effects: Vec<Py<EffectScore>>,
-    /// For each accepted effect: its name, and the share of the excess chi2 (chi2 beyond noise) of unseen data that the
-    /// effect removes. There is one share for each of three kinds of residuals: norms of the specific force at rest,
-    /// gravity directions after moves, and mean rates at rest. A share is None if the residuals of its kind hardly
-    /// exceed noise.
+    /// For each accepted effect: its name, and one share for each of three kinds of residuals (norms of the specific
+    /// force at rest, gravity directions after moves, mean rates at rest). Without effects, chi2 of unseen data exceeds
+    /// the value expected from noise; the share is the part of this excess that the effect removes. It is None if there
+    /// is hardly any excess.
     shares: Vec<(String, [Option<f64>; 3])>,
     /// Name of an accepted effect, name of a rival (an effect that explains nearly the same residuals), and the
     /// estimated parameters of the rival in a fit in which it replaces the effect. The estimated parameters are None if
     /// this fit fails.
     rivals: Vec<(String, String, Option<Py<EffectEstimate>>)>,
     refused: Vec<RefusalTuple>,
-    /// Magnitude and its standard deviation, rad/s, of an estimated constant rate that is not attributed to the Earth,
-    /// because the magnitude differs from the Earth's rate or because the recordings do not determine the magnitude.
-    /// None if there is no such rate.
+    /// An estimated constant rate that is not the rotation of the Earth: its magnitude and the standard deviation of
+    /// the magnitude, rad/s. The magnitude differs from the Earth's rate, or the recordings do not determine it. None
+    /// if there is no such rate.
     not_the_earth: Option<(f64, f64)>,
     not_confirmed: Vec<Py<EffectScore>>,
     /// Names of effects that unseen data contradict, and chi2 per degree of freedom of these data without and with the

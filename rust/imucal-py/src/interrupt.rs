@@ -1,4 +1,4 @@
-//! Runs calculations that a signal, for example from Ctrl-C, can end.
+//! Runs calculations so that a signal can cancel them, for example the signal of Ctrl-C.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

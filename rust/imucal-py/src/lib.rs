@@ -331,8 +331,8 @@ mod _core {
         Inspection::new(py, findings, segments)
     }
 
-    /// Corrects raw samples, (N, 3) each. Returns `(angular_rate, specific_force)` in rad/s and m/s^2, in the body
-    /// frame.
+    /// Corrects the raw samples of both sensors, two arrays (N, 3). Returns `(angular_rate, specific_force)` in rad/s
+    /// and m/s^2, in the body frame.
     #[pyfunction]
     fn correct<'py>(
         py: Python<'py>,

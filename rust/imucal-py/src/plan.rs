@@ -74,8 +74,8 @@ impl From<PlanLimits> for Limits {
     }
 }
 
-/// Names and units of the effects' parameters, in the order of a plan. In a plan, these parameters follow the 21
-/// parameters of the triads.
+/// Names and units of the parameters of the effects. In all lists of a plan, these parameters follow the 21 parameters
+/// of the triads in this order.
 #[pyfunction]
 pub(crate) fn plan_effect_parameters(
     py: Python<'_>,

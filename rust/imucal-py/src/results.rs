@@ -367,14 +367,13 @@ impl Inspection {
     }
 }
 
-/// Prediction, before any fit, of the parameters that the recordings determine.
+/// Prediction, before any fit, of which parameters the recordings determine and how accurately.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Prospect {
     /// Predicted standard deviation of each of the 21 parameters, in raw units; None if the recordings do not determine
     /// the parameter.
     predicted_sigma: Vec<Option<f64>>,
-    /// Names of the accelerometer parameters that the rests alone do not determine, but that the rests and moves
-    /// together determine.
+    /// Names of the accelerometer parameters that the rests determine only together with the moves.
     through_moves: Vec<String>,
     missing: Option<String>,
 }

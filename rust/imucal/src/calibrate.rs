@@ -54,17 +54,18 @@ pub use user_effects::{BriefCorrection, CorrectedSamples, SampledField, UserEffe
 /// poles. The range has a margin on both sides.
 pub const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
 
-/// Default limit of the number of iterations of a joint fit. A joint fit is repeated with updated weights, and the
-/// limit applies to the sum over all repetitions. Fits that converge need 5 to 100 iterations.
+/// Default maximum number of iterations of a joint fit. The fit is repeated with updated weights, and the maximum
+/// applies to the sum over all repetitions. Fits that converge need 5 to 100 iterations.
 pub const MAX_ITERATIONS: u64 = 1000;
 
 /// Options of a calibration.
 #[derive(Clone, Debug)]
 pub struct Options<'a> {
-    /// Local gravity, m/s^2. The estimated scale of every accelerometer axis is inversely proportional to this value.
+    /// Local gravity, m/s^2. The estimated sensitivity of every accelerometer axis is inversely proportional to this
+    /// value.
     pub gravity_mps2: f64,
-    /// Standard deviations of local gravity and of the clock rate. They do not change the estimated parameters, only
-    /// the uncertainty that is stated for them.
+    /// Standard deviations of local gravity and of the clock rate. They change the stated uncertainties of the
+    /// parameters, but not the estimates.
     pub references: References,
     /// Body frame of the result.
     pub frame: Frame,
@@ -95,8 +96,8 @@ pub struct Options<'a> {
     /// Names of effects that are estimated even if the data determine only some combinations of their parameters. A
     /// prior determines the other combinations.
     pub partly: Vec<String>,
-    /// User-defined effects. Each effect is given by its field at every sample. The field contains the derivatives of
-    /// the sensor reading with respect to the parameters of the effect.
+    /// User-defined effects. Each effect is given by the derivatives of the sensor reading with respect to the
+    /// parameters of the effect, at every sample. These derivatives are the field of the effect.
     pub user_fields: Vec<UserField<'a>>,
     /// Number of folds of a cross-validation; `None` without a cross-validation. For each fold, a fit is made without
     /// every `folds`-th move and rest. This fit predicts the omitted moves and rests.
@@ -106,7 +107,8 @@ pub struct Options<'a> {
     pub max_iterations: u64,
 }
 
-/// Options of the model that is fitted to checked recordings: its effects, and the folds of a cross-validation.
+/// Options of one fit to checked recordings ([`Checked`]): the effects in the model, and the folds of a
+/// cross-validation.
 #[derive(Clone, Debug, Default)]
 pub struct ModelOptions<'a> {
     /// Effects of the catalogue ([`Effect`](imucal_core::effects::Effect)) that are estimated together with the base
@@ -115,8 +117,8 @@ pub struct ModelOptions<'a> {
     /// Names of effects that are estimated even if the data determine only some combinations of their parameters. A
     /// prior determines the other combinations.
     pub partly: Vec<String>,
-    /// User-defined effects. Each effect is given by its field at every sample. The field contains the derivatives of
-    /// the sensor reading with respect to the parameters of the effect.
+    /// User-defined effects. Each effect is given by the derivatives of the sensor reading with respect to the
+    /// parameters of the effect, at every sample. These derivatives are the field of the effect.
     pub user_fields: Vec<UserField<'a>>,
     /// Number of folds of a cross-validation; `None` without a cross-validation. For each fold, a fit is made without
     /// every `folds`-th move and rest. This fit predicts the omitted moves and rests.
@@ -193,7 +195,7 @@ impl Options<'_> {
     }
 
     /// Whether the readings of a sensor may drift during a rest, because a requested effect depends on time or
-    /// temperature. A user-defined effect counts as dependent on both.
+    /// temperature. A user-defined effect is assumed to depend on both.
     fn may_drift(&self) -> bool {
         let drifts = |choice: &EffectChoice| {
             choice.effect.needs.iter().any(|need| matches!(need, Need::Time | Need::Temperature))

@@ -60,7 +60,7 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     sensor_missing(recording).into_iter().chain(check_one_or_both(recording)).collect()
 }
 
-/// The finding `sensor_missing` for a recording of only one sensor; `None` if the recording has both sensors.
+/// Returns the finding `sensor_missing` for a recording of only one sensor; `None` if the recording has both sensors.
 pub fn sensor_missing(recording: &Recording) -> Option<Finding> {
     let (absent, present, columns) = match (recording.specific_force.is_absent(), recording.angular_rate.is_absent()) {
         (false, false) => return None,
@@ -147,9 +147,8 @@ impl Place {
     }
 }
 
-/// Counter of the samples in which a check finds a fault. It contains the number of these samples, the number of runs
-/// (intervals of consecutive faulty samples), and the first and last sample of the first run. Samples must be added in
-/// ascending order.
+/// Counts the samples in which a check finds a fault, and the runs (intervals of consecutive faulty samples). Also
+/// stores the first and last sample of the first run. Samples must be added in ascending order.
 #[derive(Clone, Copy, Default)]
 struct Tally {
     samples: usize,
@@ -176,7 +175,7 @@ impl Tally {
         self.first.map(|(start, end)| Place::new(recording, start, end))
     }
 
-    /// Text that states the time of the first run of faulty samples: "at 3.20 s" or "from 3.20 s to 3.40 s".
+    /// Returns a text that states the time of the first run of faulty samples: "at 3.20 s" or "from 3.20 s to 3.40 s".
     fn first_place(&self, recording: &Recording) -> String {
         self.place(recording).map_or_else(String::new, |place| place.to_string())
     }

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! T is the sensitivity and b the bias of a triad. `seen` is the true value plus the effects. Phi_c is the field of
-//! effect c: the derivatives, with respect to the parameters theta_c of the effect, of the error that the effect adds.
+//! effect c: the derivatives of the error that the effect adds, with respect to the parameters theta_c of the effect.
 //! The second line is repeated until `true` converges, because the fields depend on `true`.
 //!
 //! Effects may depend on other quantities in addition to rate and force. A recording provides the time since its first
@@ -110,8 +110,9 @@ pub fn correct_from(
 
 /// Corrects every sample with the given angular accelerations, rad/s^2. The first slice contains the derivatives of the
 /// corrected rate. The second slice contains the derivatives of the measured rate, which is delayed if the gyroscope
-/// has a delay. The mean of both derivatives approximates the mean angular acceleration over the delay. Its error is
-/// proportional to the square of the delay. Both slices are empty if the angular acceleration is unknown.
+/// has a delay. The mean of both derivatives approximates the mean angular acceleration over the delay. The error of
+/// this approximation is proportional to the square of the delay. Both slices are empty if the angular acceleration is
+/// unknown.
 fn correct_with(
     start_s: f64,
     recording: &Recording<'_>,
@@ -142,7 +143,7 @@ fn correct_with(
     corrected.unzip()
 }
 
-/// The temperature history at each sample, computed from the first sample on: the derivative of the temperature, the
+/// Computes the temperature history at each sample, from the first sample on: the derivative of the temperature, the
 /// direction of its last change, and the lags of both sensors. Empty if no effect depends on the temperature history,
 /// or if the recording has no temperature.
 pub(crate) fn temperature_history(recording: &Recording<'_>, effects: &EffectSet<f64>) -> Vec<TemperatureHistory<f64>> {
@@ -155,9 +156,9 @@ pub(crate) fn temperature_history(recording: &Recording<'_>, effects: &EffectSet
     }
 }
 
-/// The temperature history at each sample: the derivative of the temperature, the direction of its last change, and the
-/// lags of both sensors. `memory` contains the filters that compute it, and must not have received a temperature
-/// before.
+/// Computes the temperature history at each sample: the derivative of the temperature, the direction of its last
+/// change, and the lags of both sensors. `memory` contains the filters that compute it, and must not have received a
+/// temperature before.
 pub fn temperature_history_of<'t>(
     mut memory: TemperatureMemory<f64>,
     time_s: &'t [f64],
@@ -169,7 +170,8 @@ pub fn temperature_history_of<'t>(
     steps.zip(temperature_degc).map(move |(step_s, degc)| memory.update(step_s, degc - REFERENCE_TEMPERATURE_DEGC))
 }
 
-/// Derivative of the angular rate with respect to time, rad/s^2, one row per sample; empty for a single sample.
+/// Computes the derivative of the angular rate with respect to time, rad/s^2, one row per sample; empty for a single
+/// sample.
 ///
 /// It is the derivative of a polynomial through the mean rates in five consecutive time intervals. The intervals are as
 /// long as the motion permits, between 2 ms (at least one sample) and 0.1 s (`docs/model.md` (16)). Time steps may be

@@ -68,9 +68,9 @@ pub struct RestReport {
     /// unit in a hand. The first ratio is the variance of the samples within half a second divided by the noise
     /// variance. The second ratio measures the drift of the mean force.
     pub unsteadiness: f64,
-    /// Mean accelerometer reading in raw units. If effects were removed beforehand, it is in m/s^2.
+    /// Mean accelerometer reading in raw units, or in m/s^2 if the evaluated samples are already corrected for effects.
     pub mean_specific_force: Vector3<f64>,
-    /// Mean gyroscope reading in raw units. If effects were removed beforehand, it is in rad/s.
+    /// Mean gyroscope reading in raw units, or in rad/s if the evaluated samples are already corrected for effects.
     pub mean_angular_rate: Vector3<f64>,
     /// Standard deviation of the rounding error of `mean_specific_force`, in the same unit.
     pub force_rounding: Vector3<f64>,

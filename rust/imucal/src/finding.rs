@@ -26,7 +26,7 @@ pub struct Finding {
     pub place: Option<Place>,
     /// Number of affected samples. Some findings count other items instead, for example axes, rests or units.
     pub count: usize,
-    /// The measured value that revealed the fault, for example by exceeding a limit, in `unit`.
+    /// The measured value that revealed the fault, in the unit `unit`. An example is a value above a limit.
     pub value: f64,
     /// Unit of `value`.
     pub unit: &'static str,

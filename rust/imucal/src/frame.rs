@@ -55,7 +55,8 @@ pub fn convert(from: &Sensitivities, frame: Frame) -> Result<Sensitivities, Erro
     Ok(Sensitivities { accelerometer, gyroscope: from.gyroscope * rotation.transpose() })
 }
 
-/// First-order change of the result of [`convert`] if the sensitivities change by the small amount `change`.
+/// Computes the first-order change of the result of [`convert`] if the sensitivities change by the small amount
+/// `change`.
 pub(crate) fn convert_change(
     from: &Sensitivities,
     to: &Sensitivities,
@@ -93,7 +94,8 @@ pub(crate) fn convert_change(
     })
 }
 
-/// Jacobian (21 x 21) of the parameters in the frame `frame` with respect to the parameters in the symmetric frame.
+/// Computes the Jacobian (21 x 21) of the parameters in the frame `frame` with respect to the parameters in the
+/// symmetric frame.
 pub(crate) fn parameter_jacobian(from: &Sensitivities, to: &Sensitivities, frame: Frame) -> Result<Mat<f64>, Error> {
     let mut jacobian = Mat::identity(21, 21);
     for column in (3..9).chain(12..21) {
@@ -116,7 +118,7 @@ pub(crate) fn parameter_jacobian(from: &Sensitivities, to: &Sensitivities, frame
     Ok(jacobian)
 }
 
-/// The accelerometer's sensitivity R in the body frame `frame`, computed from its sensitivity T in any body frame. R is
+/// Computes the accelerometer's sensitivity R in the body frame `frame` from its sensitivity T in any body frame. R is
 /// the symmetric or the lower triangular matrix, depending on the frame, with `R R^T = T T^T`.
 fn root(t: &Matrix3<f64>, frame: Frame) -> Result<Matrix3<f64>, Error> {
     let product = t * t.transpose();
@@ -127,7 +129,8 @@ fn root(t: &Matrix3<f64>, frame: Frame) -> Result<Matrix3<f64>, Error> {
     .ok_or_else(|| Error::Input("the accelerometer's sensitivity is singular: its axes lie in one plane".into()))
 }
 
-/// The rotation Q in `T_from = T_to Q`, where `from` and `to` are the accelerometer's sensitivities in the two frames.
+/// Computes the rotation Q in `T_from = T_to Q`, where `from` and `to` are the accelerometer's sensitivities in the two
+/// frames.
 pub(crate) fn rotation(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
     Ok(inverse(to)? * from)
 }

@@ -4,12 +4,13 @@
 //! significantly (docs/model.md (23), (24)). A rest is a period without motion, and a move is the motion between two
 //! rests.
 //!
-//! * `evidence`: evidence (marginal likelihood) of a model. The prior of an effect has a standard deviation (the prior
-//!   width) that is a multiple of the typical size of the effect. The noise scale (chi2 per degree of freedom) of each
-//!   kind of residual is estimated.
+//! * `evidence`: evidence (marginal likelihood) of a model. The prior of an effect's parameter has a standard deviation
+//!   of s times the typical size of the parameter, where s is the prior width. The noise scale (chi2 per degree of
+//!   freedom) of each kind of residual is estimated.
 //! * `forward_search`, `score`, `revise`: steps of the forward search.
 //! * `generic`, `pattern`: generic hypotheses. A generic hypothesis is a variation of a bias or scale that no effect of
-//!   the catalogue describes. Generic hypotheses are compared with the selected effects.
+//!   the catalogue describes. It is tested whether such a variation explains the residuals instead of the selected
+//!   effects, or in addition to them.
 //! * `time_course`: selects how a parameter varies in time: as a random walk, smoothly, by switching between two
 //!   levels, or by independent deviations in each rest and move.
 //! * `predict`: cross-validation of a candidate effect on held-out rests and moves.
@@ -22,7 +23,7 @@
 //!   Unseen data are control recordings (recordings that no fit uses) or, without control recordings, held-out rests
 //!   and moves.
 //! * `mount`, `clock`: detection of faults of the unit's mount on a stand (a device with motors that rotates the unit),
-//!   and of faults of the clock. Such faults prevent conclusions about effects.
+//!   and of errors of the time stamps. Such faults prevent conclusions about effects.
 //! * `verdict`, `remainder`: the conclusion of a search, and a description of the residuals that the accepted effects
 //!   do not explain.
 //! * `session`: tests whether the biases changed between the calibration recordings and the control recordings.
@@ -100,8 +101,8 @@ pub struct Search {
     /// variation explains a significant part of the residuals that the selected effects leave unexplained. If several
     /// hypotheses do so, this is the hypothesis with the largest log Bayes factor.
     pub generic: Option<GenericFinding>,
-    /// Effects with a large log Bayes factor on these recordings that were not selected, because they do not improve
-    /// the prediction of held-out rests and moves.
+    /// Effects with a large log Bayes factor on these recordings. They were nevertheless not selected, because they do
+    /// not improve the prediction of held-out rests and moves.
     pub not_predictive: Vec<NotPredictive>,
     /// Magnitude and standard deviation, rad/s, of a constant rate that the search estimated as the effect `earth_rate`
     /// and that differs significantly from the Earth's rate. In this case, `earth_rate` was removed from the
@@ -110,9 +111,8 @@ pub struct Search {
     /// Name of each effect that is not observable in these recordings, and the data that would make it observable.
     pub not_observable: Vec<(String, String)>,
     /// Detection limit of each effect: the name of the effect, the smallest rms value of its parameters that is
-    /// detected with 90 % probability, and the unit of this value. It is the limit of a test in which the effect is
-    /// added to the final model. If the final model already contains the effect, the effect is added to the model
-    /// without effects instead.
+    /// detected with 90 % probability, and the unit of this value. The limit refers to an addition of the effect to the
+    /// final model or, if the final model already contains the effect, to the model without effects.
     pub smallest_visible: Vec<(String, f64, String)>,
     /// For each effect: the residuals that remain after a fit if the unit has this effect at its typical size and the
     /// fitted model lacks the effect.
@@ -120,9 +120,9 @@ pub struct Search {
     /// The kind of residual with the largest ratio of scatter to noise under the final model; `None` if no ratio is
     /// significant. Only residuals at rests and residuals relative to the motor angles of the stand (a device that
     /// rotates the unit) are tested. If effects were selected, the tested residuals are only those of the stand and of
-    /// the sensors on which these effects act. The effects are also estimated without the motor angles. If the
-    /// estimates with and without these angles differ significantly, this field reports the difference, with the name
-    /// `stand_and_sensors`, instead of a kind of residual.
+    /// the sensors on which these effects act. The effects are also estimated without the motor angles. If these
+    /// estimates differ significantly from the estimates with the motor angles, the field instead contains the ratio of
+    /// this difference to its noise, with the name `stand_and_sensors`.
     pub scattering_rests: Option<Scattering>,
     /// Whether the search ignores accelerometer samples inside moves. It ignores them if the unit was moved by hand,
     /// because the specific force then contains accelerations in addition to gravity. It also ignores them if the

@@ -100,8 +100,8 @@ pub(crate) struct HeldRow {
 }
 
 impl HeldParameter {
-    /// A prior that keeps the parameter with the index `parameter` near a start value. It is used only inside a fit and
-    /// is not part of a result.
+    /// Creates a prior that keeps the parameter with the index `parameter` near a start value. This prior is used only
+    /// inside a fit and is not part of a result.
     pub(crate) fn near(parameter: usize, value: f64, sigma: f64) -> Self {
         let quantity = Quantity::Entry { parameter, nominal: 1.0 };
         Self { name: String::new(), value, sigma, source: PriorSource::Given, usual: None, quantity }
@@ -135,8 +135,8 @@ impl HeldParameter {
         matches!(self.quantity, Quantity::Combination { .. })
     }
 
-    /// Residual of the prior, in standard deviations of the prior, and its derivatives. `parameters` begins with the
-    /// first base parameter, and the indices of the derivatives are counted from it.
+    /// Computes the residual of the prior, in standard deviations of the prior, and its derivatives. `parameters`
+    /// begins with the first base parameter, and the indices of the derivatives are counted from this parameter.
     pub(crate) fn row(&self, parameters: &[f64]) -> HeldRow {
         let residual = (self.estimate(parameters) - self.value) / self.sigma;
         let derivatives = match self.quantity {
@@ -208,8 +208,8 @@ impl<'a> StageRows<'a> {
     }
 }
 
-/// For each of the 21 parameters: the precision (inverse variance) of its prior, and the parameter minus the mean of
-/// its prior. Both are zero for a parameter without a prior.
+/// Returns, for each of the 21 parameters, the precision (inverse variance) of its prior, and the parameter minus the
+/// mean of its prior. Both are zero for a parameter without a prior.
 pub(crate) fn precisions(held: &[HeldParameter], parameters: &[f64]) -> [(f64, f64); BASE] {
     let mut all = [(0.0, 0.0); BASE];
     for held in held {

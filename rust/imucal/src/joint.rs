@@ -20,7 +20,7 @@
 //! of both adjacent moves, so these residuals are correlated. Whitening multiplies the residuals by the inverse of the
 //! Cholesky factor of their covariance. The attitude error grows inside a move as a random walk, so the residuals
 //! inside a move are correlated, too. A Kalman filter replaces the residuals inside a move by its normalised
-//! innovations, which are white (module `inside`). The weights are estimated from the residuals of a fit, and the next
+//! innovations, which are white (module `inside`). The weights of the residuals are estimated from a fit, and the next
 //! fit uses the new weights. Fits are repeated until the parameters converge.
 
 mod choices;
@@ -93,11 +93,11 @@ use start::Prior;
 use weights::Weights;
 
 /// Observability limit of an effect. If its parameters change by one typical size (`Term::typical`) in their least
-/// observable direction, the whitened residuals must change by at least this value (norm). At the limit of 0.1, a
-/// change by ten typical sizes changes chi2 by one (model.md (18)).
+/// observable direction, the norm of the change of the whitened residuals must be at least this value. At the limit of
+/// 0.1, a change by ten typical sizes changes chi2 by one (model.md (18)).
 const LEAST_CHANGE: f64 = 0.1;
-/// Observability limit of an effect with a prior. It limits the same norm as `LEAST_CHANGE`, but the parameters change
-/// in their most observable direction. At 0.01, a change by a hundred typical sizes changes chi2 by one.
+/// Like `LEAST_CHANGE`, but for an effect with a prior: its parameters change in their most observable direction. At
+/// 0.01, a change by a hundred typical sizes changes chi2 by one.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
 /// Initial standard deviation of the prior of an effect, in typical sizes of its parameters. Only effects that are
 /// permitted even if the recordings do not determine all their parameters (`Term::partly`) have such a prior.
@@ -107,9 +107,9 @@ const WIDE: f64 = 100.0;
 const SETTLED: f64 = 1e-3;
 /// If a parameter changes by more than this number of standard deviations in the last permitted fit, the weights are
 /// reported as not converged. The convergence test of a single fit, which uses the gradient of chi2, has the same
-/// limit. An estimate whose last change is between `SETTLED` and this limit is usable. For example, in slow hand-held
-/// runs with a temperature cycle, the changes decrease only by a constant factor per fit and may still exceed `SETTLED`
-/// after `MAX_ROUNDS` fits.
+/// limit. An estimate whose last change is between `SETTLED` and this limit is usable. Slow hand-held runs with a
+/// temperature cycle give such estimates: the changes decrease only by a constant factor per fit and may exceed
+/// `SETTLED` after `MAX_ROUNDS` fits.
 const NOT_SETTLED: f64 = 0.1;
 /// Maximum number of fits with new weights. If the parameters have not converged after this number, the result is
 /// reported as not converged. Most runs converge within five fits.
@@ -136,8 +136,8 @@ const LAG_SHARES: [f64; 5] = [0.002, 0.006, 0.02, 0.06, 0.2];
 /// from the gravity directions at the rests, even if the force inside the moves is not used.
 const OBSERVABLE_AT_RESTS: [&str; 1] = ["gyro_angular_acceleration"];
 
-/// Whether an effect is not observable in hand-held recordings. This is the case if it is observable only from the
-/// force inside the moves, because the hand adds an unknown acceleration to this force.
+/// Whether an effect is not observable in hand-held recordings. The hand adds an unknown acceleration to the force
+/// inside the moves, so an effect that is observable only from this force is not observable.
 pub(crate) fn is_unobservable_hand_held(name: &str) -> bool {
     let effect = Effect::<f64>::find(name);
     effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !OBSERVABLE_AT_RESTS.contains(&name)
@@ -188,8 +188,8 @@ pub(crate) fn fit(
 
 /// Runs the joint fit of a search for effects, from the model `start`, with a relative tolerance of 1e-5. If the
 /// residuals of this model are far above noise, the fit is repeated with new weights until the weights hardly change.
-/// Otherwise, it is repeated once if encoders are used. `width` returns the standard deviation of an effect's prior, in
-/// typical sizes; `None` means no prior. Returns the residuals at the estimate and their derivatives.
+/// Otherwise, with encoders, it is repeated once. `width` returns the standard deviation of an effect's prior, in
+/// typical sizes of its parameters, or `None` for no prior. Returns the residuals and derivatives at the estimate.
 pub(crate) fn fit_for_search(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -200,8 +200,8 @@ pub(crate) fn fit_for_search(
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     begin(&mut problem, terms, &parameters, width)?;
     let mut found = minimize(&problem, &parameters, SEARCH)?;
-    // Residuals that the start model does not explain are strongly down-weighted. A misaligned stand or a very large
-    // effect causes such residuals. The weights are therefore estimated again after the fit.
+    // The first weights strongly reduce the influence of residuals that the start model does not explain, for example
+    // due to a misaligned stand or a very large effect. The weights are therefore estimated again after the fit.
     let mut taken = problem.weights.times_noise(prepared);
     let is_misled = !terms.all.is_empty() && taken.iter().any(|times| *times > MISLEADING);
     let rounds = if is_misled { MAX_ROUNDS } else { usize::from(terms.kinds.encoders) };
@@ -249,8 +249,8 @@ pub(crate) fn predict(
 /// With weights from noise only, the large residuals at the start values could move the estimate of an effect far from
 /// its true value. For example, a g-sensitivity that is equal on all axes adds a rate that is parallel to gravity at
 /// rest. This rate rotates the attitude about gravity, and the residuals of the moves do not depend on this rotation.
-/// The fit could end at a very large g-sensitivity. The computed attitude then rotates about gravity so fast that the
-/// contributions of all other errors to the residuals average out.
+/// The fit could therefore end at a very large g-sensitivity, at which the computed attitude rotates about gravity so
+/// fast that the contributions of all other errors to the residuals average out.
 fn begin(
     problem: &mut Joint<'_>,
     terms: &Terms<'_>,
@@ -316,8 +316,8 @@ fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error
 }
 
 /// Returns the priors of the effects. An effect for which `width` returns a standard deviation gets a prior with this
-/// standard deviation, if the recordings determine at least one direction of its parameters. The recordings must
-/// determine any other effect in all directions of its parameters. Otherwise, the function returns an error with the
+/// standard deviation, if the recordings determine at least one direction of its parameters. For any other effect, the
+/// recordings must determine all directions of its parameters. If they do not, the function returns an error with the
 /// explanation from the catalogue of effects.
 fn check_determined(
     jacobian: &Mat<f64>,
@@ -325,8 +325,8 @@ fn check_determined(
     width: impl Fn(&Term<'_>) -> Option<f64>,
 ) -> Result<Vec<Prior>, Error> {
     let mut priors = Vec::new();
-    // A prior with a standard deviation of 100 typical sizes hardly changes the estimate in observable directions.
-    // Therefore, the result does not depend on the exact value of the observability limit.
+    // A prior acts in all directions. It is so wide (100 typical sizes) that it hardly changes the estimate in
+    // observable directions, so no limit between observable and unobservable directions is needed.
     for term in &terms.all {
         // Jacobian columns of zeros are omitted. While an effect is zero, the derivative with respect to its time
         // constant is zero, and the QR decomposition would give this column an arbitrary direction.
@@ -373,8 +373,8 @@ pub(crate) fn start_shares(effect: &Effect<f64>) -> &'static [f64] {
     if effect.needs.contains(&Need::TemperatureHistory) { &LAG_SHARES } else { &SHAPE_SHARES }
 }
 
-/// Fits all other parameters for several values of each time constant. The value with the smallest chi2 becomes the
-/// centre of a wide prior of the time constant.
+/// For each time constant, tries several values, and fits all other parameters for each value. The value with the
+/// smallest chi2 becomes the centre of a wide prior of the time constant.
 fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Vec<f64>) -> Result<(), Error> {
     for term in terms.all.iter().filter(|term| term.has_shape()) {
         let place = BASE + term.first + term.linear;

@@ -14,9 +14,9 @@
 //!
 //! The column "figure" gives the field of the result and its unit, in which v is the unit of the sensor's output. The
 //! definitions agree with [`crate::simulate`] and with IEEE Std 952. For a gyroscope, N is the angle random walk.
-//! Quantisation here is the rounding of an angle or a velocity, in a sensor whose output is an increment of angle or
-//! velocity. Rounding a rate to counts is a different process, with a white error. The variance of this error per
-//! sample is (size of a count)^2 / 12, and N does not include it.
+//! Quantisation in this table is the rounding of an angle or a velocity by a sensor that outputs increments of angle or
+//! velocity. If a sensor outputs a rate and rounds it to counts, the rounding error is white noise with the variance
+//! (size of a count)^2 / 12 per sample. N does not include this rounding error.
 //!
 //! The values are maximum-likelihood estimates from the power spectrum of a cosine transform, `docs/model.md` (31) and
 //! (32). The variance of the estimates reaches the Cramer-Rao bound. The Allan deviations are only for display, and
@@ -67,9 +67,9 @@ pub struct Noise {
     pub samples: usize,
     /// Sample rate, Hz.
     pub rate_hz: f64,
-    /// Noise of the accelerometer's axes x, y, z, in the recording's unit; `None` for a gyroscope alone.
+    /// Noise of the accelerometer's axes x, y, z, in the recording's unit; `None` if only a gyroscope was recorded.
     pub accelerometer: Option<[AxisNoise; 3]>,
-    /// Noise of the gyroscope's axes x, y, z, in the recording's unit; `None` for an accelerometer alone.
+    /// Noise of the gyroscope's axes x, y, z, in the recording's unit; `None` if only an accelerometer was recorded.
     pub gyroscope: Option<[AxisNoise; 3]>,
     /// Steps of the mean reading within the used samples. The estimated noise includes them.
     pub steps: Vec<Step>,
@@ -84,10 +84,10 @@ pub struct Noise {
 /// Options of a noise identification.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Minimum duration of an interval that counts as a rest, s.
+    /// Minimum duration of a rest, s. Shorter intervals at rest are ignored.
     pub min_rest_s: f64,
-    /// Whether steps of the mean reading are cut out. If so, only the longest part of the rest in which no sensor axis
-    /// has a step is used.
+    /// Whether steps of the mean reading are cut out. If true, only the longest part of the rest without a step in any
+    /// axis is used.
     pub cut_steps: bool,
 }
 
@@ -109,9 +109,9 @@ pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUs
     let has_repeats = findings.iter().any(|finding| finding.code == "samples_duplicated");
     let stretch = stretch::longest(recording, has_repeats);
     if stretch.lost == 0 {
-        // The general check reports `samples_missing` even if samples are present but have late time stamps. The module
-        // `stretch` distinguishes late samples from missing samples. If it finds no missing samples, the finding of the
-        // general check is removed.
+        // `check_one_or_both` reports `samples_missing` even if samples are present but have late time stamps. The
+        // module `stretch` distinguishes late samples from missing samples. If `stretch` finds no missing samples, the
+        // finding `samples_missing` is removed.
         findings.retain(|finding| finding.code != "samples_missing");
     }
     let is_whole = stretch.samples.len() == recording.len();
@@ -366,8 +366,8 @@ mod tests {
         Sensor { noise_density: 1e-3, bias_instability: 5e-4, random_walk: Vector3::repeat(1e-4), ..Sensor::ideal() }
     }
 
-    /// In simulated recordings, the error of each estimate is divided by its reported standard deviation. Over all runs
-    /// and axes, the mean square of these ratios must be in its 99.9 % interval.
+    /// In simulated recordings, the ratio (error of an estimate) / (reported standard deviation) must have a mean
+    /// square of about one over all runs and axes. The limits are those of a 99.9 % interval.
     #[test]
     fn standard_deviations_are_those_of_the_errors() {
         let mut squares = [0.0; 3];

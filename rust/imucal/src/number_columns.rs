@@ -14,8 +14,8 @@ use crate::numerics::workers::{in_order, processors};
 
 /// Several threads read the lines of a block if the block has at least this number of bytes.
 const WORTH_THREADS: usize = 1 << 20;
-/// If the first block has at least this number of bytes, the text counts as long, because many more blocks may follow.
-/// Each column then reserves memory for [`RESERVED`] values.
+/// A text is treated as long if its first block has at least this number of bytes, because many more blocks may follow.
+/// For a long text, each column reserves memory for [`RESERVED`] values.
 const LONG: usize = 1 << 22;
 /// Number of values for which a column of a long text reserves memory. These values need more than 32 MB, so the
 /// allocator of Linux maps the memory directly from the system. Only pages that are written then occupy memory. The

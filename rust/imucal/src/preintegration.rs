@@ -15,11 +15,11 @@
 //!
 //! Inside the integrals, R is the rotation from the frame at a sample to the frame at the start of the move. In front
 //! of the integrals, R is the rotation over the whole move. The integrals are trapezoidal sums over the samples. The
-//! time derivative of R is `R' = R [w]x`, so a third of the entries of the G_j can be computed from the rotation of the
-//! whole move. With the columns R_x, R_y, R_z of R, the integral of `R_y w_z - R_z w_y` is the change of R_x. If the
-//! move does not start and end at rest, the relative deviation of the trapezoidal sums from this relation is a twelfth
-//! of the squared rotation per step. Short steps are summed in groups of sixteen, which does not change the result (see
-//! `preintegration/sums.rs`).
+//! time derivative of R is `R' = R [w]x`, so a third of the columns of the G_j can be computed from the other columns
+//! and the rotation over the whole move. For example, if R has the columns R_x, R_y and R_z, the integral of `R_y w_z -
+//! R_z w_y` is the change of R_x. If the move does not start and end at rest, the relative deviation of the trapezoidal
+//! sums from this relation is a twelfth of the squared rotation per step. Short steps are summed in groups of sixteen,
+//! which does not change the result (see `preintegration/sums.rs`).
 
 mod attitudes;
 mod interpolation;
@@ -139,10 +139,10 @@ impl Sums {
         self.bias += weight;
     }
 
-    /// Adds the contribution of effects (sensor errors in addition to sensitivity and bias) over an interval to the
-    /// sums of R times the rate. `beyond` is the rate error due to the effects, rad/s. Its contribution is needed
-    /// because the sensitivity multiplies the sum of the true rate and this error. `weight` is the integral of R over
-    /// the interval, s.
+    /// Adds the contribution of effects to the sums of R times the rate, over an interval. Effects are sensor errors
+    /// that sensitivity and bias do not describe. `beyond` is the rate error due to the effects, rad/s. Its
+    /// contribution is needed because the sensitivity multiplies the sum of the true rate and this error. `weight` is
+    /// the integral of R over the interval, s.
     pub(crate) fn add_beyond(&mut self, weight: &Matrix3<f64>, beyond: &Vector3<f64>) {
         self.sensitivity.iter_mut().zip(beyond).for_each(|(sum, part)| *sum += weight * *part);
     }

@@ -12,8 +12,8 @@ use crate::error::Error;
 /// (temperature of the unit) - (this reference).
 pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;
 
-/// A time step of at least this length counts as a pause in the recording, s. Every inertial sensor that can be
-/// calibrated has a shorter sampling interval.
+/// A time step of at least this length is a pause in the recording, s. Every inertial sensor that can be calibrated has
+/// a shorter sampling interval.
 const PAUSE_S: f64 = 1.0;
 
 /// Unit of the samples of a three-axis sensor. Other physical units (g, deg/s, ...) are converted to SI when a file is
@@ -237,8 +237,8 @@ impl<'a> Recording<'a> {
     /// Mean sampling rate, Hz: the number of time steps divided by the sum of the time steps, without pauses (see
     /// `PAUSE_S`). NaN if the time does not increase.
     ///
-    /// The median time step is not used, because it may differ from the mean time step by ten per cent or more. Median
-    /// and mean differ if samples come in bursts, or if the resolution of the time stamps is coarse.
+    /// The median time step is not used. If samples come in bursts, or if the resolution of the time stamps is coarse,
+    /// the median may differ from the mean time step by ten per cent or more.
     pub fn mean_rate_hz(&self) -> f64 {
         let of = |is_counted: &dyn Fn(f64) -> bool| {
             let steps = self.time_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| is_counted(*step_s));

@@ -27,18 +27,18 @@ use levels::{Levels, Likelihood, NOISES, RestNoise, trial_noise};
 /// before rounding is then above 0.58 steps, the rms rounding error of a mean is below 3e-4 steps, and the variance of
 /// the samples includes the variance q^2 / 12 of the rounding.
 pub(crate) const LEAST_SCATTER: f64 = 0.65;
-/// Distance D between two readings, in steps, at which the factor exp(-2 D^2) in cov(d_k, d_l) is exp(-1/2). For
-/// readings more than a step apart, this factor makes the covariance small, because the phase 2 pi D of the cosine is
-/// then not known accurately.
+/// Distance D between two readings, in steps, at which the factor exp(-2 D^2) in cov(d_k, d_l) is exp(-1/2). If two
+/// readings are more than a step apart, the phase 2 pi D of the cosine is not known accurately, so the factor reduces
+/// the covariance to nearly zero.
 const CORRELATED: f64 = 0.5;
 /// Standard deviation of the prior of ln(a / b), where a and b are the standard deviations of the noise of two axes.
 /// The prior states that the axes have similar noise. With a narrower prior, the levels of one axis have more
 /// influence on the estimated noise of another axis.
 const SIMILAR: f64 = 0.3;
-/// The rounding error of a mean is neglected if its rms value is at most this number of steps. Noise above 0.58 steps
-/// leaves a smaller error.
+/// The rounding error of a mean is neglected if its rms value is at most this number of steps. If the noise is above
+/// 0.58 steps, the rounding error is smaller than this limit.
 const NEGLECTED: f64 = 3e-4;
-/// Maximum relative difference between two quantisation steps that count as equal.
+/// Two quantisation steps are treated as equal if their relative difference is at most this number.
 const EQUAL_STEPS: f64 = 1e-3;
 
 /// Noise and rounding errors of one axis, raw units: either for one rest, or for the noise that most rests of a

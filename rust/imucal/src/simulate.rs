@@ -82,7 +82,7 @@ pub struct Setup<'a> {
     pub motion: &'a Motion,
     /// The unit: its sensors and their errors.
     pub unit: &'a Unit,
-    /// Sampling rate in the time of the unit's clock, Hz.
+    /// Sampling rate, Hz: samples per second of the unit's clock.
     pub rate_hz: f64,
     /// Local gravity, m/s^2.
     pub gravity_mps2: f64,
@@ -112,8 +112,8 @@ pub struct Added<'a> {
 /// refer to the true instant of the sample, which equals the time stamp unless the clock has a fault.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Simulation {
-    /// Time stamps, s: the sample number divided by the sampling rate. They start at 0 and are earlier than the end of
-    /// the motion.
+    /// Time stamps, s: the sample number divided by the sampling rate. The first time stamp is 0, and the last is
+    /// before the end of the motion.
     pub time_s: Vec<f64>,
     /// Measured specific force, m/s^2.
     pub specific_force: Vec<[f64; 3]>,

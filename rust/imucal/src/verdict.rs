@@ -47,8 +47,8 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// The verdict that follows from these reasons. It is `poor` if [`Reason::is_poor`] is true for any reason,
-    /// `incomplete` if there are only other reasons, and `good` if there are no reasons.
+    /// Derives the verdict from these reasons. It is `poor` if [`Reason::is_poor`] is true for any reason, `incomplete`
+    /// if there are only other reasons, and `good` if there are no reasons.
     pub fn of(reasons: Vec<Reason>) -> Self {
         let (mut poor, incomplete): (Vec<Reason>, Vec<Reason>) = reasons.into_iter().partition(Reason::is_poor);
         if poor.is_empty() {

@@ -35,8 +35,8 @@ def apply(
 ) -> None:
     """Correct a recording: the output has samples in SI units along the body frame, and all other columns.
 
-    CSV and Parquet files are corrected in pieces, so that memory does not grow with the file. Calibrations
-    with a lever arm or a delay need the derivative of the rate, and correct the file as a whole.
+    CSV and Parquet files are corrected in pieces, so that memory does not grow with the file. A calibration
+    with a lever arm or a delay needs the derivative of the rate; the file is then corrected as a whole.
 
     Example: imucal apply unit-0042.json run.csv -o corrected.csv
     """
@@ -85,7 +85,7 @@ def apply(
 
 
 class _Empty:
-    """Counts the samples that one cause leaves without a result, and keeps the index of the first of them."""
+    """Counts the samples that have no result for one reason, and stores the index of the first of them."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -101,7 +101,7 @@ class _Empty:
         self.count += int(empty.sum())
 
     def warning(self, reason: str) -> list[str]:
-        """The warning that the counted samples are empty, with the reason; an empty list if none are."""
+        """A list with the warning that the counted samples are empty; an empty list if the count is zero."""
         if not self.count:
             return []
         samples = "1 sample is" if self.count == 1 else f"{self.count} samples are"
@@ -126,7 +126,7 @@ class _Corrected:
 
     def warnings(self) -> list[str]:
         """Warnings about empty samples."""
-        too_large = "the effects are too large to be inverted"
+        too_large = "the effects are too large to be removed"
         if self.missing.count and not self._unit.takes_pieces:
             too_large += ", or the derivative of the rate is unknown next to missing samples"
         return [

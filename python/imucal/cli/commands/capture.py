@@ -128,10 +128,10 @@ def capture(
 ) -> None:
     """Record a unit that you hold in your hand, guided pose by pose, and calibrate it.
 
-    Shows the next pose, reports at once why a pose does not count and which faults the data have, and ends
-    when all poses are recorded. Samples are written to OUT.csv at once, so after an interrupt or a crash, the
-    same command continues the recording. Needs `pip install 'imucal-rs[capture]'` for the full screen and
-    serial ports.
+    Shows the next pose, reports immediately why a pose does not count and which faults the data have, and
+    ends when all poses are recorded. Samples are written to OUT.csv as they arrive, so after an interrupt or
+    a crash, the same command continues the recording. Needs `pip install 'imucal-rs[capture]'` for the full
+    screen and serial ports.
 
     Example: imucal capture hand.csv --source /dev/ttyUSB0 --packet packet.json
 

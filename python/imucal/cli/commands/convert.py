@@ -67,8 +67,8 @@ def convert(
 ) -> None:
     """Convert files of other programs to a recording.
 
-    Repairs to the data are printed, because the output file does not contain them. A log that an autopilot
-    has rotated is converted only with --axes.
+    Repairs to the data are printed, because the output file does not state them. If an autopilot has rotated
+    the samples of a log, the log is converted only with --axes.
 
     Example: imucal convert xsens_acc.mat xsens_gyro.mat --format imu_tk -o run.csv
     """

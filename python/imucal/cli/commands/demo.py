@@ -31,7 +31,7 @@ def demo(
     units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
-    """Simulate the paper's stand run, calibrate it, evaluate it on a control run, and write a report.
+    """Simulate a run on a stand, calibrate it, evaluate it on a control run, and write a report.
 
     Example: imucal demo -o demo
     """

@@ -34,8 +34,8 @@ def diff(
 ) -> None:
     """Compare two calibrations of a unit: difference of each parameter in standard deviations.
 
-    Ends with 0 if the calibrations agree within their uncertainties, and with 2 if they do not. Also ends
-    with 2 if no parameter has a standard deviation in both files, as in calibrations of other programs.
+    The exit code is 0 if the calibrations agree within their uncertainties, and 2 if they do not. It is also
+    2 if no parameter has a standard deviation in both files, as in calibrations of other programs.
 
     Example: imucal diff unit-0042-may.json unit-0042-june.json
     """

@@ -90,9 +90,9 @@ def export(
 ) -> None:
     """Write a calibration for another program: firmware, autopilots, estimators, simulators.
 
-    Prints the parts of the calibration that the format omits and, with --control, the resulting errors on a
-    recording, with the findings and the verdict of `imucal evaluate`. Warns if the verdict on the
-    calibration is not good.
+    Prints the parts of the calibration that the format omits. With --control, evaluates the calibration with
+    and without these parts on a recording, and prints the errors, the findings and the verdict of `imucal
+    evaluate`. Warns if the verdict on the calibration is not good.
 
     Example: imucal export unit-0042.json --to c-header -o calibration.h
     """

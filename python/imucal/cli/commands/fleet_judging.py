@@ -23,7 +23,7 @@ MOST_LINES = 30
 def drift(
     store: StorePath,
     serial: Annotated[str | None, argument(metavar="[SERIAL]", help="Serial number of one unit.")] = None,
-    all_units: Annotated[bool, option("--all", help="All units, and which parameter ages.")] = False,
+    all_units: Annotated[bool, option("--all", help="Test all units; show which parameters age.")] = False,
     csv: CsvPath = None,
     json: JsonPath = None,
     selection: Selection = Selection(),  # noqa: B008
@@ -90,9 +90,9 @@ def spc(
 ) -> None:
     """Draw control charts of each station, and find shifts common to the units of a station.
 
-    The measurement noise of each unit is subtracted from the moving ranges. A chart has the rules of the
-    Western Electric handbook and a moving average (EWMA). The verdict depends only on shifts of a station, or
-    of a station on one day, that are significant over all charts together.
+    The measurement noise of each unit is subtracted from the moving ranges. The values of a chart are tested
+    by the rules of the Western Electric handbook and by a moving average (EWMA). The verdict depends only on
+    shifts of a station, or of a station on one day, that are significant over all charts together.
 
     Example: imucal fleet spc units.sqlite --station north --csv signals.csv
     """
@@ -123,10 +123,11 @@ def outliers(
     json: JsonPath = None,
     selection: Selection = Selection(),  # noqa: B008
 ) -> None:
-    """Find odd units by their robust distance from all others, and name the parameter that decides.
+    """Find odd units by their robust distance from all others, and name the parameter that deviates most.
 
-    The distance is over all parameters and figures, with the covariance of each unit's measurement. A shift
-    that all units of a station have in common on a day belongs to the station and is subtracted first.
+    The distance is computed from all parameters and figures, and from the covariance of each unit's
+    measurement. A shift that all units of a station have in common on a day belongs to the station and is
+    subtracted first.
 
     Example: imucal fleet outliers units.sqlite --batch 2026-11 --csv odd.csv
     """

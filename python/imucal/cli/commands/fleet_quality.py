@@ -50,7 +50,7 @@ def capability(
     json: JsonPath = None,
     selection: Selection = Selection(),  # noqa: B008
 ) -> None:
-    """Compare the units with limits: Cp, Cpk, Pp, Ppk, share outside with and without measurement noise.
+    """Compare the units with limits: Cp, Cpk, Pp, Ppk, shares out of limits with and without noise.
 
     Uses the first calibration of each unit. The verdict is poor if a Ppk is below 1.
 
@@ -121,7 +121,7 @@ def grr(
     out.line(f"{result.units} units x {result.operators} {result.by}s x {result.repeats} repeats")
     out.table(headings, [_cells(_study(study, datasheet)) for study in result.studies])
     if result.left_out:
-        out.line(f"{result.left_out} calibrations beyond the balanced study are left out")
+        out.line(f"{result.left_out} calibrations are left out, so that the study is balanced")
     for study in result.studies:
         if study.sigma is not None and not study.sigma.is_honest:
             out.line(

@@ -141,9 +141,9 @@ def run(
 ) -> None:
     """Calibrate the recordings of many units into a store; only new recordings are processed.
 
-    A unit is not computed again if the contents of its files, the options and the version of imucal are those
-    of a row in the store. A run that was killed continues when it is started again. The exit code is 1 if a
-    unit has no result, else 2 if one is poor.
+    A unit is not computed again if the store has a row with the same file contents, options and version of
+    imucal. A run that was killed continues when it is started again. The exit code is 1 if a unit has no
+    result, else 2 if one is poor.
 
     Example: imucal fleet run units.sqlite run.csv control.csv
 

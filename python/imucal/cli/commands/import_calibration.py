@@ -78,7 +78,7 @@ def import_calibration(
     """Read a calibration of another program, such as Kalibr, Basalt, RealSense, PX4 or ArduPilot.
 
     The correction is the same as in the other program. If its file does not state a part of a calibration,
-    such as the covariance, this part is absent from the calibration file and listed.
+    such as the covariance, the output file lacks this part, and the command lists it.
 
     Example: imucal import imu.yaml -o imported.json
     """

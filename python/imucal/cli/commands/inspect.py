@@ -29,7 +29,8 @@ def inspect(
     calibration has these standard deviations if, besides noise, the data contain only errors that the 21
     parameters describe.
 
-    Ends with 2 if a calibration would refuse one of the recordings.
+    The exit code is 2 if a recording has a fault for which a calibration refuses it, or if it does not
+    determine all parameters.
 
     Example: imucal inspect run.csv
 

@@ -67,8 +67,8 @@ def noise(
     """Estimate noise density, bias instability and random walk of a unit at rest by the Allan deviation.
 
     Every figure has a 95 % confidence interval. If a kind of noise is not detected, only its upper bound is
-    meaningful. Ends with 2 if the noise of an axis is below one count or does not fit the noise model, or if
-    the mean of an axis changes in a step.
+    meaningful. The exit code is 2 if the noise of an axis is below one count or does not fit the noise model,
+    or if the mean of an axis changes in a step.
 
     Example: imucal noise still.csv --report noise.html --kalibr imu.yaml
     """

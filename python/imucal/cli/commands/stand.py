@@ -56,9 +56,9 @@ def run(
 ) -> None:
     """Run a program on a stand and record the unit.
 
-    All samples are written at once to OUTPUT.journal; after a crash or a power failure, `imucal stand
-    recover` converts it to a recording. Ends with 1 if the run was interrupted; the samples until then are
-    written.
+    Each sample is written to OUTPUT.journal immediately; after a crash or a power failure, `imucal stand
+    recover` converts this journal to a recording. The exit code is 1 if the run was interrupted; the samples
+    until then are written.
 
     Example: imucal stand run random --driver simulated --speed 1000 -o stand-run.csv
 

@@ -85,11 +85,11 @@ def calibrate(
     units: UnitsOption = UnitSystem.datasheet,
     json: JsonPath = None,
 ) -> None:
-    """Run, calibrate, run a control program, judge, and export one unit.
+    """Run a program, calibrate one unit, run a control program, judge the unit, and export its calibration.
 
-    A unit whose calibration is incomplete passes, unless --require good or the limits ask for more. The exit
-    code is 0 if the unit passes, 2 if it fails, and 1 if there is no result or a file of a unit that passes
-    cannot be written.
+    A unit whose calibration is incomplete passes, unless --require good is given or the limits require the
+    verdict good. The exit code is 0 if the unit passes, 2 if it fails, and 1 if there is no result or a file
+    of a unit that passes cannot be written.
 
     Example: imucal stand calibrate --driver simulated --speed 1000 --serial-number 0042 -o units
     """

@@ -1,4 +1,4 @@
-"""Ageing of parameters: their mean slope over time, for all units, batches, stations and temperatures."""
+"""Ageing of parameters: mean slope over time of all units, and of units by batch, station and temperature."""
 
 from __future__ import annotations
 

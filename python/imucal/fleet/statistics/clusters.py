@@ -13,7 +13,7 @@ from imucal.fleet.statistics.scipy_part import scipy_part
 __all__ = ["Cluster", "clusters_of"]
 
 MOST_CLUSTERS: Final = 4
-# Minimum number of units in a cluster. The units of a smaller group count as outliers.
+# Minimum number of units in a cluster. A partition that contains a smaller cluster is rejected.
 FEWEST_UNITS: Final = 5
 SEED: Final = 0
 

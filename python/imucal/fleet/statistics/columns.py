@@ -21,8 +21,8 @@ LOG_FIGURES: Final = tuple(
     for of in ("", "control_")
     for name in ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
 )
-# A parameter or figure of merit becomes a column only if at least this number of units have a value of it. An
-# estimate of the repeatability needs at least this number of pairs of measurements of one unit.
+# Minimum number of units with a value of a parameter or figure of merit for it to become a column, and
+# minimum number of pairs of measurements of one unit for an estimate of the repeatability.
 FEWEST: Final = 10
 
 
@@ -86,13 +86,13 @@ def columns_of(measurements: Measurements, *, figures: bool = True) -> Columns:
 
 
 def repeatability(numbers: np.ndarray, values: FloatArray, sigmas: FloatArray) -> float:
-    """Excess standard deviation of the repeated measurements of one unit over the stated standard deviation.
+    """Excess standard deviation of repeated measurements: the part of their scatter that is not stated.
 
     It is the square root of (variance of the repeats - stated variance).
 
     The result is 0 if there are few repeats, or if the excess is not significant. It is computed from the
-    differences of consecutive measurements, so a steady drift common to all units has no effect. The caller
-    removes trends of single units.
+    scatter of the differences of consecutive measurements about their mean, so a steady drift common to all
+    units has no effect. The caller removes trends of single units.
     """
     known = np.isfinite(values)
     order = np.argsort(numbers[known], kind="stable")
@@ -101,7 +101,8 @@ def repeatability(numbers: np.ndarray, values: FloatArray, sigmas: FloatArray) -
     if same.sum() < FEWEST:
         return 0.0
     pairs = spread_of((y[1:] - y[:-1])[same], np.hypot(sigma[1:], sigma[:-1])[same])
-    # If the interval of the spread contains zero, repeats do not scatter significantly more than stated.
+    # If the interval of the spread contains zero, repeats do not scatter significantly more than their stated
+    # standard deviations.
     return pairs.spread / np.sqrt(2.0) if pairs.low > 0 else 0.0
 
 

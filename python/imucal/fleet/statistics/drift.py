@@ -52,7 +52,7 @@ class ParameterDrift:
                              steps
     step, step_date          size of the step and date of the first value after it, if a step explains the
                              values better than a slope; None otherwise
-    dates, values, sigmas    the measurements, without shifts of stations
+    dates, values, sigmas    the measurements, after subtraction of the shifts of stations
     """
 
     name: str
@@ -81,8 +81,8 @@ class UnitDrift:
     p_value       combined p-value of the joint test and of the single parameters
     q_value       smallest false discovery rate at which the unit is reported
     is_drifting   whether q_value is at most 0.2 %
-    parameters    significant parameters, the most significant first; for a single requested unit all
-                  parameters
+    parameters    significant parameters, the most significant first; all parameters if a single unit was
+                  requested
     """
 
     serial: str
@@ -126,7 +126,7 @@ class DriftResult:
 
 
 def drift(measurements: Measurements, serial: str | None = None) -> DriftResult:
-    """The drift of all units, or of one unit. The false discovery rate refers to all units in both cases.
+    """The drift of all units, or of one unit; the false discovery rate is always controlled over all units.
 
     Raises InputError if no unit has two dates, and for a serial number with fewer than two dates.
     """

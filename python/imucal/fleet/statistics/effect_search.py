@@ -48,7 +48,7 @@ class MeanParameter:
     """The distribution of one parameter of an effect over the units.
 
     mean, mean_std   mean over the units, and its standard deviation
-    spread           standard deviation of the units, without the noise of their fits
+    spread           standard deviation over the units, after subtraction of the noise of their fits
     low, high        95 % interval of the spread
     noise            standard deviation of the parameter in the fit of one unit, rms over the units
     """
@@ -69,8 +69,8 @@ class EffectEvidence:
 
     units            number of units whose recordings determine the effect
     alone            number of units whose own data are sufficient to make the effect significant
-    statistic        2 ln(likelihood ratio). Its `dof` degrees of freedom are the mean and the spread of each
-                     parameter
+    statistic        2 ln(likelihood ratio). It has two degrees of freedom (`dof`) per parameter: its mean and
+                     its spread
     p_value          p-value corrected for the number of effects
     is_significant   whether p_value is below 0.1 %
     rivals           effects that explain the data of the units about equally well
@@ -100,7 +100,8 @@ class FleetGap:
                if the stated variances are right
     effects    significant effects, in the order in which they were accepted
     ranking    all effects, the most significant first, as ranked before any effect was accepted
-    clusters   groups of units with different coefficients, for each temperature effect with such groups
+    clusters   for each temperature effect, groups of units whose coefficients differ; none if all units form
+               one group
     """
 
     units: int
@@ -126,7 +127,7 @@ def searchable(names: Sequence[str] | None = None) -> tuple[str, ...]:
 
 
 def effect_search(fit_all: FitAll, effects: Sequence[str]) -> FleetGap:
-    """Accept effects over all units one after the other, until none is significant or three are accepted.
+    """Accept up to three effects one after the other, each by its significance over all units together.
 
     fit_all   function that fits effects to the recordings of all units, see `FitAll`
     """
@@ -235,9 +236,9 @@ def _evidence(
         - _squares(values - mean, total).sum()
         - np.linalg.slogdet(total)[1].sum()
     )
-    # Each parameter has two degrees of freedom: its mean and its variance between units. Two degrees of
-    # freedom would be exact if the estimate of the variance could also be negative. The estimate here cannot
-    # be negative, so the test is slightly conservative.
+    # Each parameter has two degrees of freedom: its mean and its variance between units. The chi-square
+    # distribution with these degrees of freedom would be exact if the estimate of the variance could also be
+    # negative. The estimate here cannot be negative, so the test is slightly conservative.
     p_value = min(tests * float(stats.chi2.sf(statistic, 2 * dof)), 1.0)
     single = stats.chi2.sf(squares / inflation, dof) * units * tests
     return EffectEvidence(

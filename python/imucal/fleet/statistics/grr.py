@@ -4,7 +4,7 @@
 
 y_ijk is repeat k of the measurement of unit i by operator j. The estimates are those of the ANOVA method of
 the AIAG manual Measurement Systems Analysis, 4th edition, chapter III B. Each calibration states its standard
-deviations, so the repeatability also tests these standard deviations.
+deviations. Comparison with the repeatability tests whether these are correct.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class GaugeStudy:
     """The repeatability and reproducibility (gauge study) of one quantity.
 
     name, unit     name and unit of the quantity
-    table          analysis of variance with the interaction
+    table          analysis of variance; the interaction has a row even if it is pooled
     pooled         whether the interaction is not significant and therefore pooled with the repeats
     components     repeatability, operator, interaction, reproducibility, grr, unit, total
     ndc            number of distinct categories, truncated to an integer; at least 5 is usually required
@@ -119,7 +119,8 @@ class GaugeStudy:
 class GrrResult:
     """A gauge study of each parameter.
 
-    by          "operator" or "station"; the reproducibility describes the differences between these
+    by          "operator" or "station"; the reproducibility describes the differences between operators or
+                stations
     units, operators, repeats   size of the balanced study
     left_out    number of measurements that the balanced study does not use
     studies     one per parameter
@@ -227,7 +228,7 @@ def gauge_study(
 def grr(
     measurements: Measurements, *, by: str = "operator", tolerances: Mapping[str, float] | None = None
 ) -> GrrResult:
-    """Gauge studies of all parameters of units that each operator, or each station, has measured repeatedly.
+    """Gauge studies of all parameters, from units that each operator (or station) has measured repeatedly.
 
     by           "operator" or "station"
     tolerances   width of the limits, by parameter
@@ -259,7 +260,7 @@ def grr(
 
 
 def _balanced(serials: TextArray, operators: TextArray, by: str) -> Any:
-    """Indices of rows, (units, operators, repeats), of units that all operators have measured repeatedly."""
+    """Row indices of the balanced study, as an array with the axes (units, operators, repeats)."""
     cells: dict[tuple[str, str], list[int]] = {}
     for row, key in enumerate(zip(serials.tolist(), operators.tolist(), strict=True)):
         if key[1]:

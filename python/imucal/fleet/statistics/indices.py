@@ -2,9 +2,9 @@
 
     Cp = (high - low) / (6 s)      Cpk = min(high - mean, mean - low) / (3 s)
 
-Here low and high are the limits, and s is the standard deviation of the values. The confidence intervals are
-those of chi-square for Cp and of Bissell's normal approximation for Cpk (NIST/SEMATECH e-Handbook of
-Statistical Methods, section 6.1.6).
+Here low and high are the limits, and s is the standard deviation of the values. The confidence interval of Cp
+follows from the chi-square distribution, that of Cpk from Bissell's normal approximation (NIST/SEMATECH
+e-Handbook of Statistical Methods, section 6.1.6).
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ __all__ = ["Index", "Indices", "capability_indices", "moving_range_std"]
 
 # Mean range of two standard normal values (d2 of control charts): 2 / sqrt(pi).
 MEAN_RANGE_OF_TWO: Final = 2.0 / math.sqrt(math.pi)
-# If a standard deviation is estimated from the mean moving range of n values, its effective degrees of
-# freedom are this number times n - 1. The reason is that the relative variance of the estimate, which is
-# 1 / (2 degrees of freedom), is 0.826 / (n - 1) (Cryer and Ryan, Journal of Quality Technology 22, 1990).
+# The estimate of a standard deviation with k degrees of freedom has the relative variance 1 / (2 k). The
+# estimate from the mean moving range of n values has the relative variance 0.826 / (n - 1) (Cryer and Ryan,
+# Journal of Quality Technology 22, 1990), so its effective degrees of freedom are this number times n - 1.
 MOVING_RANGE_DOF: Final = 1.0 / (2.0 * 0.826)
 # Minimum number of values for an index.
 FEWEST_VALUES: Final = 2

@@ -44,8 +44,8 @@ CHUNK: Final = 4000
 class Deciding:
     """A parameter or figure of merit that contributes much to the distance of a unit from the fleet.
 
-    value, expected   measured value after removal of the shifts of its station, and mean of the fleet; for a
-                      figure of merit, their natural logarithms
+    value, expected   measured value minus the shifts of the station, and mean of the fleet; natural
+                      logarithms for a figure of merit
     z                 deviation in standard deviations of a measured value
     removed           decrease of d^2 if this parameter is omitted
     """
@@ -127,7 +127,7 @@ def outliers(measurements: Measurements) -> OutlierResult:
     names = tuple(name for name, is_common in zip(all_columns.names, common, strict=True) if is_common)
     complete = np.isfinite(values[:, common]).all(axis=1)
     # A small fleet may have no column in `names`, because columns with fewer than ten values are omitted. The
-    # number of parameters is therefore a lower bound of the number of columns.
+    # number of columns is therefore taken to be at least the number of parameters.
     needed = max(UNITS_PER_COLUMN * max(len(names), len(kept.names)), 10)
     if complete.sum() < needed:
         raise InputError(
@@ -234,14 +234,15 @@ def _p_values(squared: FloatArray, removed: FloatArray, marginal: FloatArray) ->
     5 % point to its median is the observed ratio. A fleet with wide tails therefore has few false alarms. For
     a normally distributed fleet, these degrees of freedom are infinite, and the distribution is chi-square.
 
-    The second test detects a deviation in a single column, which is small compared with the sum over many
-    columns. It uses the largest squared deviation of a unit in any column, and an F distribution with the
-    same denominator degrees of freedom as in the first test.
+    The second test detects a deviation in a single column. Among many columns, such a deviation contributes
+    little to d^2. The test uses the largest squared deviation of a unit in any column, and an F distribution
+    with the same denominator degrees of freedom as in the first test.
 
-    If more than 5 % of the units of a small fleet are outliers, the outliers themselves widen this tail. A
-    third test therefore compares the marginal deviations of a unit with the marginal deviations of all units
-    in all columns. Only a small part of these deviations belongs to outlying units, so the outliers hardly
-    widen the tail of this distribution. All p-values are corrected for the number of tests.
+    If more than 5 % of the units of a small fleet are outliers, the outliers themselves widen the tail of the
+    fitted F distribution. A third test therefore compares the marginal deviations of a unit with the marginal
+    deviations of all units in all columns. Only a small part of these deviations belongs to outlying units,
+    so the outliers hardly widen the tail of this distribution. All p-values are corrected for the number of
+    tests.
     """
     columns = marginal.shape[1]
     largest = np.maximum(removed, marginal).max(axis=1)

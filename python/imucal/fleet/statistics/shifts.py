@@ -1,4 +1,4 @@
-"""Shifts common to all units of a station, or of a station on one day, which are errors of the station.
+"""Shifts common to all units of a station, on all days or on one day. They are errors of the station.
 
 Each measurement is predicted from the other measurements of its unit and from the median of its batch. The
 residuals of a station, and of a station on one day, are then tested for a common location by Tukey's
@@ -25,8 +25,9 @@ __all__ = ["Shift", "Shifts", "common_shifts", "days_of"]
 # Probability that any shift is reported, over all stations, days and columns, if there is no shift.
 FALSE_ALARM: Final = 0.001
 # Tukey's biweight gives no weight to residuals that are more than this number of standard deviations from the
-# location of the group. With this number, the variance of the mean is 95 % of the variance of the biweight
-# estimate if the values are normal (Maronna et al., Robust Statistics, 2006).
+# location of the group. With this number, the biweight estimate of normally distributed values has the
+# efficiency 95 %: its variance is that of the mean, divided by 0.95 (Maronna et al., Robust Statistics,
+# 2006).
 BIWEIGHT: Final = 4.685
 EFFICIENCY: Final = 0.95
 BIWEIGHT_STEPS: Final = 15
@@ -71,7 +72,7 @@ class Shifts:
     """The common shifts.
 
     found   the significant shifts
-    added   (n, c), for each of n measurements and c columns, the sum of all shifts that the value contains
+    added   (n, c) for n measurements and c columns: the sum of the shifts that each value contains
     """
 
     found: tuple[Shift, ...]
@@ -114,7 +115,7 @@ def days_of(measurements: Measurements) -> TextArray:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """The group with the most significant shift: all measurements of a station, or those of one day."""
+    """The group with the most significant shift: a station on all days, or a station on one day."""
 
     name: tuple[str, str]
     rows: np.ndarray
@@ -226,7 +227,7 @@ class _Column:
         return residual, std * max(scale, 1.0)
 
     def _means(self, y: FloatArray) -> FloatArray:
-        """The median of the batch of each value, or of all values for a small batch."""
+        """For each value, the median of its batch; the median of all values if the batch is small."""
         means = np.full(len(y), float(np.nanmedian(y)))
         for batch in range(int(self._batch.max()) + 1):
             rows = (self._batch == batch) & self._known

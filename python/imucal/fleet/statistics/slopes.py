@@ -81,8 +81,8 @@ def slopes_of(dated: Measurements, columns: Columns, values: FloatArray) -> Slop
     dof = known.sum(1)
     single_p = np.fmin.reduce(parameter_p, axis=1) if len(rows) else np.zeros(0)
     if dated.covariances is None or not rows:
-        # Without covariances there is no joint test of all parameters, because the estimates of one
-        # calibration are correlated and the distribution of their sum of squares is then unknown.
+        # Without covariances there is no joint test of all parameters, because the slopes of the parameters
+        # of one unit are correlated, and the distribution of the sum of their squares is then unknown.
         return Slopes(tuple(rows), first, slopes, stds, None, dof, parameter_p, single_p)
     chi2 = _joint(dated, columns, values, rows, months)
     joint_p = np.where(np.isfinite(chi2), stats.chi2.sf(chi2, dof), 1.0)

@@ -1,14 +1,14 @@
-"""Control charts of the units of a station in order of time, which account for the noise of each measurement.
+"""Control charts of the units of a station in order of time, with limits that include measurement noise.
 
     z_i = (y_i - centre) / sqrt(spread^2 + sigma_i^2)      spread^2 = (moving range estimate)^2 - noise^2
 
 y_i is measurement i, sigma_i its standard deviation, and z_i the normalised deviation from the centre line of
 the chart. `spread` is the standard deviation of the true values, and noise^2 is the median of sigma_i^2.
 
-A chart shows single values and moving ranges, an exponentially weighted moving average (EWMA), and the four
-rules of the Western Electric handbook (1956). The rules give false alarms at a known rate per chart, so many
-charts give many false alarms. The alarms of the result are therefore only shifts of a station that are
-significant over all charts.
+A chart shows the single values and their exponentially weighted moving average (EWMA), both with limits. The
+four rules of the Western Electric handbook (1956) are applied to the values. They give false alarms at a
+known rate per chart, so many charts give many false alarms. The alarms of the result are therefore only
+shifts of a station that are significant over all charts.
 """
 
 from __future__ import annotations

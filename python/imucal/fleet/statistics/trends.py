@@ -14,8 +14,8 @@ __all__ = ["DAYS_PER_MONTH", "months_of", "without_trends"]
 # Mean length of a month of the Gregorian calendar, days.
 DAYS_PER_MONTH: Final = 30.436875
 # A unit has a trend under two conditions. A fitted line reduces chi2 by at least EXPLAINED, and the remaining
-# chi2 per degree of freedom is at most LEFT_PER_DOF. With three or more dates, a shift on one date cannot
-# meet both conditions.
+# chi2 per degree of freedom is at most LEFT_PER_DOF. A shift on one of three or more dates cannot meet both
+# conditions: if it is large enough for the first, a line fits it too badly for the second.
 EXPLAINED: Final = 25.0
 LEFT_PER_DOF: Final = 4.0
 FEWEST_DATES: Final = 3

@@ -13,10 +13,10 @@ __all__ = ["Curve", "Law"]
 class Curve:
     """The error that a law of one variable describes, as a curve over the range that the recordings cover.
 
-    variable  name of the variable, as formulas write it
+    variable  name of the variable in formulas
     at        values of the variable
     value     the error of the sensor minus its mean over this range, by axis, rad/s or m/s^2
-    std       standard deviations of the error by axis, from those of the parameters
+    std       standard deviations of the error by axis, propagated from the parameters
     """
 
     variable: str

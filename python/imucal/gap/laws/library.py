@@ -53,7 +53,7 @@ class Form:
     """A formula that a law can have.
 
     sensor     "gyro" or "accel"
-    driver     name of the variable on which the law depends, as formulas write it
+    driver     name, in formulas, of the variable on which the law depends
     pattern    the expression, with {c} for the constant
     constant   value of the constant; None if the expression has none
     variables  all variables of the expression

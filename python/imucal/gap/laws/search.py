@@ -1,4 +1,4 @@
-"""The search for laws, a second pass for residuals that effects of the catalogue leave unexplained.
+"""Searches for laws, in a second pass over the residuals that effects of the catalogue do not explain.
 
 The recordings are corrected by the calibration with the named effects, which are the effects of the catalogue
 that the first search has accepted. The residuals of the corrected recordings, and their derivatives with
@@ -88,8 +88,8 @@ def _found(question: Question, first: Gap, names: Sequence[str]) -> Gap | None:
     """The result with laws in addition to the named effects; None if no law is confirmed."""
     calibration = first.fits["after"].calibration if names else first.fits["before"].calibration
     recordings = [calibration.apply_recording(recording) for recording in question.recordings]
-    # A smooth function of any slow variable resembles a random walk. If the unexplained residuals are a
-    # random walk, only auxiliary columns and stand angles are therefore tried as variables.
+    # A smooth function of any slow variable resembles a random walk. Therefore, if the unexplained residuals
+    # are a random walk, only auxiliary columns and stand angles are tried as variables.
     is_random = first.remainder is not None and first.remainder.kind == "stochastic"
     forms = further_forms(recordings) if is_random else library(recordings)
     selected = _selected(question, recordings, names, forms, first)
@@ -201,7 +201,7 @@ def _of_effect(effect: UserEffect, states: Sequence[State]) -> UserField:
 def _fitted(
     question: Question, selected: Sequence[Selected], recordings: Sequence[Recording], names: Sequence[str]
 ) -> tuple[Gap, Mapping[str, Selected], dict[str, FormulaEffect]] | None:
-    """The result with the named effects and the laws that unseen data confirm; None if none is confirmed."""
+    """The result with the named effects and the confirmed laws; None if unseen data confirm no law."""
     by_name = {_name(own.form, place, selected): own for place, own in enumerate(selected)}
     while by_name:
         laws = formula_effects([own.form.text(name) for name, own in by_name.items()], recordings)
@@ -306,7 +306,7 @@ def _values_of(variable: str, state: State) -> FloatArray:
 
 
 def _sweep(variable: str, at: FloatArray) -> State:
-    """A state with one sample per element of `at`, in which only `variable` has these values.
+    """Input of a formula, with one sample per element of `at`. Only `variable` has these values.
 
     All other quantities are zero, unknown or arbitrary.
     """

@@ -28,8 +28,8 @@ LEAST_NATS: Final = 8.0
 # of 20 to 1. Equally good forms with different input variables are rivals. Of equally good forms with the
 # same input variable, the simplest is selected.
 RIVAL_NATS: Final = 3.0
-# The selection is repeated on this number of random halves of the rests and moves. A law is accepted if at
-# least the share LEAST_STABLE of the halves select the same sensor and input variable.
+# Number of random halves of the rests and moves on which the selection is repeated. A law is accepted if the
+# same sensor and input variable are selected in at least the share LEAST_STABLE of the halves.
 HALVES: Final = 50
 LEAST_STABLE: Final = 0.8
 # In the random halves, only this number of candidates, those with the largest evidence, are compared.

@@ -135,8 +135,8 @@ fn time<F: RealField + Copy>(state: &State<F>) -> F {
 
 #[inline(always)]
 fn bias_warmup<F: RealField + Copy>(state: &State<F>, tau: F, terms: &mut impl Terms<F>) {
-    // If the time is unknown, the warm-up is assumed to be complete, because the unit has probably been switched on for
-    // a long time.
+    // If the time is unknown, the unit has probably been switched on for a long time, so the warm-up is assumed to be
+    // complete.
     let left = state.surroundings.time_s.map_or(F::zero(), |time_s| (-time_s / tau).exp());
     terms.axes(same(left));
 }

@@ -88,8 +88,8 @@ impl<F: RealField + Copy> Effect<F> {
 
 #[inline(always)]
 fn eccentricity<F: RealField + Copy>(state: &State<F>, terms: &mut impl Terms<F>) {
-    // If the state of the stand is unknown, `stand` returns zero angles, and the effect must be zero. The sines are
-    // then zero, and the factor `known` sets the cosines to zero.
+    // If the state of the stand is unknown, the effect must be zero. In this case, `stand` returns zero angles. The
+    // sines are then zero, and the factor `known` sets the cosines to zero.
     let known = if state.surroundings.stand.is_some() { F::one() } else { F::zero() };
     let angles = stand(state).angle_rad;
     for (motor, angle_rad) in angles.iter().enumerate() {

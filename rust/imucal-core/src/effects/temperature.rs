@@ -5,8 +5,8 @@
 //! *_scale_temperature   (k_i dT + q_i dT^2 + c_i dT^3) v_i
 //! ```
 //!
-//! Each effect can be used with 3, 6 or 9 parameters. It then has the terms up to the first, second or third degree.
-//! The plain form is the form with 3 parameters.
+//! Each effect can be used with 3, 6 or 9 parameters. With 3 parameters, it has only the linear terms (plain form),
+//! with 6 parameters also the quadratic terms, and with 9 parameters also the cubic terms.
 //!
 //! k_i, q_i and c_i are the parameters of axis i. dT is the temperature minus the reference temperature, in kelvin. The
 //! sensitivity and the bias of the calibration are valid at the reference temperature. v is the angular rate w for the
@@ -114,8 +114,8 @@ impl<F: RealField + Copy> Effect<F> {
     };
 }
 
-/// For each axis, the parameters of a cubic polynomial in the temperature difference, without a constant term.
-/// `typical` is the typical size of the linear coefficient.
+/// Creates the parameters of an effect whose error on each axis is a cubic polynomial in the temperature difference,
+/// without a constant term. `typical` is the typical size of the linear coefficient.
 const fn cubic(units: [&'static str; 3], typical: f64) -> [Parameter; 9] {
     by_degree([["x_square", "y_square", "z_square"], ["x_cube", "y_cube", "z_cube"]], units, typical)
 }

@@ -16,9 +16,10 @@
 //! T_tau - T, dT/dt and s.
 //!
 //! A unit may have both the lag effect and `*_bias_temperature`. Let a be the linear coefficient of
-//! `*_bias_temperature`. The sum of the two linear terms is then a T + k (T_tau - T) plus a constant. If k = a, the sum
-//! equals a T_tau plus this constant: the bias follows a temperature that lags the thermometer. If k and a have
-//! opposite signs, the bias follows a temperature that leads the thermometer.
+//! `*_bias_temperature`, and k the coefficient k_i of the lag effect. The sum of the two linear terms is then a T + k
+//! (T_tau - T) plus a constant. If k = a, the sum equals a T_tau plus this constant: the bias follows a temperature
+//! that lags the thermometer. If k and a have opposite signs, the bias follows a temperature that leads the
+//! thermometer.
 
 use super::temperature::{ACCELEROMETER, GYROSCOPE, by_degree};
 use super::temperature_memory::TemperatureHistory;

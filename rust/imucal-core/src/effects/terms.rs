@@ -160,7 +160,7 @@ macro_rules! effect {
     ) => {{
         const PARAMETERS: &[$crate::effects::Parameter] = $parameters;
         const SHAPE: Option<$crate::effects::Parameter> = $shape;
-        #[allow(dead_code)] // Unused without `catalogue`, but kept so that the texts in it count as used.
+        #[allow(dead_code)] // Kept without `catalogue`, so that its texts are not reported as unused.
         const ALIASES: &[$crate::effects::Alias] = $aliases;
         $crate::effects::Effect {
             number: $number,

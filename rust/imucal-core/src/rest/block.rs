@@ -114,7 +114,7 @@ pub fn rest_statistic<F: RealField + Copy>(window: &BlockSums<F>, noise_variance
     statistic_of(&window.variance(), noise_variance)
 }
 
-/// [`rest_statistic`] of a window from the `variance` of each channel.
+/// Computes the [`rest_statistic`] of a window whose channels have the given `variance`.
 #[inline]
 pub fn statistic_of<F: RealField + Copy>(variance: &Vector6<F>, noise_variance: &Vector6<F>) -> F {
     let ratio = both(variance, noise_variance, |variance, noise| variance / noise);
@@ -141,7 +141,7 @@ mod tests {
         [0.3, -1.0, 2.0, 0.0, 1.5, -0.7, 0.9].map(|x: f64| Vector3::new(offset + x, x * x, -x))
     }
 
-    /// Sums of the given samples as rates. The force of each sample is 0.1 times its rate.
+    /// Sums samples whose rates are given. The force of each sample is 0.1 times its rate.
     fn sums_of(samples: &[Vector3<f64>]) -> BlockSums<f64> {
         let mut sums = BlockSums::new();
         samples.iter().for_each(|&s| sums.push(s, s * 0.1));

@@ -76,8 +76,9 @@ fn rests_are_found_within_one_block_at_every_rate() {
         let rests = rests_in(&samples, detector(block));
         assert_eq!(rests.len(), truth.len(), "at {rate_hz} Hz: {rests:?}");
         for (rest, (first, end)) in rests.iter().zip(truth) {
-            // A detected rest excludes its two trimmed blocks and is inside the true rest. With the trimmed blocks, it
-            // starts within one block of the true start and ends within one block of the true end.
+            // The detector trims one block at each end of a rest. Without these two blocks, the detected rest is inside
+            // the true rest. With them, it starts within one block of the true start and ends within one block of the
+            // true end.
             assert!(rest.first_sample >= first && rest.first_sample - block < first + block, "{rate_hz} Hz: {rest:?}");
             assert!(rest.end_sample <= end && rest.end_sample + block + block > end, "{rate_hz} Hz: {rest:?}");
         }

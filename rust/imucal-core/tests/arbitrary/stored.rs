@@ -1,4 +1,5 @@
-//! Reads arbitrary bytes as a calibration. Both the test and the cargo-fuzz target run this function.
+//! Reads arbitrary bytes as a calibration. The test `stored_bytes` and the cargo-fuzz target both call the function
+//! `load`.
 
 use imucal_core::{effects::Surroundings, stored::StoredCalibration};
 use nalgebra::Vector3;

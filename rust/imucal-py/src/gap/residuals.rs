@@ -1,5 +1,5 @@
-//! Converts the residuals (grouped by kind, rest and move) and the predicted errors of corrected samples to mappings
-//! for JSON documents.
+//! Converts two parts of a gap result to mappings for JSON documents: the residuals, grouped by kind, rest and move,
+//! and the predicted errors of corrected samples.
 
 use imucal::gap as library;
 use imucal::recording::Recording;

@@ -47,15 +47,15 @@ pub struct AccelerometerOutcome {
     pub covariance: Vec<Vec<f64>>,
     /// One report for each detected rest: its mean reading, its residual, and the reason if it is excluded.
     pub rests: Vec<RestReport>,
-    /// For each recording, the threshold of rest detection: the variance, relative to the noise, below which the unit
-    /// counts as at rest.
+    /// For each recording, the threshold of rest detection. The unit is at rest if (variance of the readings) /
+    /// (variance of the noise) is below this threshold.
     pub thresholds: Vec<Threshold>,
     /// White-noise densities of the axes x, y, z, m/s^2/sqrt(Hz). Each is the median over the recordings.
     pub noise_density: Vector3<f64>,
     /// Report of the fit: chi2, and why the iterations ended.
     pub fit: FitReport,
-    /// Noise of the mean specific force at a rest, estimated from the residuals of the fit: the standard deviation of
-    /// the norm, m/s^2. `None` if the noise is known and is not estimated.
+    /// Standard deviation of the norm of the mean specific force at a rest, m/s^2, estimated from the residuals of the
+    /// fit. `None` if the noise is known.
     pub noise_from_residuals_mps2: Option<f64>,
     /// Parameters with a prior (held parameters), with their estimates; empty if there are none.
     pub held: Vec<HeldEstimate>,

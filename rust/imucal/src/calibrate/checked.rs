@@ -63,8 +63,8 @@ impl<'a> Checked<'a> {
         refuse_errors(&several_units(recordings, Err(error), |recording| fit_alone(recording, options))?)
     }
 
-    /// Like [`Checked::try_new`], with two differences. Error messages do not offer a model with fewer parameters.
-    /// After a failed fit, the function does not test whether the recordings are of several units.
+    /// Checks and fits the recordings like [`Checked::try_new`], but error messages do not offer a model with fewer
+    /// parameters. After a failed fit, the function does not test whether the recordings are of several units.
     pub(super) fn of_determined(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         let mut data = UnitData::try_new(recordings, options)?;
         let mut accelerometer = data.fit_accelerometer(options)?;
@@ -184,8 +184,8 @@ impl<'a> Checked<'a> {
     }
 
     /// Returns an error if the joint fit of several recordings has failed. It has failed if it gives implausible gains
-    /// (scales of the axes) although the two-stage fit from which it started has plausible gains. A wrong unit of a
-    /// data column is no failure of the joint fit: it would make the gains of both fits implausible.
+    /// (scales of the axes) although the two-stage fit from which it started has plausible gains. If the gains of both
+    /// fits are implausible, the probable cause is a wrong unit of a data column, which the caller reports.
     fn require_fit(&self, gains: &[Finding]) -> Result<(), Error> {
         let is_error = |finding: &Finding| finding.severity == Severity::Error;
         let Some(wrong) = gains.iter().find(|finding| is_error(finding)) else { return Ok(()) };
@@ -286,9 +286,9 @@ mod tests {
     use crate::rests::moves::direction_error_rad;
     use crate::simulate::{Program, RandomMoves, Unit, simulate};
 
-    /// Cross-validation of a simulated run in three folds. Each fold leaves out every third move and every third rest.
-    /// The prediction errors of the omitted moves and rests are computed by a formula that needs only the fit to all
-    /// data. They must agree with the errors of actual fits without these moves and rests.
+    /// Cross-validates a simulated run in three folds. Each fold leaves out every third move and every third rest. The
+    /// prediction errors of the omitted moves and rests are computed by a formula that needs only the fit to all data.
+    /// They must agree with the errors of actual fits without these moves and rests.
     #[test]
     fn what_is_held_out_is_predicted_as_by_a_fit_without_it() {
         let program = Program::random(&RandomMoves::default(), 5).unwrap();

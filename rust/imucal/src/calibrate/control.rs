@@ -7,7 +7,7 @@ use crate::error::Error;
 use crate::evaluate::RestReport;
 use crate::recording::Recording;
 
-/// For each of `count` recordings, the sample index ranges of its rests.
+/// Returns, for each recording, the sample index ranges of its rests. `count` is the number of recordings.
 pub fn rest_ranges(rests: &[RestReport], count: usize) -> Vec<Vec<Range<usize>>> {
     let of = |index| rests.iter().filter(|rest| rest.recording == index).map(|rest| rest.first..rest.end).collect();
     (0..count).map(of).collect()

@@ -1,6 +1,6 @@
-//! Computes the design matrix of the joint fit before any fit. The matrix shows which parameters are determined if
-//! rests and moves are used together. Its least-squares solution for these parameters provides the start values of a
-//! fit (model.md (12)).
+//! Computes the design matrix of the joint fit without performing a fit. The matrix shows which parameters are
+//! determined if rests and moves are used together. The least-squares values of these parameters are the start values
+//! of a fit (model.md (12)).
 
 use std::ops::Range;
 
@@ -22,9 +22,10 @@ const STEPS: usize = 3;
 pub(super) const FAR_OFF: f64 = 0.3;
 
 /// The design matrix: the Jacobian of the residuals with respect to the 18 parameters [`OBSERVED`] (all base parameters
-/// except the gyroscope bias). The row of a residual is divided by the typical error of the sensor model for a real
-/// unit ([`REST_ERROR_MPS2`] or [`MOVE_ERROR_RAD`]). The column of a parameter is multiplied by a hundredth of the size
-/// of the parameter (`sizes`). The row of a prior is divided by the standard deviation of the prior.
+/// except the gyroscope bias). The row of a residual is divided by the typical model error that a real unit has at a
+/// rest or after a move ([`REST_ERROR_MPS2`] or [`MOVE_ERROR_RAD`]). The column of a parameter is multiplied by a
+/// hundredth of the size of the parameter (`sizes`). The row of a prior is divided by the standard deviation of the
+/// prior.
 #[derive(Default)]
 pub(super) struct Design {
     /// Rows of the matrix, with one column for each entry of [`OBSERVED`]. The rows of the residuals are first,
@@ -79,23 +80,24 @@ impl Design {
         Ok((design, parameters))
     }
 
-    /// Parameters that rests and moves together do not determine, as indices into [`OBSERVED`].
+    /// Finds the parameters that rests and moves together do not determine, as indices into [`OBSERVED`].
     pub(super) fn open(&self) -> Result<Open, Error> {
         Open::of(&self.matrix())
     }
 
-    /// Parameters of the accelerometer that the norms of the specific force at the rests do not determine.
+    /// Finds the parameters of the accelerometer that the norms of the specific force at the rests do not determine.
     pub(super) fn open_to_rests(&self) -> Result<Open, Error> {
         self.open_to(0..ACCELEROMETER, |source| matches!(source, Source::Norm(_)))
     }
 
-    /// Entries of the gyroscope sensitivity that the moves do not determine, even if the accelerometer is known.
+    /// Finds the entries of the gyroscope sensitivity that the moves do not determine, even if the accelerometer is
+    /// known.
     pub(super) fn open_to_moves(&self) -> Result<Open, Error> {
         self.open_to(ACCELEROMETER..OBSERVED.len(), |source| matches!(source, Source::Move(_)))
     }
 
     /// Returns the parameters that are not determined by the residuals for which `is_used` is true. Only the parameters
-    /// in the columns `columns` of the matrix are considered; all others count as known.
+    /// in the columns `columns` of the matrix are considered; all others are assumed to be known.
     fn open_to(&self, columns: Range<usize>, is_used: impl Fn(Source) -> bool) -> Result<Open, Error> {
         let rows: Vec<&[f64; 18]> =
             self.rows.iter().zip(&self.lines).filter(|(_, line)| is_used(line.source)).map(|(row, _)| row).collect();
@@ -106,8 +108,8 @@ impl Design {
         Mat::from_fn(self.rows.len(), 18, |i, j| self.rows[i][j])
     }
 
-    /// The Gauss-Newton step of each parameter, in hundredths of the size of the parameter. In unobservable directions
-    /// of the parameter space, the step is zero.
+    /// Computes the Gauss-Newton step of each parameter, in hundredths of the size of the parameter. In unobservable
+    /// directions of the parameter space, the step is zero.
     fn step(&self) -> Result<[f64; 18], Error> {
         let (values, vectors) = lsq::singular(&self.matrix())?;
         let mut step = [0.0; 18];

@@ -7,8 +7,8 @@
 //!              for lags of the temperature)
 //! ```
 //!
-//! C is the covariance of the estimated parameters. A poorly determined parameter is not an error. The diagnosis
-//! describes in words what the covariance contains as numbers.
+//! C is the covariance of the estimated parameters. A poorly determined parameter is not an error. The diagnosis only
+//! describes the covariance in words.
 
 use imucal_core::effects::{Effect, Need};
 
@@ -24,8 +24,8 @@ const USUAL_SENSITIVITY_ERROR: f64 = 0.01;
 /// Usual biases of a MEMS accelerometer, m/s^2, and of a MEMS gyroscope, rad/s. A larger standard deviation of a bias
 /// is reported.
 const USUAL_BIAS: [f64; 2] = [0.2, 0.02];
-/// A time constant is reported if (time constant) / (duration of the longest recording) is below this value. Such an
-/// effect decays so early in the recording that few samples show it.
+/// A time constant is reported if (time constant) / (duration of the longest recording) is below this value. An effect
+/// with such a short time constant decays so early in the recording that few samples show it.
 const SHORTEST_SHARE: f64 = 0.01;
 
 /// A parameter, or a group of parameters, that a calibration determines poorly.
@@ -44,8 +44,8 @@ pub struct Diagnosis {
     pub way_out: String,
 }
 
-/// Diagnoses of the calibration `outcome`, which was estimated from `recordings`. The list is empty if all parameters
-/// are determined well.
+/// Returns the diagnoses of the calibration `outcome`, which was estimated from `recordings`. The list is empty if all
+/// parameters are determined well.
 pub fn diagnose(outcome: &Outcome, recordings: &[Recording<'_>]) -> Vec<Diagnosis> {
     let longest_s = recordings.iter().filter_map(|r| Some(r.time_s.last()? - r.time_s.first()?)).fold(0.0, f64::max);
     let mut found = traded_off(outcome);
@@ -112,8 +112,8 @@ fn flat(outcome: &Outcome) -> Vec<Diagnosis> {
     found
 }
 
-/// The diagnosis for a time constant outside the range that the recordings can determine; `None` if it is inside the
-/// range or the effect has no time constant.
+/// Returns the diagnosis for a time constant outside the range that the recordings can determine; `None` if it is
+/// inside the range or the effect has no time constant.
 fn at_bound(effect: &TermEstimate, longest_s: f64) -> Option<Diagnosis> {
     let tau_s = effect.shape?;
     let name = effect.parameter_names.last()?;
@@ -137,13 +137,13 @@ fn at_bound(effect: &TermEstimate, longest_s: f64) -> Option<Diagnosis> {
     })
 }
 
-/// The effect to which parameter `p` belongs, and the index of `p` among the parameters of this effect.
+/// Returns the effect to which parameter `p` belongs, and the index of `p` among the parameters of this effect.
 fn effect_of(outcome: &Outcome, p: usize) -> Option<(&TermEstimate, usize)> {
     outcome.effects.iter().find_map(|e| Some((e, e.parameter_names.iter().position(|name| *name == outcome.names[p])?)))
 }
 
-/// Usual size of parameter `p`, in the unit of the parameter: its typical error in an uncalibrated sensor. `None` for
-/// user-defined effects and for time constants.
+/// Returns the usual size of parameter `p`, in the unit of the parameter: its typical error in an uncalibrated sensor.
+/// `None` for user-defined effects and for time constants.
 fn usual_size(outcome: &Outcome, p: usize) -> Option<f64> {
     let scale = |triad: &imucal_core::sensor::Triad<f64>| triad.sensitivity().norm() / 3f64.sqrt();
     let (accelerometer, gyroscope) = (scale(&outcome.calibration.accelerometer), scale(&outcome.calibration.gyroscope));
@@ -197,8 +197,8 @@ fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
     motions.join("; ")
 }
 
-/// Text that recommends the motion which separates an effect from the other parameters of a group of correlated
-/// parameters. If no such motion is known, the text recommends the motion that makes the effect observable.
+/// Returns a text that recommends the motion that separates an effect from the other parameters of a group of
+/// correlated parameters. If no such motion is known, the text recommends the motion that makes the effect observable.
 fn separation(outcome: &Outcome, effect: &Effect<f64>, group: &[usize]) -> String {
     let is_in_group =
         |name: &str| group.iter().any(|&p| effect_of(outcome, p).is_some_and(|(term, _)| term.name == name));

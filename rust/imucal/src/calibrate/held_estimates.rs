@@ -66,8 +66,8 @@ impl HeldEstimate {
 
 /// Returns the estimates of the held parameters `held`, and the part B of the covariance that is due to their priors.
 /// Both are computed from the parameters and the covariance of a fit with these held parameters. `residuals` is empty
-/// or has one entry for each held parameter: the residual of its prior in standard deviations, and 1 - leverage of this
-/// residual.
+/// or has one entry for each held parameter: the residual (estimate - prior value) in its standard deviations, and one
+/// minus the leverage of this residual.
 pub(super) fn held_estimates(
     (parameters, covariance): (&[f64], &Mat<f64>),
     held: &[HeldParameter],
@@ -94,11 +94,11 @@ pub(super) fn held_estimates(
     ((0..held.len()).map(estimate).collect(), &by_prior * by_prior.transpose())
 }
 
-/// Difference between the prior value and the value from the recordings alone, in standard deviations of this
-/// difference. `None` if the standard deviation of the value from the recordings alone is not smaller than the typical
-/// spread of the parameter among MEMS sensors. Such weak information comes only from the nonlinearity of the model, and
-/// is no evidence against the prior. `residual` is the residual of the prior in standard deviations, and `free` is
-/// 1 - leverage of this residual.
+/// Returns the difference between the prior value and the value from the recordings alone, in standard deviations of
+/// this difference. `None` if the standard deviation of the value from the recordings alone is not smaller than the
+/// typical spread of the parameter among MEMS sensors. Information as weak as this comes only from the nonlinearity of
+/// the model, so it is no evidence against the prior. `residual` is (estimate - prior value) in its standard
+/// deviations, and `free` is one minus the leverage of this residual.
 fn contradiction(held: &HeldParameter, (residual, free): (f64, f64)) -> Option<f64> {
     let of_recordings = held.sigma * ((1.0 - free) / free).sqrt();
     held.usual.is_none_or(|usual| of_recordings < usual).then_some(residual)
@@ -115,7 +115,8 @@ pub(super) fn prior_cost(covariance: &Mat<f64>, accelerometer: &Triad<f64>, gyro
         (directions.iter().map(variance).sum::<f64>() / directions.len() as f64).max(0.0).sqrt().to_degrees()
     };
     let gravity = |up: &Vector3<f64>| {
-        // The error due to a bias depends on the magnitude of the force. Standard gravity is used here.
+        // The direction error that a bias causes is inversely proportional to the magnitude of the force. Standard
+        // gravity is used as this magnitude.
         let g = super::STANDARD_GRAVITY_MPS2;
         let across = (Matrix3::identity() - up * up.transpose()) * force_by_parameters(accelerometer, &(up * g)) / g;
         (across * force * across.transpose()).trace()
@@ -134,7 +135,7 @@ fn directions() -> Vec<Vector3<f64>> {
     all.filter(|v| v.norm() > 0.0).map(|v| v.normalize()).collect()
 }
 
-/// The names of the parameters in `held`, as a list for a message. `all` contains all held parameters. A group such as
+/// Lists the names of the parameters in `held` for a message. `all` contains all held parameters. A group such as
 /// `accel_scale` contains the parameters whose names have this beginning, for example `accel_scale_x`. If `all`
 /// contains at least two parameters of a group, and `held` contains all of these, the list names the group instead of
 /// the parameters.

@@ -25,9 +25,9 @@ use crate::two_stage::accelerometer::AccelerometerFit;
 /// Maximum share of rests or moves that a search for effects excludes as outliers. If a larger share contradicts the
 /// other rests or moves, the model is probably wrong, and the search uses all rests and moves.
 const OUTLIERS: f64 = 0.1;
-/// Maximum bias instability that counts as noise of the gyroscope, deg/h. The bias instability is estimated from the
-/// scatter of the mean rates at the rests. Consumer sensors have 5 to 60 deg/h. A larger estimate shows that the bias
-/// depends on a quantity such as the temperature, and this dependence is not noise.
+/// Maximum bias instability, deg/h, that is regarded as noise of the gyroscope. The bias instability is estimated from
+/// the scatter of the mean rates at the rests. Consumer sensors have 5 to 60 deg/h. A larger estimate shows that the
+/// bias depends on a quantity such as the temperature, and this dependence is not noise.
 const MAX_INSTABILITY_DEGPH: f64 = 100.0;
 /// Maximum number of joint fits in the search for outliers. Each fit excludes the outliers of the previous fit. The
 /// fits end earlier if the set of outliers no longer changes.
@@ -69,9 +69,9 @@ impl Selection {
 impl UnitData<'_> {
     /// Returns the joint fit of both triads and the requested effects, and the rests and moves that this fit uses.
     ///
-    /// The fit starts from the warm start. Without a warm start, it starts from the two-stage fit. After each fit, all
-    /// rests and moves are tested for outliers, including those excluded before. A rest or move that agrees with an
-    /// improved fit is therefore used again.
+    /// The fit starts from the parameters in `warm_start` if they are given, and otherwise from the result of the
+    /// two-stage fit. After each fit, all rests and moves are tested for outliers, including those excluded before. A
+    /// rest or move that agrees with an improved fit is therefore used again.
     pub(super) fn fit_without_outliers(
         &self,
         accelerometer: &AccelerometerFit,
@@ -184,8 +184,8 @@ impl UnitData<'_> {
         })
     }
 
-    /// For each move in `unseen` (moves that the fit did not use): the gravity directions at its ends, and its
-    /// rotation. Both are computed with the parameters of the fit.
+    /// Computes, for each move in `unseen` (moves that the fit did not use), the gravity directions at its ends and its
+    /// rotation, with the parameters of the fit.
     pub(super) fn predict(
         &self,
         fit: &JointFit,
@@ -215,7 +215,8 @@ impl UnitData<'_> {
             Ok(Joint::of_fit(prepared, &terms, fit)?.held_out(&fit.linear, folds))
         })?;
         let never: Vec<Move> = moves.iter().filter(|m| !selection.moves.contains(m)).copied().collect();
-        // The excluded moves may start or end at a rest that is not used. These rests are included here.
+        // A move that the fit excluded may start or end at a rest that the fit does not use. Its prediction needs both
+        // rests, so they are marked as used here.
         let mut used = selection.used.clone();
         never.iter().for_each(|m| [m.from, m.to].into_iter().for_each(|k| used[k] = true));
         let unseen = Selection { used, moves: never.clone(), left_out: Vec::new() };

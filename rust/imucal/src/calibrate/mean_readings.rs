@@ -22,10 +22,10 @@ use crate::rests::unit_rest::rests_of_means;
 use crate::two_stage::accelerometer::{self, AccelerometerFit};
 use crate::two_stage::ellipsoid::Start;
 
-/// Standard deviation of the means that a first fit assumes if the table does not contain their noise. It is given as a
-/// fraction of (largest reading - smallest reading) / 2 of the axis for which this difference is largest. The value is
-/// so large that no row is excluded as an outlier. With a larger value, noise could explain the whole ellipsoid of the
-/// readings, and the fit would be refused.
+/// If the table does not contain the noise of the means, a first fit assumes this standard deviation of the means. It
+/// is given as a fraction of (largest reading - smallest reading) / 2 of the axis with the largest difference. The
+/// value is so large that no row is excluded as an outlier. With a larger value, noise could explain the whole
+/// ellipsoid of the readings, and the fit would be refused.
 const FIRST_GUESS: f64 = 0.015;
 /// Noise of the means (standard deviation), m/s^2, that a trial fit assumes if the table has too few rows and does not
 /// state the noise. If the trial fit succeeds with a model with fewer parameters, the error message proposes to give
@@ -88,9 +88,9 @@ pub fn calibrate_means(
     }
 }
 
-/// Returns the error message `words`, with the offer of a model with fewer parameters. If the user did not give the
-/// noise of the means, the offer may be made on condition that the user gives it. No model is offered if only this
-/// noise is missing for a calibration, because `words` already asks for it.
+/// Returns the error message `words`, with the offer of a model with fewer parameters. If the noise of the means is
+/// unknown, the offer may be made on the condition that the user gives this noise. No model is offered if the noise is
+/// the only missing information, because `words` already asks for the noise.
 fn with_way_out(table: &MeanReadings<'_>, options: &Options<'_>, words: String) -> String {
     let of_noise_given = |options: &Options<'_>| {
         let noise = MeanNoise::Common(ASSUMED_NOISE_MPS2);
@@ -151,7 +151,8 @@ struct Fitted {
 /// Fits the accelerometer to the means, each weighted with its noise. There are three cases:
 ///
 /// * The table contains the noise of each mean. One fit is sufficient.
-/// * The user gave one noise for all means, in m/s^2. The sensitivity of a first fit converts it to raw units.
+/// * The user gave one standard deviation for all means, in m/s^2. The sensitivity from a first fit converts this value
+///   to raw units.
 /// * The noise is unknown. It is computed from the residuals of a first fit.
 fn fit(table: &MeanReadings<'_>, held: &[HeldParameter], options: &Options<'_>) -> Result<Fitted, Error> {
     let held = &StageRows::new(held, ACCEL);
@@ -194,7 +195,7 @@ fn scales(triad: &Triad<f64>) -> Vector3<f64> {
     Vector3::from_fn(|axis, _| triad.sensitivity().row(axis).norm())
 }
 
-/// Standard deviation of the norm of a mean force, m/s^2, computed from the residuals of a fit.
+/// Computes the standard deviation of the norm of a mean force, m/s^2, from the residuals of a fit.
 fn noise_of_residuals(table: &MeanReadings<'_>, fit: &AccelerometerFit, options: &Options<'_>) -> Result<f64, Error> {
     let free = fit.report.degrees_of_freedom;
     let rows = table.specific_force.len();

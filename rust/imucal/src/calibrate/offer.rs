@@ -34,8 +34,8 @@ impl<'a> Checked<'a> {
 }
 
 /// Returns the checked recordings, or an error if they do not determine all parameters that have no prior. In the model
-/// `orthogonal`, biases and scales have no priors. In this model, if the unit was not rotated about an axis, the
-/// function adds a prior for the gyroscope scale of this axis.
+/// `orthogonal`, only biases and scales have no priors. If this model is requested and the unit was not rotated about
+/// an axis, the function adds a prior for the gyroscope scale of this axis.
 fn determined<'a>(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Checked<'a>, Error> {
     let checked = Checked::of_determined(recordings, options);
     if options.priors.model != ParameterModel::Orthogonal || !matches!(checked, Err(Error::NotEnoughMotion(_))) {

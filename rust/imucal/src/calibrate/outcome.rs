@@ -51,8 +51,8 @@ pub struct Outcome {
     /// One report for each interval between consecutive rests: the error of the propagated gravity direction, and the
     /// reason if the interval is excluded.
     pub moves: Vec<MoveReport>,
-    /// For each recording, the threshold of rest detection: the variance, relative to the noise, below which the unit
-    /// counts as at rest.
+    /// For each recording, the threshold of rest detection. The unit is at rest if (variance of the readings) /
+    /// (variance of the noise) is below this threshold.
     pub thresholds: Vec<Threshold>,
     /// White-noise densities of the unit, SI units per sqrt(Hz). Each is the median over the recordings.
     pub noise_density: NoiseDensity,
@@ -71,7 +71,7 @@ pub struct Outcome {
     pub groups: Vec<GroupMisfit>,
     /// Factor by which the joint fit multiplies the standard deviations of each kind of residual (model.md (19)).
     pub joint_scales: Option<ResidualScales>,
-    /// Bias instability of each gyroscope axis that the weights of the joint fit assume, rad/s. It is given by the
+    /// Bias instability, rad/s, that the weights of the joint fit assume for each gyroscope axis. It is given by the
     /// options, or estimated from the scatter of the mean rates at the rests. `None` if the weights assume constant
     /// biases.
     pub bias_instability_radps: Option<[f64; 3]>,
@@ -96,7 +96,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// The result of the two-stage fit, in the requested body frame.
+    /// Creates the result of the two-stage fit, in the requested body frame.
     pub(super) fn new(
         mut data: UnitData<'_>,
         accelerometer: &AccelerometerFit,
@@ -146,8 +146,8 @@ impl Outcome {
         })
     }
 
-    /// The result of the joint fit. `started_from` contains the reports of the accelerometer and gyroscope fits whose
-    /// results were the start values.
+    /// Creates the result of the joint fit. `started_from` contains the reports of the accelerometer and gyroscope fits
+    /// whose results were the start values.
     pub(super) fn joint(
         mut data: UnitData<'_>,
         started_from: [FitReport; 2],
@@ -291,8 +291,8 @@ pub(super) fn rows(matrix: &Mat<f64>) -> Vec<Vec<f64>> {
     (0..matrix.nrows()).map(|i| (0..matrix.ncols()).map(|j| matrix[(i, j)]).collect()).collect()
 }
 
-/// Median over the recordings of the noise density of each axis, in SI units. `noise` is in raw units, and the triads
-/// convert it to SI units.
+/// Computes the median over the recordings of the noise density of each axis, in SI units. `noise` is in raw units, and
+/// the triads convert it to SI units.
 pub(super) fn noise_density(noise: &[NoiseDensity], [accelerometer, gyroscope]: [&Triad<f64>; 2]) -> NoiseDensity {
     let median_of = |pick: fn(&NoiseDensity) -> Vector3<f64>| {
         Vector3::from_fn(|axis, _| {

@@ -1,4 +1,4 @@
-//! Test of how many times a calibration reads the samples of its moves.
+//! Tests how many times a calibration integrates the samples of its moves.
 
 use super::*;
 use crate::preintegration::STEPS_TAKEN;

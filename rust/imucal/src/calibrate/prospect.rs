@@ -28,13 +28,12 @@ use crate::two_stage::observability::{
     EDGES_AND_CORNERS, FARTHEST, OR_ROLL, missing_poses, missing_turns, too_few_poses,
 };
 
-/// The unit counts as rotated between two rests if the gravity directions at the rests differ by more than this angle,
-/// rad (20 deg).
+/// The unit was rotated between two rests if the gravity directions at these rests differ by more than this angle, rad
+/// (20 deg).
 const TURNED_RAD: f64 = 0.35;
 /// Two gravity directions count as equal if the angle between them is below this limit, rad.
 const ALIKE_RAD: f64 = 0.05;
-/// The gyroscope counts as responding to motion if (rms rate in a move) / (noise at rest) is above this value on any
-/// axis.
+/// The gyroscope responds to motion if (rms rate in a move) / (noise at rest) is above this value on any axis.
 const REACTS: f64 = 3.0;
 
 /// Prediction of which parameters the recordings determine, and of the standard deviations that a calibration would
@@ -47,8 +46,8 @@ pub struct Prospect {
     /// the parameter is not determined.
     pub predicted_sigma: [Option<f64>; 21],
     /// Names of the accelerometer parameters that the rests determine only together with the moves. An example is the
-    /// misalignment if, at the rests, gravity points only towards the six faces of a box. The rotations between the
-    /// rests then replace the missing directions of gravity.
+    /// misalignment if the unit is in a box that rests only on its six faces. The rotations between the rests then
+    /// replace the missing directions of gravity.
     pub through_moves: Vec<String>,
     /// Message about the undetermined parameters, with the poses and rotations to add; `None` if all parameters are
     /// determined.
@@ -75,7 +74,7 @@ struct Scene {
     used: Vec<bool>,
     /// Moves between the rests without known faults.
     moves: Vec<Move>,
-    /// Intervals between these rests that cannot be used as moves.
+    /// Intervals between the rests without known faults that cannot be used as moves.
     unusable: Vec<Unusable>,
     /// Nominal accelerometer: the sensor model before any fit; `None` if its scale is unknown.
     accelerometer: Option<Triad<f64>>,
@@ -179,7 +178,7 @@ impl UnitData<'_> {
         Ok((Prospect { names, predicted_sigma, through_moves, missing }, Model::of(&near, &terms)?))
     }
 
-    /// The rests and moves of these recordings, and the nominal sensor models before any fit.
+    /// Collects the rests and moves of these recordings, and the nominal sensor models before any fit.
     fn scene(&self, options: &Options<'_>) -> Result<Scene, Error> {
         let used: Vec<bool> = self.excluded.iter().map(Option::is_none).collect();
         let (moves, unusable) = between(self.recordings, &self.rests, &used, &self.saturated);
@@ -209,10 +208,10 @@ impl UnitData<'_> {
         Ok(scene)
     }
 
-    /// The nominal accelerometer. For readings in SI units, it is the identity. For readings in counts, it has the
-    /// nominal scale. If this scale is not given or contradicts the readings, the nominal accelerometer has the scale
-    /// and bias of the smallest sphere through the mean forces at the rests. `None` if the rests do not determine the
-    /// scale.
+    /// Returns the nominal accelerometer (the sensor model before any fit). For readings in SI units, it is the
+    /// identity. For readings in counts, it has the nominal scale. If this scale is not given or contradicts the
+    /// readings, the nominal accelerometer has the scale and bias of the smallest sphere through the mean forces at the
+    /// rests. `None` if the rests do not determine the scale.
     fn nominal_accelerometer(&self, used: &[bool], options: &Options<'_>) -> Result<Option<Triad<f64>>, Error> {
         if self.raw_is_si(|recording| recording.accel_unit) {
             return Ok(Some(Triad::identity()));
@@ -237,10 +236,10 @@ impl UnitData<'_> {
         Ok(start.and_then(|start| Triad::try_new(start.sensitivity, start.bias).ok()).filter(exceeds_noise))
     }
 
-    /// The nominal gyroscope. Its bias is the mean rate at the rests. For readings in SI units, its sensitivity is the
-    /// identity. For readings in counts, it has the nominal scale. If this scale is not given, the sensitivity is
-    /// computed from the moves: the rotation that the gyroscope measures must agree with the rotation of gravity.
-    /// `None` if the moves do not determine the scale.
+    /// Returns the nominal gyroscope (the sensor model before any fit). Its bias is the mean rate at the rests. For
+    /// readings in SI units, its sensitivity is the identity. For readings in counts, it has the nominal scale. If this
+    /// scale is not given, the sensitivity is computed from the moves: the rotation that the gyroscope measures must
+    /// agree with the rotation of gravity. `None` if the moves do not determine the scale.
     fn nominal_gyroscope(
         &self,
         moves: &[Move],
@@ -267,8 +266,8 @@ impl UnitData<'_> {
         self.silent_gyroscope(moves, &self.rests.iter().map(up).collect::<Vec<_>>()).is_some()
     }
 
-    /// Message about a gyroscope that reads only noise while gravity rotates in the body frame; `None` if the gyroscope
-    /// responds.
+    /// Returns a message about a gyroscope that reads only noise while gravity rotates in the body frame; `None` if the
+    /// gyroscope responds.
     fn silent_gyroscope(&self, moves: &[Move], up: &[Vector3<f64>]) -> Option<String> {
         let turned = |m: &&Move| up[m.from].angle(&up[m.to]) > TURNED_RAD;
         let turns: Vec<&Move> = moves.iter().filter(turned).collect();
@@ -290,8 +289,8 @@ impl UnitData<'_> {
         })
     }
 
-    /// Message about an accelerometer with constant readings at all rests while the gyroscope measures rotations that
-    /// change the gravity direction; `None` if the accelerometer responds.
+    /// Returns a message about an accelerometer with constant readings at all rests while the gyroscope measures
+    /// rotations that change the gravity direction; `None` if the accelerometer responds.
     fn silent_accelerometer(&self, moves: &[Move], up: &[Vector3<f64>], gyroscope: &Triad<f64>) -> Option<String> {
         let alike = up.iter().all(|other| up[0].angle(other) < ALIKE_RAD);
         let rotates = |m: &&Move| {

@@ -1,10 +1,9 @@
 //! Uncertainty of a calibration due to its two references: local gravity and the clock that provides the time stamps.
 //!
 //! Rests and moves determine every parameter only relative to gravity and to the time stamps. An error of a reference
-//! therefore does not change the residuals, but it changes all parameters together. Let gravity have the relative error
-//! e, and the unit of time the relative error d. Gravity is the only reference for lengths. A length is an acceleration
-//! times a squared time, so it has the relative error e + 2 d. A parameter with the unit m^a s^b therefore has the
-//! relative error
+//! therefore changes the parameters, but not the residuals. Let gravity have the relative error e, and the unit of time
+//! the relative error d. Gravity is the only reference for lengths. A length is an acceleration times a squared time,
+//! so it has the relative error e + 2 d. A parameter with the unit m^a s^b therefore has the relative error
 //!
 //! ```text
 //! a e + (2 a + b) d                                                                           model.md (38)
@@ -51,9 +50,9 @@ impl References {
 }
 
 impl Outcome {
-    /// The covariance matrix of the parameters, as a list of its rows. It includes the uncertainty of local gravity and
-    /// of the clock rate. For the parameters of user-defined effects, this uncertainty is not included, because their
-    /// units are not known.
+    /// Returns the covariance matrix of the parameters, as a list of its rows, including the uncertainty of local
+    /// gravity and of the clock rate. The variances of user-defined effects do not include this uncertainty, because
+    /// the units of these effects are not known.
     pub fn covariance_with_references(&self, references: &References, gravity_mps2: f64) -> Vec<Vec<f64>> {
         let variance_of_gravity = (references.gravity_sigma_mps2 / gravity_mps2).powi(2);
         let variance_of_clock = (1e-6 * references.clock_ppm).powi(2);

@@ -15,12 +15,12 @@ use crate::parameters::{ACCEL, BASE, GYRO_BIAS, WORDS};
 use crate::recording::Recording;
 use crate::verdict::Verdict;
 
-/// A parameter counts as different between two recordings if |difference| / (standard deviation of the difference) is
-/// at least this value. With 15 parameters and ten recordings of one unit, noise alone exceeds this limit in one of a
-/// million calibrations.
+/// A parameter differs between two recordings if |difference| / (standard deviation of the difference) is at least this
+/// value. With 15 parameters and ten recordings of one unit, noise alone exceeds this limit in one of a million
+/// calibrations.
 const DIFFERENT: f64 = 6.0;
-/// Two sensitivities count as different only if |difference| / (mean scale) is at least this value. A smaller
-/// difference has no practical effect, even if it is significant.
+/// For a difference of sensitivities to be reported, |difference| / (mean scale) must also be at least this value. A
+/// smaller difference has no practical effect, even if it is significant.
 const LEAST_SHARE: f64 = 2e-4;
 /// Recordings fit together if (chi2 per degree of freedom of the fit to all recordings) / (chi2 per degree of freedom
 /// of the separate fits) is at most this value. An effect that the model lacks increases both values equally, so the
@@ -33,7 +33,7 @@ const EXCLUDED: f64 = 0.1;
 /// Different scales are no evidence of different units if the mean temperatures of the recordings differ by more than
 /// this value, K. Scales of MEMS sensors change by up to 0.05 %/K, whereas misalignments hardly change.
 const WARMER_K: f64 = 5.0;
-/// Maximum number of parameters that the message names for a pair of recordings.
+/// Maximum number of differing parameters that a message about two recordings names.
 const NAMED: usize = 3;
 
 /// A recording and its separate fit, which uses no other recording.
@@ -202,7 +202,7 @@ fn all_names(alone: &[Alone<'_>]) -> String {
     alone.iter().map(|fit| fit.name).collect::<Vec<_>>().join(" and ")
 }
 
-/// Text that names the [`NAMED`] most significant differences and the number of the remaining ones.
+/// Returns a text that names the [`NAMED`] most significant differences and states how many more there are.
 fn list(differences: &[Difference]) -> String {
     let mut words: Vec<&str> = differences.iter().take(NAMED).map(|difference| difference.words.as_str()).collect();
     let others = format!("{} more", differences.len().saturating_sub(NAMED));
@@ -216,8 +216,8 @@ fn list(differences: &[Difference]) -> String {
     }
 }
 
-/// The sensitivities that differ between two recordings, in descending order of significance. Scales are ignored if the
-/// mean temperatures of the recordings differ by more than [`WARMER_K`].
+/// Finds the sensitivities that differ between two recordings, in descending order of significance. Scales are ignored
+/// if the mean temperatures of the recordings differ by more than [`WARMER_K`].
 fn sensitivities(a: &Alone<'_>, b: &Alone<'_>) -> Vec<Difference> {
     let is_warmer = a.temperature_degc.zip(b.temperature_degc).is_some_and(|(a, b)| (a - b).abs() > WARMER_K);
     let differs = |p: usize| -> Option<Difference> {
@@ -236,7 +236,7 @@ fn sensitivities(a: &Alone<'_>, b: &Alone<'_>) -> Vec<Difference> {
     sorted((0..BASE).filter(|p| !is_bias(*p)).filter_map(differs))
 }
 
-/// The biases that differ between two recordings, in descending order of significance.
+/// Finds the biases that differ between two recordings, in descending order of significance.
 fn biases(a: &Alone<'_>, b: &Alone<'_>) -> Vec<Difference> {
     let differs = |p: usize| -> Option<Difference> {
         let (values, sigma) = pair(a, b, p);

@@ -34,9 +34,9 @@ pub(super) struct Gyroscope {
     pub(super) fit: GyroscopeFit,
     /// For each move: the directions of gravity at its two ends, and the standard deviation of the move's residual.
     pub(super) ends: Vec<Ends>,
-    /// For each move: the standard deviation of its residual, rad, without the noise of the mean forces at the adjacent
-    /// rests. This part is independent of all other moves. The noise of the mean forces is not independent, because
-    /// consecutive moves have a rest in common.
+    /// For each move: the standard deviation, rad, of the part of its residual that is not due to noise of the mean
+    /// forces at the adjacent rests. This part is independent between moves. The part due to the mean forces is not,
+    /// because consecutive moves have a rest in common.
     pub(super) random_walk_rad: Vec<f64>,
     /// Warnings about units and axes of the gyroscope.
     pub(super) findings: Vec<Finding>,
@@ -82,10 +82,11 @@ impl UnitData<'_> {
         Ok(fit)
     }
 
-    /// Fits the accelerometer if the directions at the rests are not sufficient, for example on the six faces of a box.
-    /// The rotations between the rests replace the missing directions, so rests and moves together must determine all
-    /// parameters. The start values are the result of a joint fit that is linearised at sensors without misalignment
-    /// (model.md (5)). A parameter that the rests do not determine keeps its start value.
+    /// Fits the accelerometer if the gravity directions at the rests do not determine all its parameters. An example is
+    /// a box that rests only on its six faces. The rotations between the rests replace the missing directions, so rests
+    /// and moves together must determine all parameters. The start values are the result of a joint fit that is
+    /// linearised at sensors without misalignment (model.md (5)). A parameter that the rests do not determine keeps its
+    /// start value.
     ///
     /// # Errors
     /// [`Error::NotEnoughMotion`] if the rests and moves together do not determine all parameters, or if no joint fit
@@ -108,9 +109,9 @@ impl UnitData<'_> {
         }
     }
 
-    /// If one of the two stages lacks motion, its message names only the motion that this stage needs. This function
-    /// replaces that message by the message for rests and moves together, which names all motion that the calibration
-    /// needs.
+    /// If one of the two fits fails for lack of motion, its error message names only the motion that this fit needs.
+    /// This function replaces this message by the message for rests and moves together, which names all motion that the
+    /// calibration needs.
     fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
         let Error::NotEnoughMotion(_) = &error else { return error };
         match self.joint_information(options) {
@@ -119,7 +120,7 @@ impl UnitData<'_> {
         }
     }
 
-    /// The moves between consecutive rests, and the intervals that cannot be used as moves.
+    /// Finds the moves between consecutive rests, and the intervals that cannot be used as moves.
     ///
     /// # Errors
     /// [`Error::NotEnoughMotion`] if there are too few moves, or if the gyroscope does not respond to them.
@@ -144,7 +145,8 @@ impl UnitData<'_> {
 
     /// Replaces the flags `used` of the accelerometer fit, one for each rest, by one flag for each epoch. An epoch is a
     /// part of a long rest with its own mean. All epochs of a long rest without known faults are used, even if the fit
-    /// excluded this rest as an outlier, because one mean does not describe a long rest.
+    /// excluded this rest as an outlier. The fit uses one mean for each rest, but one mean does not describe a long
+    /// rest.
     pub(super) fn use_epochs(&self, accelerometer: &mut AccelerometerFit) {
         let used = &accelerometer.used;
         let of = |own: Range<usize>| {
@@ -155,8 +157,9 @@ impl UnitData<'_> {
         accelerometer.used = ranges_of_rests(&self.rests).into_iter().flat_map(of).collect();
     }
 
-    /// Returns two results for each move: first, the gravity directions at its ends and the standard deviation of its
-    /// residual; second, this standard deviation, rad, without the noise of the mean forces at the adjacent rests.
+    /// Returns two results for each move. The first contains the gravity directions at its ends and the standard
+    /// deviation of its residual. The second is the standard deviation, rad, of the part of this residual that is not
+    /// due to noise of the mean forces at the adjacent rests.
     pub(super) fn ends(
         &self,
         moves: &[Move],
@@ -166,8 +169,8 @@ impl UnitData<'_> {
         self.directions(&accelerometer.triad, gyroscope).ends_of(moves)
     }
 
-    /// Fits the gyroscope to the moves. The start values are a linear fit of the rates to the rotation of gravity
-    /// (model.md (10)) and, if it is known, the nominal sensitivity.
+    /// Fits the gyroscope to the moves. The start values are the result of a linear fit of the rates to the rotation of
+    /// gravity (model.md (10)) and, if it is known, the nominal sensitivity.
     pub(super) fn fit_gyroscope(
         &self,
         moves: &[Move],
@@ -249,7 +252,7 @@ impl Gyroscope {
         reports
     }
 
-    /// Residuals of the moves that the fit uses, in standard deviations of their noise.
+    /// Returns the residuals of the moves that the fit uses, in standard deviations of their noise.
     pub(super) fn used_residuals(&self) -> Vec<f64> {
         let of = |k: usize| {
             let z = self.ends[k].residual(&self.fit.preintegrated[k].rotation) / self.ends[k].sigma_rad;

@@ -173,8 +173,8 @@ impl<'a> UnitData<'a> {
         ])
     }
 
-    /// Hint that some intervals at rest are too short to count as rests, with the times of the longest of them. It is
-    /// appended to messages about missing rests. `None` if there are no such intervals.
+    /// Returns a hint that is appended to messages about missing rests: some intervals at rest are too short to be
+    /// used. The hint gives the times of the longest such interval. `None` if there is no such interval.
     pub(super) fn short_rests(&self, options: &Options<'_>) -> Option<String> {
         self.recordings.iter().zip(&self.segments).find_map(|(recording, segments)| {
             let range = segments.too_short.iter().max_by_key(|range| range.len())?;
@@ -219,8 +219,8 @@ impl<'a> UnitData<'a> {
         &self.noise
     }
 
-    /// The data from which the gravity directions at the ends of moves are computed: recordings, rests, noise densities
-    /// and models of the hand tremor, with the given estimates of both sensors.
+    /// Collects the data from which the gravity directions at the ends of moves are computed: recordings, rests, noise
+    /// densities and models of the hand tremor, with the given estimates of both sensors.
     pub(super) fn directions<'b>(&'b self, accelerometer: &'b Triad<f64>, gyroscope: &'b Triad<f64>) -> Directions<'b> {
         let Self { recordings, rests, noise, hands, .. } = self;
         Directions { recordings, rests, noise, hands, accelerometer, gyroscope }
@@ -261,24 +261,24 @@ impl UnitData<'_> {
 /// bias. The result is false for readings in counts, because an unknown offset of the accelerometer may hide the
 /// direction of the vertical.
 fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -> bool {
-    /// A rate difference counts as a bias if its angle to the vertical is above 18 deg. The cosine of the angle is then
-    /// below this limit. The margin is needed because the axes of the two sensors may differ by some degrees.
+    /// A rate difference is regarded as a bias if its angle to the vertical is above 18 deg. The cosine of the angle is
+    /// then below this limit. The margin is needed because the axes of the two sensors may differ by some degrees.
     const VERTICAL: f64 = 0.95;
     let difference = rest.angular_rate.mean - bias;
     let along = difference.dot(&rest.specific_force.mean.normalize()).abs();
     recording.accel_unit == RawUnit::Si && along < VERTICAL * difference.norm()
 }
 
-/// Variance of the mean rates of the epochs (parts) of one long rest, squared raw units; zero for a rest without
-/// epochs.
+/// Computes the variance of the mean rates of the epochs (parts) of one long rest, squared raw units; zero for a rest
+/// without epochs.
 fn rate_wander(epochs: &[Rest]) -> Vector3<f64> {
     let count = epochs.len().max(1) as f64;
     let mean = epochs.iter().map(|epoch| epoch.angular_rate.mean).sum::<Vector3<f64>>() / count;
     epochs.iter().map(|epoch| (epoch.angular_rate.mean - mean).map(|rate| rate * rate)).sum::<Vector3<f64>>() / count
 }
 
-/// Text for an error message about too few usable moves: how many moves are needed, and how many moves are unusable for
-/// which reason.
+/// Returns a text for an error message about too few usable moves. The text states how many moves are needed, and the
+/// number of unusable moves for each reason.
 pub(super) fn too_few_moves(usable: usize, unusable: &[Unusable]) -> String {
     let needed = format!("at least {MIN_MOVES} between different poses are needed, better 12");
     let Some(first) = unusable.first() else {

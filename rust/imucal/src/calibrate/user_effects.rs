@@ -1,8 +1,8 @@
 //! User-defined effects: functions of the corrected rate and force that only the caller can evaluate.
 //!
 //! The field of a user-defined effect contains the derivatives of the sensor reading with respect to the parameters of
-//! the effect. It may depend on the corrected rate and force, and therefore on the calibration, which in turn is
-//! estimated with this field. Therefore the fit and the evaluation of the field alternate until the field no longer
+//! the effect. The field may depend on the corrected rate and force, and thus on the calibration. The calibration is in
+//! turn estimated with the field. Therefore the fit and the evaluation of the field alternate until the field no longer
 //! changes.
 
 use imucal_core::effects::Sensor;
@@ -12,8 +12,8 @@ use crate::error::Error;
 use crate::numerics::lsq::Termination;
 use crate::verdict::RecordingSet;
 
-/// Maximum number of fits until the fields converge. Each further fit multiplies the change of a field by about the
-/// relative size of the effects, which is a few per cent.
+/// Maximum number of fits until the fields converge. In each further fit, a field changes by only a few per cent of its
+/// change in the previous fit. This share is about the relative size of the effects.
 const MAX_FITS: usize = 20;
 /// A field has converged if the last repetition changed each of its values by at most this fraction of its largest
 /// value. The relative change of the parameters is then also about this fraction.
@@ -56,23 +56,23 @@ pub trait UserEffects {
     /// Names of the effects.
     fn names(&self) -> &[String];
 
-    /// Fields of the named effects at every sample of the calibration recordings. The fields are evaluated at the rate
-    /// and force after correction by the calibration `outcome`.
+    /// Evaluates the fields of the named effects at every sample of the calibration recordings. The fields are
+    /// evaluated at the rate and force after correction by the calibration `outcome`.
     ///
     /// # Errors
     /// Any error of the caller. It ends the calculation that requested the fields.
     fn fields(&self, names: &[String], outcome: &Outcome) -> Result<Vec<SampledField>, Error>;
 
-    /// Rates and forces of a set of recordings, corrected by the calibration `outcome`. The correction includes the
-    /// user-defined effects.
+    /// Returns the rates and forces of a set of recordings, corrected by the calibration `outcome`. The correction
+    /// includes the user-defined effects.
     ///
     /// # Errors
     /// The errors are those of [`UserEffects::fields`].
     fn corrected(&self, outcome: &Outcome, set: RecordingSet) -> Result<Vec<CorrectedSamples>, Error>;
 
-    /// Means of the samples of a set of recordings over intervals of 0.1 s, corrected by two calibrations. The second
-    /// calibration is `after`. The first is the reference calibration that the caller has set, or `before` if the
-    /// caller has set none.
+    /// Computes means of the samples of a set of recordings over intervals of 0.1 s, and corrects the means by two
+    /// calibrations. The second calibration is `after`. The first is the reference calibration that the caller has set,
+    /// or `before` if the caller has set none.
     ///
     /// # Errors
     /// The errors are those of [`UserEffects::fields`].

@@ -49,7 +49,7 @@ impl Outcome {
         Verdict::of(reasons)
     }
 
-    /// One reason for each prior that the recordings contradict.
+    /// Returns one reason for each prior that the recordings contradict.
     fn contradicted_priors(&self) -> Vec<Reason> {
         let of = |held: &HeldEstimate| Reason::PriorContradicted {
             parameter: held.prior.name.clone(),
@@ -59,8 +59,8 @@ impl Outcome {
         self.held.iter().filter(|held| held.is_contradicted()).map(of).collect()
     }
 
-    /// One reason for each fit that has not converged. If there is a joint fit, only this fit is examined, otherwise
-    /// the accelerometer fit and the gyroscope fit.
+    /// Returns one reason for each fit that has not converged. If there is a joint fit, only this fit is examined,
+    /// otherwise the accelerometer fit and the gyroscope fit.
     fn fits_not_converged(&self) -> Vec<Reason> {
         let two_stages = [("the accelerometer fit", self.accelerometer_fit), ("the gyroscope fit", self.gyroscope_fit)];
         let fits = self.joint_fit.map_or(two_stages.to_vec(), |joint| vec![("the joint fit", joint)]);
@@ -68,8 +68,8 @@ impl Outcome {
         not_converged.map(|(fit, report)| Reason::NotConverged { fit, report }).collect()
     }
 
-    /// A warning if the residuals are significantly smaller than the estimated noise predicts. Motion at the rests was
-    /// then mistaken for noise.
+    /// Returns a warning if the residuals are significantly smaller than the estimated noise predicts. Motion at the
+    /// rests was then mistaken for noise.
     pub(super) fn overestimated_noise(&self, recordings: &[Recording<'_>]) -> Option<Finding> {
         let misfit = self.misfit.filter(|misfit| misfit.p_value >= OVERESTIMATED)?;
         let ratio = (misfit.chi2 / misfit.degrees_of_freedom as f64).sqrt();

@@ -3,8 +3,8 @@
 //!
 //! Let G and A be the signed permutations from the axes of one right-handed body to the reported gyroscope and
 //! accelerometer axes. The motion of gravity determines only P = det(A) A G^T (see [`super::kinematics`]). For each of
-//! the 48 possible P, there are 48 pairs (A, G), which form two classes. Pairs within a class differ only by a rotation
-//! of the body axes, which is a matter of naming the axes. The two classes differ in det A:
+//! the 48 possible P, there are 48 pairs (A, G), which form two classes. Pairs within a class differ only in the choice
+//! of the body axes. The two classes differ in det A:
 //!
 //! ```text
 //! det A = +1   A = I,   G = P^T     the accelerometer is right, the gyroscope columns need P
@@ -105,7 +105,7 @@ impl SignedPermutation {
         self.exchanged_with(1.0)
     }
 
-    /// Text such as "gyro x follows accelerometer -y", for each gyroscope axis that does not agree with the
+    /// Returns a text such as "gyro x follows accelerometer -y", for each gyroscope axis that does not agree with the
     /// accelerometer axis of the same name.
     pub(super) fn mapping(&self) -> String {
         let parts: Vec<String> = (0..3)
@@ -141,8 +141,8 @@ impl Cause {
     }
 }
 
-/// Recommendation for a gyroscope whose axes differ from the axes of the accelerometer by `p`. It contains both classes
-/// of causes and the test that distinguishes them.
+/// Returns the recommendation for a gyroscope whose axes differ from the axes of the accelerometer by `p`. It contains
+/// both classes of causes and the test that distinguishes them.
 pub(super) fn recommendation(p: &SignedPermutation) -> String {
     let sign = |is_right: bool| if (p.sign_of[2] > 0.0) == is_right { "positive" } else { "negative" };
     let rate = format!("gyro_{}", NAMES[p.column_of[2]]);

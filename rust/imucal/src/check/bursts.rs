@@ -14,19 +14,19 @@ const FEWEST_PACKETS: usize = 10;
 /// Maximum median time step between packets, s. Longer time steps are pauses of a logger that sleeps, not intervals
 /// between packets.
 const LONGEST_S: f64 = 2.0;
-/// The time stamps count as those of packets only if the sum of the time steps between packets exceeds this share of
-/// the recording's duration.
+/// For time stamps to be those of packets, the sum of the time steps between packets must exceed this share of the
+/// recording's duration.
 const SHARE_OF_TIME: f64 = 0.5;
-/// The time stamps count as those of packets only if at least this share of the packets has nearly the typical number
-/// of samples. If samples are lost at random, the groups between long time steps have varying sizes, so this limit
+/// For time stamps to be those of packets, at least this share of the packets must have nearly the typical number of
+/// samples. If samples are lost at random, the groups between long time steps have varying sizes, so this limit
 /// excludes random loss.
 const ALIKE: f64 = 0.9;
 /// A packet is typical if its number of samples differs from the typical number by at most this share of the typical
 /// number. A difference of one sample is always permitted.
 const WITHIN: f64 = 0.25;
 
-/// Finding `clock_irregular` for packet time stamps; `None` if the stamps are not those of packets. The time stamps
-/// must not decrease.
+/// Reports packet time stamps, with the finding `clock_irregular`; `None` if the stamps are not those of packets. The
+/// time stamps must not decrease.
 pub(super) fn check(recording: &Recording) -> Option<Finding> {
     let time_s = recording.time_s;
     let (first_s, last_s) = (*time_s.first()?, *time_s.last()?);

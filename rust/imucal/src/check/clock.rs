@@ -16,15 +16,15 @@ const MIN_DURATION_S: f64 = 5.0;
 const RATES_HZ: [f64; 2] = [5.0, 50_000.0];
 /// Relative tolerance of [`RATES_HZ`]. Rounded time stamps give inexact time steps, so a tolerance is needed.
 const ROUNDING: f64 = 1e-6;
-/// Limits of the relative spread of the time steps, which is standard deviation / median. The standard deviation is
-/// computed from the 10 % and 90 % quantiles. Above the first limit, the finding `clock_irregular` is a warning. Above
-/// the second limit, it is an error.
+/// Limits of the relative spread of the time steps: (standard deviation) / (median). The standard deviation is computed
+/// from the 10 % and 90 % quantiles. Above the first limit, the finding `clock_irregular` is a warning. Above the
+/// second limit, it is an error.
 const SPREAD: [f64; 2] = [0.2, 0.5];
 /// A clock counts as regular if |time step / median - 1| is at most this value for all time steps. For a regular clock,
 /// the checks of spread and gaps are skipped, because they cannot find a fault and take more time.
 const REGULAR: f64 = 0.2;
-/// Limit of the share of samples that repeat the time stamp of the previous sample. Above this limit, the finding is an
-/// error, otherwise a warning.
+/// If more than this share of the samples repeats the time stamp of the previous sample, the finding is an error,
+/// otherwise a warning.
 const MAX_EQUAL_SHARE: f64 = 0.01;
 
 /// Statistics of the time steps of a recording. A time step is the difference between two consecutive time stamps.
@@ -168,14 +168,13 @@ impl Steps {
         })
     }
 
-    /// Finding for time stamps of packets instead of samples. The search for packets is skipped if the longest time
-    /// step is at most twice the shortest and no two different samples have equal stamps.
+    /// Reports time stamps of packets instead of samples. The search for packets is skipped if the longest time step is
+    /// at most twice the shortest and no two different samples have equal stamps.
     fn bursts(&self, recording: &Recording) -> Option<Finding> {
         (self.equal.samples > 0 || self.longest_s > 2.0 * self.shortest_s).then(|| bursts::check(recording)).flatten()
     }
 
-    /// Finding for rows that equal the previous row in the time stamp and in all values, because they were written
-    /// twice.
+    /// Reports rows that equal the previous row in the time stamp and in all values, because they were written twice.
     fn copies(&self, recording: &Recording) -> Option<Finding> {
         Some(Finding {
             message: format!(
@@ -189,7 +188,7 @@ impl Steps {
         })
     }
 
-    /// Finding for samples that have the time stamp of the previous sample, but other values.
+    /// Reports samples that have the time stamp of the previous sample, but other values.
     fn equal_stamps(&self, recording: &Recording) -> Option<Finding> {
         let finding = duplicated(&self.equal, recording)?;
         Some(Finding {
@@ -210,7 +209,7 @@ fn share(tally: &Tally, recording: &Recording) -> f64 {
     100.0 * tally.samples as f64 / recording.len() as f64
 }
 
-/// Finding for samples with the time stamp of the previous sample. The caller fills in the message and the
+/// Creates the finding for samples with the time stamp of the previous sample. The caller fills in the message and the
 /// recommendation.
 fn duplicated(tally: &Tally, recording: &Recording) -> Option<Finding> {
     let (first, _) = tally.first?;

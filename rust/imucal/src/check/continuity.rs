@@ -20,9 +20,9 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile_of;
 use crate::recording::{Recording, Samples};
 
-/// Time stamps count as computed from the sample number if |time stamp x rate - sample number| is at most this value.
-/// The limit permits stamps that are rounded to multiples of a ninth of the time step, because the rounding errors of
-/// two stamps then sum to at most 0.11 time steps.
+/// Time stamps are regarded as computed from the sample number if |time stamp x rate - sample number| is at most this
+/// value. The limit permits stamps that are rounded to multiples of a ninth of the time step, because the rounding
+/// errors of a stamp and of the first stamp then sum to at most 0.11 time steps.
 const EVEN: f64 = 0.12;
 /// A lost sample is recognised by the ratio `k` = (change `d_i` of the rate over one step) / (mean `m` of the two
 /// adjacent changes), which is then about 2. The ratio is used only if |m| / (noise standard deviation of `d_i - m`) is
@@ -33,11 +33,11 @@ const CLEAR: f64 = 8.0;
 const SMOOTH: f64 = 0.5;
 /// The ratio `k` is used only if (component of `d_i` perpendicular to `m`) / |m| is below this value.
 const ACROSS: f64 = 0.35;
-/// Range of the ratio `k` (rate change / mean of the adjacent changes) that counts as one lost sample. The limits are 2
-/// minus and plus two standard deviations of `k`. One standard deviation is 1/8 at the limit [`CLEAR`].
+/// A ratio `k` (rate change / mean of the adjacent changes) in this range shows one lost sample. The limits are 2 minus
+/// and plus two standard deviations of `k`. One standard deviation is 1/8 at the limit [`CLEAR`].
 const LOST: [f64; 2] = [1.75, 2.25];
 /// Range of `k` between the peaks of its histogram at 1 (no loss) and 2 (one lost sample). Rough motion gives about as
-/// many values of `k` in this range as near 2, so it is a reference for the peak at 2.
+/// many values of `k` in this range as near 2, so the numbers of values in both ranges are compared.
 const BETWEEN: [f64; 2] = [1.35, 1.65];
 /// Range of `k` that is as far from 1 as the range [`LOST`], on the other side. Coarsely rounded rates give ratios of
 /// small integers, and motion that is too fast for the sampling rate gives any ratio, on both sides of 1. A lost sample
@@ -162,9 +162,9 @@ fn change_over_neighbours([a, b, c, d]: [Vector3<f64>; 4], noise: f64) -> Option
     ((change - mean * k).norm_squared() < ACROSS.powi(2) * length2).then_some(k)
 }
 
-/// Noise of `d_i - m` (a change of the rate minus the mean of the adjacent changes): the standard deviation of one
-/// axis, raw units. The three axes are assumed to have equal noise. It is computed from the median of |d_i - m|,
-/// because most changes are smooth, and the few others hardly affect the median.
+/// Estimates the standard deviation of the noise of `d_i - m` (a change of the rate minus the mean of the adjacent
+/// changes) for one axis, raw units. The three axes are assumed to have equal noise. The estimate is computed from the
+/// median of |d_i - m|, because most changes are smooth, and the few others hardly affect the median.
 fn noise_of_changes(rate: Samples<'_>) -> Option<f64> {
     /// Median length of a vector with three independent standard normal components.
     const MEDIAN_LENGTH: f64 = 1.538_172;

@@ -8,8 +8,8 @@ use super::{Tally, names, stamps};
 use crate::finding::{Finding, Place, counted};
 use crate::recording::Recording;
 
-/// The time steps after a late time stamp are short, until the stamps are on time again. A time step counts as short if
-/// it is below this multiple of the usual time step.
+/// The time steps after a late time stamp are short, until the stamps are on time again. A time step is short if it is
+/// below this multiple of the usual time step.
 const CATCHES_UP: f64 = 0.95;
 
 /// The long time steps of a recording, in two groups: gaps in which samples were lost, and late time stamps.
@@ -54,7 +54,7 @@ pub(super) fn find(recording: &Recording, median_s: f64, longest_usual_s: f64) -
 }
 
 impl Gaps {
-    /// Finding `samples_missing` if samples were lost in gaps, otherwise `None`.
+    /// Returns the finding `samples_missing` if samples were lost in gaps, otherwise `None`.
     pub(super) fn missing(&self, recording: &Recording) -> Option<Finding> {
         let (first, _) = self.after_lost.first?;
         let share = 100.0 * self.lost / (self.lost + recording.len() as f64);
@@ -80,7 +80,8 @@ impl Gaps {
         })
     }
 
-    /// Finding `clock_irregular` if time stamps are late although no samples were lost there, otherwise `None`.
+    /// Returns the finding `clock_irregular` if time stamps are late although no samples were lost there, otherwise
+    /// `None`.
     pub(super) fn late(&self, recording: &Recording) -> Option<Finding> {
         let (first, _) = self.late.first?;
         let place = Place::new(recording, first - 1, first);

@@ -1,12 +1,12 @@
 //! Check of the sign of gravity. A sensor at rest must read +g on the axis that points up.
 //!
-//! Let u be gravity measured in the body frame, g its known magnitude, u' its derivative, and w the angular rate.
-//! Motion does not determine the sign of u, because |u| = g and u' = u x w also hold for -u. There are two possible
-//! causes of a reading of -g instead of +g. First, the axes may have z down (FRD or NED). These axes are right-handed,
-//! and both sensors need the same rotation. Second, the accelerometer may report gravity instead of specific force. Its
-//! sign must then be reversed, but not the sign of the gyroscope. Only the motor angles of a stand, or a rotation about
-//! the vertical, distinguish the two causes. If the cause is unknown, the finding describes the correction for each
-//! cause. If there is a gyroscope, it also describes the rotation that distinguishes them.
+//! Let u be gravity measured in the body frame, u' its time derivative, g the known magnitude of gravity, and w the
+//! angular rate. Motion does not determine the sign of u, because |u| = g and u' = u x w also hold for -u. There are
+//! two possible causes of a reading of -g instead of +g. First, the axes may have z down (FRD or NED). These axes are
+//! right-handed, and both sensors need the same rotation. Second, the accelerometer may report gravity instead of
+//! specific force. Its sign must then be reversed, but not the sign of the gyroscope. Only the motor angles of a stand,
+//! or a rotation about the vertical, distinguish the two causes. If the cause is unknown, the finding describes the
+//! correction for each cause. If there is a gyroscope, it also describes the rotation that distinguishes them.
 
 use std::ops::Range;
 
@@ -17,21 +17,22 @@ use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
 use crate::simulate::gimbal::rotation_world_from_body;
 
-/// The stand counts as being in its zero position if the magnitude of each motor angle is at most this limit, rad.
+/// The stand is in its zero position if the magnitude of each motor angle is at most this limit, rad.
 const STAND_ZERO_RAD: f64 = 0.02;
-/// The unit counts as reading -g on z if the z component of the measured up direction (a unit vector) is below minus
-/// this value. The value is the cosine of 20 deg.
+/// The unit reads -g on z if the z component of the measured up direction (a unit vector) is below minus this value.
+/// The value is the cosine of 20 deg.
 const NEARLY_UPRIGHT: f64 = 0.94;
 /// There are two hypotheses for a reading of -g on z: the z axis points down, or the accelerometer has the reversed
-/// sign of gravity. Each hypothesis predicts the up direction at each rest from the motor angles. It is accepted only
-/// if the mean cosine of the angle between predicted and measured direction is above this limit, the cosine of 20 deg.
+/// sign of gravity. Each hypothesis predicts the up direction at each rest from the motor angles. A hypothesis is
+/// accepted only if the mean cosine of the angle between predicted and measured direction is above this limit, the
+/// cosine of 20 deg.
 const FITS_STAND: f64 = 0.94;
 /// One of the two hypotheses is chosen only if their mean cosines differ by more than this value. The directions that
 /// they predict differ only in the sign of the x component. Rests with a horizontal x axis therefore do not distinguish
 /// the hypotheses.
 const TOLD_APART: f64 = 0.1;
 
-/// Finding `gravity_sign` for a unit that reads -g on z although its z axis is expected to point up.
+/// Reports `gravity_sign` for a unit that reads -g on z although its z axis is expected to point up.
 ///
 /// If the recording contains the motor angles of a stand, z must point up when all motor angles are zero, and the rests
 /// at other motor angles show the cause. Axes with z down are a warning. A reversed sign of gravity and an unclear
@@ -95,7 +96,7 @@ const Z_DOWN: &str = "pass axes='frd', which rotates accelerometer and gyroscope
 const Z_DOWN_ALONE: &str = "pass axes='frd', which rotates the accelerometer to x forward, y left, z up";
 const REVERSED: &str = "pass axes='accel=-x,-y,-z', which leaves the gyroscope as it is";
 
-/// Text of the recommended action if the data do not show which of the two causes is present.
+/// Returns the text of the recommended action if the data do not show which of the two causes is present.
 fn ask() -> String {
     format!(
         "if the axes are FRD or NED (z down), {Z_DOWN}. If neither is known, turn the unit counter-clockwise as seen from \
@@ -163,8 +164,8 @@ mod tests {
         check(&Recording { stand_rad: stand, ..columns.recording() }, &Columns::rests())
     }
 
-    /// Motor angles, rad, at which the true up direction is the one that the accelerometer measures in the synthetic
-    /// recording [`Columns::tumbling`]. Motor 2 sets the tilt, and motor 3 the heading.
+    /// Computes the motor angles, rad, for which the true up direction equals the direction that the accelerometer
+    /// measures in the synthetic recording [`Columns::tumbling`]. Motor 2 sets the tilt, and motor 3 the heading.
     fn motors() -> Vec<[f64; 3]> {
         let columns = Columns::tumbling();
         let up = |i: usize| Vector3::from(columns.force[i]).normalize();

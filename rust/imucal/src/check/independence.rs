@@ -20,20 +20,20 @@ use crate::finding::Finding;
 /// independent noise) is at least this value. It is between the values of independent recordings (up to 10) and of
 /// altered copies (from 20).
 const COPY_SIGMAS: f32 = 14.0;
-/// Two recordings count as copies only if (largest correlation) / (largest correlation at distant lags) is at least
+/// For two recordings to be copies, (largest correlation) / (largest correlation at distant lags) must also be at least
 /// this value. Periodic vibration in two independent recordings gives large correlations at many lags, so it does not
 /// reach this limit.
 const UNIQUE: f32 = 2.0;
-/// Two recordings count as copies only if their correlation without the contributions of short pulses
-/// ([`Transform::sigmas_without_pulses`]) is at least this value. The correlation was at most 4.4 for independent
-/// recordings with coinciding pulses, and at least 9 for altered copies.
+/// For two recordings to be copies, their correlation without the contributions of short pulses
+/// ([`Transform::sigmas_without_pulses`]) must also be at least this value. The correlation was at most 4.4 for
+/// independent recordings with coinciding pulses, and at least 9 for altered copies.
 const WITHOUT_PULSES_SIGMAS: f32 = 5.0;
 /// Number of templates of a recording, one in each third. A template is an excerpt that is searched for in the other
 /// recordings. If another recording contains at least half of this recording, it usually contains at least one of the
 /// templates.
 const TEMPLATES: usize = 3;
 
-/// Findings `recordings_overlap`, one for each pair of recordings that contain the same noise.
+/// Reports `recordings_overlap` for each pair of recordings that contain the same noise.
 pub fn check_independent(recordings: &[AtRest<'_>]) -> Vec<Finding> {
     if recordings.len() < 2 {
         return Vec::new();
@@ -47,8 +47,8 @@ pub fn check_independent(recordings: &[AtRest<'_>]) -> Vec<Finding> {
     found.iter().map(finding).collect()
 }
 
-/// Findings `control_not_independent`, one for each pair of a control recording and a calibration recording that
-/// contain the same noise.
+/// Reports `control_not_independent` for each pair of a control recording and a calibration recording that contain the
+/// same noise.
 pub fn check_control(calibration: &[AtRest<'_>], control: &[AtRest<'_>]) -> Vec<Finding> {
     let all: Vec<AtRest<'_>> = calibration.iter().chain(control).copied().collect();
     let is_control = |index: usize| index >= calibration.len();
@@ -156,17 +156,17 @@ fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool,
     found
 }
 
-/// End of the part of the tape (concatenated recordings) in which the recording `index` is searched for, as a sample
-/// index. It is the end of the last recording that precedes `index` in `order` and is compared with it. The result is 0
-/// if there is no such recording.
+/// Returns the end of the part of the tape (concatenated recordings) in which the recording `index` is searched for, as
+/// a sample index. It is the end of the last recording that precedes `index` in `order` and is compared with it. The
+/// result is 0 if there is no such recording.
 fn searched_until(tape: &Tape, order: &[usize], index: usize, is_compared: impl Fn(usize, usize) -> bool) -> usize {
     let before: Vec<usize> = order.iter().copied().take_while(|&other| other != index).collect();
     let is_searched = |part: &&(usize, Range<usize>)| before.contains(&part.0) && is_compared(part.0, index);
     tape.parts.iter().filter(is_searched).map(|(_, range)| range.end).max().unwrap_or(0)
 }
 
-/// Start indices of the templates of a recording. A template is an excerpt that is searched for in other recordings.
-/// There is one template per third of the recording, at the start of the longest rest of this third.
+/// Returns the start indices of the templates of a recording. A template is an excerpt that is searched for in other
+/// recordings. There is one template per third of the recording, at the start of the longest rest of this third.
 fn starts(at_rest: &AtRest<'_>, samples: usize) -> Vec<usize> {
     let length = at_rest.recording.len();
     let latest = length.saturating_sub(samples);

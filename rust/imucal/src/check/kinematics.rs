@@ -72,9 +72,9 @@ pub fn check_kinematics(recording: &Recording, rate_from_raw: &Matrix3<f64>, exp
     findings
 }
 
-/// Finding that the sensors did not move together. It is only a warning if the rates explain part of the motion. The
-/// gyroscope may then only be late, and a late gyroscope still measures the whole rotation between two rests that are
-/// longer than its delay.
+/// Reports that the sensors did not move together. The finding is only a warning if the rates explain part of the
+/// motion. The gyroscope may then only be late, and a late gyroscope still measures the whole rotation between two
+/// rests that are longer than its delay.
 fn not_together(recording: &Recording, explained: f64) -> Finding {
     let is_unrelated = explained < UNRELATED;
     let kind = if is_unrelated { Finding::error } else { Finding::warning };
@@ -133,8 +133,8 @@ fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
     })
 }
 
-/// Finding `left_handed_axes` or `axes_turned` for a gyroscope whose axes differ from the axes of the accelerometer by
-/// the signed permutation `axes`.
+/// Returns the finding `left_handed_axes` or `axes_turned` for a gyroscope whose axes differ from the axes of the
+/// accelerometer by the signed permutation `axes`.
 fn wrong_axes(recording: &Recording, axes: &SignedPermutation, correlation: f64) -> Finding {
     let of = |triad: [&str; 3], which: &[usize]| names(which.iter().map(|&k| triad[k]));
     let error = || Finding::error("left_handed_axes", recording.name);
@@ -160,7 +160,8 @@ fn wrong_axes(recording: &Recording, axes: &SignedPermutation, correlation: f64)
     }
 }
 
-/// Finding `left_handed_axes` for a P with det P < 0 that is not close to any signed permutation of the axes.
+/// Returns the finding `left_handed_axes` for a P with det P < 0 that is not close to any signed permutation of the
+/// axes.
 fn unlike_any(recording: &Recording, correlation: f64) -> Finding {
     Finding {
         columns: names(GYRO),

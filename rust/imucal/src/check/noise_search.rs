@@ -104,9 +104,9 @@ impl Transform {
     /// recording on the tape `from` (concatenated recordings). `ratio` is the sampling rate of the searched tape
     /// divided by the sampling rate of the recording.
     ///
-    /// The signals on a tape are second differences of the samples. For another sampling rate, a second difference is
-    /// regarded as the change of slope of the linear interpolation between samples. This change is distributed over the
-    /// two nearest samples of the new rate.
+    /// The signals on a tape are second differences of the samples. A second difference is the change of slope of the
+    /// linear interpolation between samples. To resample a signal to another rate, the function distributes each change
+    /// of slope over the two nearest samples of the new rate.
     pub(super) fn template(
         &mut self,
         from: &Tape,
@@ -135,8 +135,8 @@ impl Transform {
         Template { recording, first, samples, tape, until, spectra }
     }
 
-    /// For each template, the largest correlation with the tape (concatenated recordings) in which it is searched
-    /// for. There is one value for each group of signals in [`KINDS`].
+    /// Finds the largest correlation of each template with the tape (concatenated recordings) in which it is searched
+    /// for. The result has one value for each group of signals in [`KINDS`].
     pub(super) fn search(&mut self, tapes: &[Tape], templates: &[Template]) -> Vec<[Peak; 2]> {
         let mut tops: Vec<[Vec<Peak>; 2]> = templates.iter().map(|_| Default::default()).collect();
         for (index, tape) in tapes.iter().enumerate() {
@@ -166,9 +166,9 @@ impl Transform {
     ///
     /// Two independent recordings with short pulses (knocks or wrong samples) are correlated at a lag at which pulses
     /// coincide. Only the parts with the pulses contribute to this correlation, so the result is nearly zero for one
-    /// pulse. Two pulses coincide at one lag if the time between them is the same in both recordings, which is frequent
-    /// if one sample in a thousand is wrong. If the coinciding pulses cover more than [`PULSE_PARTS`] parts, a part of
-    /// the correlation remains. In a copy, the noise in all parts contributes.
+    /// pulse. Two pulses coincide at the same lag if the time between them is the same in both recordings. This is
+    /// frequent if one sample in a thousand is wrong. If the coinciding pulses cover more than [`PULSE_PARTS`] parts,
+    /// some correlation remains. In a copy, the noise in all parts contributes, so most of the correlation remains.
     pub(super) fn sigmas_without_pulses(&mut self, tape: &Tape, template: &Template, kind: usize, peak: &Peak) -> f32 {
         let from_start = (peak.at + TEMPLATE as isize).max(0) as usize;
         let (first, shift) = (from_start / LAGS * LAGS, from_start % LAGS);
@@ -187,7 +187,8 @@ impl Transform {
         peak.sigmas * shares[..shares.len() - PULSE_PARTS].iter().sum::<f32>()
     }
 
-    /// The signal whose whitened spectrum is `spectrum`, multiplied by a constant factor; empty if the signal is zero.
+    /// Computes the signal whose whitened spectrum is `spectrum`, multiplied by a constant factor; empty if the signal
+    /// is zero.
     fn whitened_signal(&mut self, mut spectrum: Spectrum) -> Vec<f32> {
         let mut signal = vec![0.0; BLOCK];
         let length = self.inverse.get_scratch_len();
@@ -197,8 +198,8 @@ impl Transform {
         }
     }
 
-    /// Whitened spectrum of the block that begins at sample `first` of a signal. The block may begin before the signal
-    /// and end after it; samples outside the signal are zero.
+    /// Computes the whitened spectrum of the block that begins at sample `first` of a signal. The block may begin
+    /// before the signal and end after it; samples outside the signal are zero.
     fn block(&mut self, signal: &[f32], first: isize) -> Spectrum {
         let clipped = |at: isize| at.clamp(0, signal.len() as isize) as usize;
         let (start, end) = (clipped(first), clipped(first + BLOCK as isize));
@@ -214,7 +215,8 @@ impl Transform {
         self.whitened()
     }
 
-    /// Spectrum of the signal in `buffer`, divided by its magnitude at every frequency; empty if the signal is zero.
+    /// Computes the spectrum of the signal in `buffer`, divided by its magnitude at every frequency; empty if the
+    /// signal is zero.
     fn whitened(&mut self) -> Spectrum {
         if self.buffer.iter().all(|value| *value == 0.0) {
             return Vec::new();
@@ -233,8 +235,8 @@ impl Transform {
         spectrum
     }
 
-    /// The largest correlation of a block with a template at the first `lags` lags. `first` is the sample of the tape
-    /// at which the block begins. `None` if, in each signal, the block or the template is zero.
+    /// Finds the largest correlation of a block with a template at the first `lags` lags. `first` is the sample of the
+    /// tape at which the block begins. `None` if, in each signal, the block or the template is zero.
     fn correlate(
         &mut self,
         (block, template): (&[Spectrum], &[Spectrum]),
@@ -285,8 +287,8 @@ pub(super) fn samples_of(ratio: f64) -> usize {
     ((TEMPLATE - 2) as f64 / ratio) as usize + 1
 }
 
-/// The largest correlation of a template with a tape. `tops` contains the largest correlation for each block of the
-/// tape. The field `elsewhere` of the result is the largest correlation at the lags of the tape that differ by more
+/// Finds the largest correlation of a template with a tape. `tops` contains the largest correlation for each block of
+/// the tape. The field `elsewhere` of the result is the largest correlation at the lags of the tape that differ by more
 /// than [`NEAR`] samples from the lag of the result.
 fn highest(tops: &[Peak]) -> Peak {
     let Some(&top) = tops.iter().max_by(|a, b| a.sigmas.total_cmp(&b.sigmas)) else { return Peak::default() };

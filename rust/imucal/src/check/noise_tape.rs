@@ -121,8 +121,8 @@ impl Tape {
     }
 }
 
-/// Hann window of `length` samples. A recurrence computes the cosines, which is much faster than evaluating each
-/// cosine.
+/// Computes a Hann window of `length` samples. A recurrence computes the cosines, which is much faster than evaluating
+/// each cosine.
 fn hann(length: usize) -> impl Iterator<Item = f32> {
     let step = std::f64::consts::TAU / length.max(1) as f64;
     let twice = 2.0 * step.cos();
@@ -138,8 +138,8 @@ pub(super) fn is_same_rate(first_hz: f64, second_hz: f64) -> bool {
     (first_hz / second_hz - 1.0).abs() < SAME_RATE
 }
 
-/// Mean sampling rate without gaps, Hz; NaN for less than two samples. Time steps of more than three times the median
-/// are ignored.
+/// Computes the mean sampling rate without gaps, Hz; NaN for less than two samples. Time steps of more than three times
+/// the median are ignored.
 fn mean_rate_hz(time_s: &[f64]) -> f64 {
     let stride = (time_s.len() / SCALE_SAMPLES).max(1);
     let mut steps: Vec<f64> = time_s.windows(2).step_by(stride).map(|pair| pair[1] - pair[0]).collect();

@@ -45,8 +45,8 @@ impl<'a> Part<'a> {
         Self { recording, samples, is_finite, all_equal, equal, triads }
     }
 
-    /// Index of each sample of the block, with one bit per channel. The bit of a channel is set if the channel has the
-    /// same value as in the previous sample. The first sample of a recording is omitted.
+    /// Returns the index of each sample of the block, with one bit per channel. The bit of a channel is set if the
+    /// channel has the same value as in the previous sample. The first sample of a recording is omitted.
     pub(super) fn equal(&self) -> impl Iterator<Item = (usize, u8)> + '_ {
         let first = self.samples.start.max(1);
         (first..self.samples.end).zip(self.equal[first - self.samples.start..].iter().copied())

@@ -12,11 +12,11 @@ const EDGE_STEPS: f64 = 3.0;
 /// During the plateau, another axis of the triad must change by at least this number of its converter steps. This
 /// condition excludes rests without noise.
 const SIBLING_STEPS: f64 = 2.0;
-/// Minimum change of the channel, in steps of the converter, from the plateau to two samples: the sample one plateau
-/// length before its start, and the sample one plateau length after its end. This limit detects a clipped channel that
-/// changes slowly next to the plateau, which [`EDGE_STEPS`] misses at high sampling rates and with coarse steps. A
-/// rounded peak stays below the limit: if the n samples at the top of a parabola are within one step, the samples n
-/// farther out are only nine steps below the top.
+/// Minimum change of the channel, in steps of the converter, from the plateau to each of two samples: the sample one
+/// plateau length before its start, and the sample one plateau length after its end. This limit detects a clipped
+/// channel that changes slowly next to the plateau, which [`EDGE_STEPS`] misses at high sampling rates and with coarse
+/// steps. A rounded peak stays below the limit: if the n samples at the top of a parabola are within one step, the
+/// samples that are n samples farther out are only nine steps below the top.
 const FAR_STEPS: f64 = 12.0;
 /// For a plateau that [`FAR_STEPS`] detects, another axis must change during the plateau by more than this share of the
 /// range that it has in the whole recording.
@@ -58,8 +58,8 @@ impl Kind {
     }
 }
 
-/// Share of equal pairs among the pairs of consecutive samples of one axis, at most [`MOST_EQUAL`]. Pairs that begin at
-/// an extreme value of the axis are not counted.
+/// Computes the share of equal pairs among the pairs of consecutive samples of one axis, at most [`MOST_EQUAL`]. Pairs
+/// that begin at an extreme value of the axis are not counted.
 pub(super) fn equal_neighbours(rows: Samples<'_>, axis: usize, ends: &[f64; 2]) -> f64 {
     let (mut equal, mut pairs) = (1.0, 1.0);
     rows.neighbours(axis, |before, after| {
@@ -78,8 +78,8 @@ pub(super) struct Plateaus {
     pub(super) elsewhere: Kind,
 }
 
-/// Finds all plateaus of the axis `axis`. `ends` contains the lowest and the highest value, and `steps` the converter
-/// step, of each axis of the triad.
+/// Finds all plateaus of the axis `axis`. For each axis of the triad, `ends` contains the lowest and the highest value,
+/// and `steps` contains the converter step.
 pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], steps: &[f64; 3]) -> Plateaus {
     let mut found = Plateaus::default();
     let mut start = 0;
@@ -105,8 +105,8 @@ pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], ste
         let change = |k: usize| range(rows.slice(run.clone()), k);
         let sibling = |is_enough: &dyn Fn(usize) -> bool| (1..3).map(|k| (axis + k) % 3).any(is_enough);
         let share = |k: usize| change(k) / (ends[k][1] - ends[k][0]);
-        // An edge of the plateau counts as steep if the channel jumps there, if the adjacent sample is missing, or if
-        // the recording ends there.
+        // An edge of the plateau is steep if the channel jumps there, if the adjacent sample is missing, or if the
+        // recording ends there.
         let steep = drop_at(1).iter().all(|drop| drop.is_none_or(|d| d.is_nan() || d >= EDGE_STEPS))
             && sibling(&|k| change(k) >= SIBLING_STEPS * steps[k] && share(k) > 1e-6);
         let far = || {

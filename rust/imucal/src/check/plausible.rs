@@ -41,10 +41,10 @@ const GYRO_BIAS_RADPS: f64 = 50.0 * DEGREE_RAD;
 const USUAL: [f64; 2] = [1e-3, 0.1];
 /// Highest noise density of common MEMS accelerometers, m/s^2/sqrt(Hz); source (3) above.
 const USUAL_ACCEL_DENSITY: f64 = 3e-3 * STANDARD_GRAVITY_MPS2;
-/// Range of the median specific force, in g, that counts as gravity. The range is wide, because the median includes
-/// samples in which the unit moves.
+/// If the median specific force, in g, is in this range, it can be gravity. The range is wide, because the median
+/// includes samples in which the unit moves.
 const GRAVITY_RATIO: [f64; 2] = [0.7, 1.4];
-/// Recommended action if the unit moves in the intervals that count as rests.
+/// Recommended action if the unit moves in the detected rests.
 const NEVER_RESTS: &str = "the unit never rests: hold it still on something rigid, away from motors and hands";
 /// Angular rate of one count (LSB) of usual gyroscopes, deg/s. The list contains the full scales 125, 250, ... 2000
 /// deg/s divided by 32768 counts, and the rounded sensitivities in the datasheets of TDK InvenSense (131, 65.5, 32.8,
@@ -151,7 +151,7 @@ fn densities(
     })
 }
 
-/// Whether the noise of the accelerometer shows that the unit moves in the intervals that count as rests.
+/// Whether the noise of the accelerometer shows that the unit moves in the detected rests.
 #[derive(PartialEq)]
 enum Motion {
     /// The noise is that of a usual sensor at rest, or the unit of measurement of the accelerometer is not confirmed.
@@ -188,8 +188,8 @@ fn is_gravity(force_mps2: f64) -> bool {
     (GRAVITY_RATIO[0]..=GRAVITY_RATIO[1]).contains(&(force_mps2 / STANDARD_GRAVITY_MPS2))
 }
 
-/// Advice for a gyroscope with an unusual noise density, rad/s/sqrt(Hz): the unit of measurement with which the density
-/// would be usual. If motion explains the density, the advice is to hold the sensor still.
+/// Recommends the unit of measurement in which an unusual noise density of a gyroscope, rad/s/sqrt(Hz), would be usual.
+/// If motion explains the density, the advice is to hold the sensor still.
 fn gyro_way_out(recording: &Recording, density: f64, accel: &[RestNoise; 3]) -> String {
     let usual = |density: f64| (USUAL[0]..=USUAL[1]).contains(&density);
     let (given, size_radps, _) = given_gyro_unit(recording);

@@ -25,7 +25,7 @@ const ONE_RANGE: f64 = 1e-4;
 /// The lowest and the highest value of one axis. Each of them is `None` if the axis is not clipped at this value.
 type Rails = [Option<f64>; 2];
 
-/// Findings `accel_saturation` and `gyro_saturation` for sensors with at least one clipped axis.
+/// Reports `accel_saturation` and `gyro_saturation` for sensors with at least one clipped axis.
 pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     let [accel, gyro] = rails(recording, survey);
     let accel = finding(
@@ -134,14 +134,14 @@ fn finding(
 /// There are two kinds of evidence for a rail:
 ///
 /// * One sample at the lowest or the highest count of a 16-bit converter.
-/// * Plateaus at the channel's extreme value. A plateau is evidence if the channel changes by several steps just before
-///   and after it, while another axis moves. In addition, plateaus at other values of the channel must be rare or
-///   short, and noise must be an unlikely cause of the plateaus. The rail must be at least `lowest_over_median` times
-///   the median norm of the rows.
+/// * Plateaus (sequences of equal samples) at the channel's extreme value. A plateau is evidence if the channel changes
+///   by several steps just before and after it, while another axis moves. In addition, plateaus at other values of the
+///   channel must be rare or short, and noise must be an unlikely cause of the plateaus. The rail must be at least
+///   `lowest_over_median` times the median norm of the rows.
 ///
-/// Other powers of two are no evidence of a rail, because common accelerometers read 2048 or 16384 counts at 1 g.
-/// `ends` contains the lowest and the highest value of each axis. `held` contains the lowest and the highest of those
-/// values that an axis repeats in at least as many consecutive samples as a plateau has.
+/// Other powers of two are no evidence of a rail, because common accelerometers read 2048 or 16384 counts at 1 g. For
+/// each axis, `ends` contains the lowest and the highest of all values. `held` contains the lowest and the highest of
+/// the values that the axis repeats in at least `PLATEAU` consecutive samples.
 fn triad_rails(
     rows: Samples<'_>,
     unit: RawUnit,

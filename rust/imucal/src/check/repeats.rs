@@ -5,7 +5,8 @@ use super::part::{PART, Part};
 use crate::finding::Finding;
 use crate::recording::Recording;
 
-/// Up to this number of consecutive equal rows count as repeated. A longer sequence is a rest without noise.
+/// A sequence of at most this number of equal rows is counted as repeated rows. A longer sequence is a rest without
+/// noise.
 const LONGEST_REPEAT: usize = 8;
 /// A finding is reported only for at least this number of repeated rows.
 const FEWEST: usize = 5;
@@ -13,9 +14,9 @@ const FEWEST: usize = 5;
 /// Reports rows in which all sensor values equal those of the previous row, although the time stamp differs.
 ///
 /// At rest, rows of coarsely quantised data repeat without any fault. Two rules exclude such natural repeats. First, a
-/// repeated row counts only if the rows before and after it change: each of them repeats at most one value. Second,
-/// there must be more than twice as many repeated rows as rows with five repeated values. Let q be the probability that
-/// a channel repeats its value at rest without a fault. All six values repeat with probability q^6, and exactly five of
+/// repeated row is counted only if the row before it and the row after it each repeat at most one value. Second, there
+/// must be more than twice as many repeated rows as rows with five repeated values. Let q be the probability that a
+/// channel repeats its value at rest without a fault. All six values repeat with probability q^6, and exactly five of
 /// them with probability 6 q^5 (1 - q). Natural repeats therefore satisfy the second rule only if q is above 0.92. A
 /// rest without noise is a long sequence of equal rows and is excluded by [`LONGEST_REPEAT`]. If the recording has only
 /// one sensor, rows have three values instead of six.
@@ -56,8 +57,9 @@ pub(crate) fn repeated_share(recording: &Recording<'_>) -> f64 {
 pub(super) struct Repeats {
     /// Counter of the rows that repeat all values of the previous row.
     doubled: Tally,
-    /// Number of rows that repeat at most one value of the previous row and follow another such row, either directly or
-    /// after a sequence of repeated rows. Only repeated rows between two such rows are counted.
+    /// A changing row repeats at most one value of the previous row. This is the number of changing rows that follow
+    /// another changing row, either directly or after a sequence of repeated rows. Only repeated rows between two
+    /// changing rows are counted.
     changing: usize,
     /// Number of rows that repeat all but one value of the previous row.
     near: usize,
@@ -79,9 +81,9 @@ impl Repeats {
         (count >= FEWEST && count > 2 * self.near).then_some(count)
     }
 
-    /// Share of the repeated rows among the examined rows. The examined rows are the repeated rows and the rows before
-    /// which a repeat would be counted. Other rows are not examined, because values of coarsely quantised data repeat
-    /// at rest without any fault.
+    /// Share of the repeated rows among the examined rows. The examined rows are the repeated rows in `doubled` and the
+    /// rows in `changing`. Other rows are not examined, because values of coarsely quantised data repeat at rest
+    /// without any fault.
     pub(super) fn share(&self) -> f64 {
         self.doubled.samples as f64 / self.examined().max(1) as f64
     }

@@ -14,7 +14,7 @@ const SHARED_ROWS: usize = 100;
 /// after removal of consecutive duplicates, and the index of the row in the recording.
 type Seen = HashMap<[u64; 6], (usize, usize, usize)>;
 
-/// Finding `recordings_overlap` for every recording that contains an interval of an earlier recording in the list. Time
+/// Reports `recordings_overlap` for every recording that contains an interval of an earlier recording in the list. Time
 /// stamps are ignored.
 pub fn check_shared(recordings: &[Recording]) -> Vec<Finding> {
     // A single recording needs no comparison, so the large hash table is not built.
@@ -32,8 +32,7 @@ pub fn check_shared(recordings: &[Recording]) -> Vec<Finding> {
     findings
 }
 
-/// Finding for the first [`SHARED_ROWS`] consecutive rows that are also consecutive in an earlier recording of the
-/// list.
+/// Reports the first [`SHARED_ROWS`] consecutive rows that are also consecutive in an earlier recording of the list.
 fn shared_with_earlier(recording: &Recording, recordings: &[Recording], seen: &Seen) -> Option<Finding> {
     let (mut count, mut start, mut before) = (0, [0, 0], None);
     for i in changes(recording) {
@@ -71,8 +70,8 @@ fn rows(recording: &Recording) -> usize {
     if recording.check_lengths().is_ok() { recording.len() } else { 0 }
 }
 
-/// Indices of the rows that differ from the previous row. If a row was repeated or written twice, only its first copy
-/// is returned.
+/// Returns the indices of the rows that differ from the previous row. If a row was repeated or written twice, only its
+/// first copy is returned.
 fn changes<'a>(recording: &'a Recording<'_>) -> impl Iterator<Item = usize> + 'a {
     (0..rows(recording)).filter(|&i| i == 0 || row_bits(recording, i) != row_bits(recording, i - 1))
 }

@@ -30,13 +30,14 @@ const SIGNIFICANT: f64 = 5.0;
 /// sample less than the others.
 const LEAST_STEPS: f64 = 1.5;
 
-/// Text that recommends to record the sampling instants, or to replace the time stamps by the mean rate.
+/// Returns a text that recommends to record the sampling instants, or to replace the time stamps by the mean rate.
 pub(crate) fn from_sensor(recording: &Recording) -> String {
     format!("take the time stamp from the sensor's own clock, not on arrival; or, {}", even(recording))
 }
 
-/// Text that recommends to replace the time stamps by a sampling rate, if the sensor samples at equal intervals. The
-/// recommended rate is the mean rate if the time stamps determine it, otherwise the rate to which the sensor is set.
+/// Returns a text that recommends to replace the time stamps by a sampling rate, if the sensor samples at equal
+/// intervals. The recommended rate is the mean rate if the time stamps determine it, otherwise the rate to which the
+/// sensor is set.
 pub(super) fn even(recording: &Recording) -> String {
     let blocks = Blocks::try_new(recording);
     let rate_hz = blocks.as_ref().and_then(|blocks| blocks.rate_hz(recording));
@@ -50,7 +51,8 @@ pub(super) fn even(recording: &Recording) -> String {
     )
 }
 
-/// Blocks of consecutive samples, each with as many samples and packets as are needed to average jitter.
+/// Blocks of consecutive samples. Each block has so many samples and packets that jitter hardly changes its smallest
+/// delay.
 struct Blocks {
     /// For each block, the index of the sample with the smallest delay.
     earliest: Vec<usize>,
@@ -84,8 +86,8 @@ impl Blocks {
         Some(Self { earliest, shifts_s })
     }
 
-    /// Mean sampling rate from a straight line through the samples with the smallest delays, Hz. `None` if the
-    /// recording has pauses that are so long that the rate is inaccurate.
+    /// Computes the mean sampling rate from a straight line through the samples with the smallest delays, Hz. `None` if
+    /// the recording has pauses that are so long that the rate is inaccurate.
     fn rate_hz(&self, recording: &Recording) -> Option<f64> {
         let [start_s, end_s] = recording.span_s();
         let centre = self.earliest.iter().sum::<usize>() as f64 / self.earliest.len() as f64;
@@ -103,8 +105,8 @@ impl Blocks {
         is_known.then_some(rate_hz)
     }
 
-    /// Text that states the number of pauses and the longest of them. A pause within a block can shift the smallest
-    /// delay of this block and of the next one, so shifts of consecutive blocks count as one pause.
+    /// Returns a text that states the number of pauses and the longest pause. A pause within a block can shift the
+    /// smallest delay of this block and of the next one, so shifts of consecutive blocks count as one pause.
     fn pauses(&self, recording: &Recording) -> Option<String> {
         let count =
             self.shifts_s.chunk_by(|a, b| (*a > 0.0) == (*b > 0.0)).filter(|shifts_s| shifts_s[0] > 0.0).count();
@@ -124,9 +126,9 @@ impl Blocks {
     }
 }
 
-/// Typical time step between two packets, s. It is the median of the time steps, each weighted by its length. The time
-/// steps that are longer than this median therefore make up about half of the duration. Without packets, the result is
-/// a usual time step.
+/// Computes the typical time step between two packets, s: the median of the time steps, each weighted by its length.
+/// The time steps that are longer than this median make up about half of the duration. Without packets, the result is a
+/// usual time step.
 fn usual_long_step_s(time_s: &[f64]) -> f64 {
     let mut steps_s: Vec<f64> =
         time_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| *step_s > 0.0).collect();

@@ -9,7 +9,7 @@ use crate::recording::{Recording, Samples};
 
 /// An axis counts as stuck if it has one constant value over at least this share of the recording.
 const STUCK_SHARE: f64 = 0.5;
-/// Another axis counts as moving if its values span at least this number of steps of the converter.
+/// An axis moves if its values span at least this number of steps of the converter.
 const MOVING_STEPS: f64 = 8.0;
 
 /// Reports axes that are constant for most of the recording while other axes of the same triad move.
@@ -17,8 +17,8 @@ const MOVING_STEPS: f64 = 8.0;
 /// Two cases are not reported: a rest without noise, in which all axes are constant, and a coarse converter, with which
 /// the other axes change only by a few steps. The finding is an error if the axis is certainly stuck: the other axes
 /// are noisy while the axis is constant, or a whole triad is constant. The finding is a warning if the other axes also
-/// have no noise, as with a coarse converter or in a simulation without noise. The motion may then not have changed
-/// this axis.
+/// have no noise, as with a coarse converter or in a simulation without noise. The axis may then be constant because
+/// the motion did not affect it.
 pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
     let mut stuck = Vec::new();
     for (first_channel, rows, other, names, unit) in [
@@ -65,8 +65,8 @@ pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
     certain.into_iter().chain(possible).collect()
 }
 
-/// Text that names the calibration parameters that the data do not determine without the stuck `axes`, and the
-/// recommended action.
+/// Returns a text that names the calibration parameters that the data do not determine without the stuck `axes`, and
+/// the recommended action.
 fn undetermined(axes: &[Stuck]) -> String {
     let is_stuck = |name: &str| axes.iter().any(|axis| axis.column == name);
     let stuck = |names: [&str; 3]| names.map(is_stuck);

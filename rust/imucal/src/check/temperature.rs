@@ -8,8 +8,8 @@ use crate::recording::Recording;
 /// A difference between consecutive temperatures above this value, K, is reported as a jump. At usual sampling rates, a
 /// sensor does not warm up so fast.
 const TEMPERATURE_STEP_K: f64 = 5.0;
-/// Plausible temperatures of an inertial sensor, degC. Datasheets give operating ranges up to -55 to 125 degC, and
-/// storage ranges of -40 to 125 degC or -65 to 150 degC. A temperature outside the limits is in another unit or is a
+/// Plausible temperatures of an inertial sensor, degC. The widest operating range in datasheets is -55 to 125 degC, and
+/// storage ranges are -40 to 125 degC or -65 to 150 degC. A temperature outside the limits is in another unit or is a
 /// reading error.
 pub const TEMPERATURE_DEGC: [f64; 2] = [-60.0, 150.0];
 /// Usual temperatures of a sensor during a calibration, degC: the operating range of consumer and industrial sensors.
@@ -75,7 +75,8 @@ pub fn check_temperature(recording: &Recording) -> Option<Finding> {
     })
 }
 
-/// Advice on a value that is implausible as a temperature in degC: the unit in which it would be plausible.
+/// Returns advice on a value that is implausible as a temperature in degC. The advice names the unit in which the value
+/// would be plausible.
 fn likely_unit(value: f64) -> String {
     const COUNTS: &str =
         "give raw counts as temp_lsb with --temp-scale SLOPE,OFFSET of the datasheet (degC per count, degC)";

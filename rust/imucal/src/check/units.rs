@@ -21,8 +21,8 @@ const WITH_MOVES: [f64; 2] = [0.5, 2.0];
 const FASTEST_RADPS: f64 = 140.0;
 /// Largest plausible bias of a MEMS gyroscope, rad/s (57 deg/s).
 const LARGEST_BIAS_RADPS: f64 = 1.0;
-/// Within a rest, the mean rate counts as a bias if (standard deviation of the rate) / (norm of the mean rate) is below
-/// this limit. If the unit is moved to and fro, the ratio is above the limit.
+/// Within a rest, the mean rate is regarded as a bias if (standard deviation of the rate) / (norm of the mean rate) is
+/// below this limit. If the unit is moved to and fro, the ratio is above the limit.
 const STEADY: f64 = 0.3;
 /// A sensor may measure gravity if the lower and the upper quartile of the norm of its readings are within these
 /// multiples of the median norm. The norm of angular rates varies far more, because recordings contain rests and moves.
@@ -50,14 +50,14 @@ const RARE_GYRO_UNITS: [(&str, f64, &str); 5] = [
 ];
 /// One degree, rad.
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
-/// Median norm |f| of the specific force, in the unit of the columns, above which the numbers can only be raw counts.
-/// In usual units, the largest number for 1 g is 1000 (mg).
+/// If the median norm |f| of the specific force, in the unit of the columns, is above this limit, the numbers are raw
+/// counts. In usual units, the largest number for 1 g is 1000 (mg).
 const COUNTS: f64 = 1500.0;
-/// Median norm |f| of the specific force, m/s^2. A smaller median shows that gravity was removed from the readings.
+/// If the median norm |f| of the specific force, m/s^2, is below this limit, gravity was removed from the readings.
 const WITHOUT_GRAVITY_MPS2: f64 = 0.5;
 
-/// Findings `accel_units` and `gyro_units` for wrong units whose errors are so large that the whole recording, with its
-/// moves, shows them.
+/// Reports `accel_units` and `gyro_units` for units that are wrong by so large a factor that the readings show it
+/// before the rests are known.
 pub(super) fn check(recording: &Recording, (lengths, extremes): (&Lengths, &Extremes)) -> Vec<Finding> {
     let mut findings = Vec::new();
     let whole = 0..recording.len();
@@ -146,8 +146,8 @@ fn length([x, y, z]: [f64; 3]) -> f64 {
     (x * x + y * y + z * z).sqrt()
 }
 
-/// Median norm of the samples (rows of three axes) in the index ranges. Samples that are not finite are ignored; `None`
-/// if no sample is left.
+/// Computes the median norm of the samples (rows of three axes) in the index ranges. Samples that are not finite are
+/// ignored; `None` if no sample is left.
 fn median_norm(rows: Samples<'_>, ranges: &[Range<usize>]) -> Option<f64> {
     let rows = ranges.iter().flat_map(|range| rows.slice(range.clone()).iter());
     let mut norms: Vec<f64> = rows.map(length).filter(|norm| norm.is_finite()).collect();
@@ -168,8 +168,8 @@ fn median_norm_beyond(rows: Samples<'_>, ranges: &[Range<usize>], limits: [f64; 
 fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, gravity_mps2: f64) -> Finding {
     let given = given_accel_unit(recording);
     let in_file = norm / given.1;
-    // First, a unit is searched for in which the numbers of the file have the magnitude of gravity. If the columns
-    // contain the specific force, this unit is the correct one.
+    // First, the usual units are searched for one in which the numbers of the file have the magnitude of gravity. If
+    // the columns contain the specific force, this unit is the correct one.
     let fitting: Vec<&str> = ACCEL_UNITS
         .iter()
         .filter(|unit| unit.0 != given.0 && within(in_file * unit.1 / gravity_mps2, AT_REST))
@@ -240,7 +240,7 @@ pub(super) fn given_gyro_unit(recording: &Recording) -> &'static (&'static str, 
     units.find(|unit| unit.0 == given.unwrap_or("radps")).unwrap_or(&GYRO_UNITS[0])
 }
 
-/// Text that recommends smaller units of measurement, for rates that are far too large in the unit of the columns.
+/// Returns a text that recommends smaller units, for rates that are far too large in the unit of the columns.
 fn smaller_gyro_units(recording: &Recording) -> String {
     let given = given_gyro_unit(recording);
     let (words, names): (Vec<&str>, Vec<String>) = GYRO_UNITS
@@ -290,7 +290,7 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
     })
 }
 
-/// Finding `gyro_units` for a gyroscope whose bias is too large for any MEMS gyroscope. A bias is steady within a rest.
+/// Reports `gyro_units` for a gyroscope whose bias is too large for any MEMS gyroscope. A bias is steady within a rest.
 /// If a large rate varies within a rest, the unit was moved, and the rate is no evidence of a wrong unit.
 fn biased(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
     if recording.gyro_unit != RawUnit::Si {
@@ -322,8 +322,8 @@ fn biased(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
     })
 }
 
-/// Norm of the mean angular rate of a rest, in the unit of `rows`; `None` if the rate varies within the rest (see
-/// [`STEADY`]).
+/// Computes the norm of the mean angular rate of a rest, in the unit of `rows`; `None` if the rate varies within the
+/// rest (see [`STEADY`]).
 fn steady_norm(rows: Samples<'_>, rest: &Range<usize>) -> Option<f64> {
     let (mut count, mut sum, mut squares) = (0.0, [0.0; 3], 0.0);
     for row in rows.slice(rest.clone()).iter().filter(|row| row.iter().all(|v| v.is_finite())) {

@@ -3,7 +3,7 @@
 //! With this fault, a channel that crosses zero jumps between the two ends of the number range, which resembles
 //! saturation. A sensor whose counts are really unsigned reads near the middle of the range at rest. If the upper half
 //! of its range were read as negative numbers, there would be jumps at the middle. Therefore the jumps are counted
-//! twice, for counts read as unsigned and as signed numbers, and the two numbers are compared.
+//! twice, once with the counts read as unsigned numbers and once as signed numbers, and the two totals are compared.
 
 use pulp::{Simd, WithSimd};
 
@@ -33,7 +33,7 @@ pub fn check_counts(recording: &Recording) -> Vec<Finding> {
     if is_raw && !recording.is_empty() { check(recording, &Survey::of(recording)) } else { Vec::new() }
 }
 
-/// Findings `counts_unsigned` for sensors whose negative counts were read as unsigned numbers.
+/// Reports `counts_unsigned` for sensors whose negative counts were read as unsigned numbers.
 pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     let [accel, gyro] = &survey.extremes.ends;
     let accel = finding(recording, recording.accel_unit, (recording.specific_force, accel), ACCEL);

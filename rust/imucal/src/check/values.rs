@@ -1,5 +1,5 @@
-//! Checks of single columns: values that are not finite, values that no sensor can measure, and the resolution of the
-//! converter.
+//! Checks single columns for values that are not finite and for values that no sensor can measure. Also computes the
+//! resolution of the converter.
 
 use super::part::{Part, all_finite};
 use super::{ACCEL, GYRO, Tally, names, unit_name};
@@ -13,12 +13,12 @@ const LARGEST_FORCE_MPS2: f64 = 1e5;
 /// Largest angular rate that a sensor can measure, rad/s. It is thirty times the widest range of MEMS gyroscopes
 /// (ADXRS649, 20000 deg/s).
 const LARGEST_RATE_RADPS: f64 = 1e4;
-/// Largest magnitude of a raw count: the range of a signed integer of 32 bits, the widest output of converters.
+/// Largest magnitude of a raw count. The widest output of converters is a signed integer of 32 bits.
 const LARGEST_COUNT: f64 = 2_147_483_648.0;
-/// If at least this share of a channel's samples is impossible, the recommendation names a wrong unit as the cause.
+/// If more than this share of a sensor's samples is impossible, the recommendation names a wrong unit as the cause.
 const WRONG_UNIT_SHARE: f64 = 0.01;
-/// The sensors count as having separate time stamps if more than this share of the rows has only accelerometer values,
-/// and more than this share has only gyroscope values.
+/// If more than this share of the rows has only accelerometer values, and more than this share has only gyroscope
+/// values, each sensor has its own time stamps.
 const OWN_ROWS: f64 = 0.1;
 
 /// Samples with NaN or infinity, and the columns in which these values occur.

@@ -27,10 +27,11 @@ pub(super) struct Judged<'a> {
 }
 
 impl Judged<'_> {
-    /// Goodness of fit of both kinds of residuals (norms and directions). If one of the two p-values is below
-    /// [`UNLIKELY`], noise alone does not explain the residuals. Then the goodness of fit also takes the uncertainty of
-    /// the calibration into account. `changed` is called only in this case. For each eigenvector of the correlation
-    /// matrix of the parameters, it returns the triads after a change by one standard deviation along this eigenvector.
+    /// Computes the goodness of fit of both kinds of residuals (norms and directions). If one of the two p-values is
+    /// below [`UNLIKELY`], noise alone does not explain the residuals. Then the goodness of fit also takes the
+    /// uncertainty of the calibration into account, and only then is `changed` called. For each eigenvector of the
+    /// correlation matrix of the parameters, `changed` returns the triads after a change by one standard deviation
+    /// along this eigenvector.
     pub(super) fn groups(&self, changed: impl FnOnce() -> Vec<[Triad<f64>; 2]>) -> Vec<GroupMisfit> {
         let [norms, moves] = self.residuals();
         let mut groups =
@@ -60,8 +61,8 @@ impl Judged<'_> {
         [self.rests.iter().map(norm).collect(), self.move_residuals(self.triads, self.rotations)]
     }
 
-    /// chi2 per degree of freedom of the norm and direction residuals without outliers. It compares the residuals with
-    /// noise alone, and does not include the uncertainty of the calibration.
+    /// Computes chi2 per degree of freedom of the norm and direction residuals without outliers. This chi2 compares the
+    /// residuals with noise alone, and does not include the uncertainty of the calibration.
     pub(super) fn kept_chi2_per_dof(&self) -> f64 {
         let [norms, moves] = self.residuals();
         let squares = |z: &[f64], size: usize| -> Vec<f64> {
@@ -71,8 +72,8 @@ impl Judged<'_> {
         kept.iter().sum::<f64>() / kept.len() as f64
     }
 
-    /// A warning if rests or moves are outliers. The goodness of fit ([`Self::groups`]) does not include them, but the
-    /// figures of merit do.
+    /// Returns a warning if rests or moves are outliers. The goodness of fit ([`Self::groups`]) does not include them,
+    /// but the figures of merit do.
     pub(super) fn outliers(&self) -> Option<Finding> {
         let [norms, moves] = self.residuals();
         let outside = |z: &[f64], size: usize| -> Vec<usize> {
@@ -104,7 +105,7 @@ impl Judged<'_> {
         })
     }
 
-    /// The axes of the accelerometer and of the gyroscope whose scale the residuals do not test: an error of
+    /// Finds the axes of the accelerometer and of the gyroscope whose scale the residuals do not test: an error of
     /// [`TESTED_SCALE`] in the scale of such an axis would change the residuals by less than [`VISIBLE`].
     pub(super) fn untested_axes(&self) -> [Vec<usize>; 2] {
         let residuals = self.move_residuals(self.triads, self.rotations);
@@ -150,8 +151,8 @@ impl Judged<'_> {
         }
     }
 
-    /// For each rest: the change of the norm of the specific force if the accelerometer is `triad` instead of the
-    /// accelerometer of the calibration. The change is divided by the standard deviation of the norm due to noise.
+    /// Computes, for each rest, the change of the norm of the specific force if the accelerometer is `triad` instead of
+    /// the accelerometer of the calibration. The change is divided by the standard deviation of the norm due to noise.
     fn norm_changes(&self, triad: &Triad<f64>) -> Vec<f64> {
         let change = |rest: &&RestReport| {
             let mean = rest.mean_specific_force;
@@ -160,7 +161,7 @@ impl Judged<'_> {
         self.rests.iter().map(change).collect()
     }
 
-    /// Direction residuals of the moves, divided by their standard deviations due to noise. They are computed with the
+    /// Computes the direction residuals of the moves, divided by their standard deviations due to noise, with the
     /// accelerometer `accelerometer` and the rotations `rotations`, which may differ from those of the calibration.
     fn move_residuals(&self, [accelerometer, _]: [&Triad<f64>; 2], rotations: &[Matrix3<f64>]) -> Vec<f64> {
         let again = |up: &Vector3<f64>| {

@@ -74,8 +74,9 @@ impl Uncertainty {
         Self::try_new(&all, frame)
     }
 
-    /// For each eigenvector of the parameters' correlation matrix: both triads after a change by one standard deviation
-    /// along this eigenvector. `corrected` is true if the samples have already been corrected with `calibration`.
+    /// Returns, for each eigenvector of the parameters' correlation matrix, both triads after a change by one standard
+    /// deviation along this eigenvector. `corrected` is true if the samples have already been corrected with
+    /// `calibration`.
     pub(super) fn changed(&self, calibration: &Calibration<f64>, corrected: bool) -> Vec<[Triad<f64>; 2]> {
         let triad = |triad: &Triad<f64>, (sensitivity, bias): (Matrix3<f64>, Vector3<f64>)| {
             if corrected {
@@ -110,9 +111,9 @@ impl Change {
     }
 }
 
-/// chi2 of residuals relative to noise and the uncertainty of the calibration. `z` are the residuals. Each entry of
-/// `changes` contains the changes of all residuals due to one [`Change`] of the triads. Residuals and changes are
-/// divided by the standard deviations of noise.
+/// Computes chi2 of residuals relative to noise and the uncertainty of the calibration. `z` are the residuals. Each
+/// entry of `changes` contains the changes of all residuals due to one [`Change`] of the triads. Residuals and changes
+/// are divided by the standard deviations of noise.
 pub(super) fn chi2_with(z: &[f64], changes: &[Vec<f64>]) -> f64 {
     let z = DVector::from_column_slice(z);
     let d = DMatrix::from_fn(z.len(), changes.len(), |row, k| changes[k][row]);

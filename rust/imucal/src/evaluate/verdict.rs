@@ -31,8 +31,8 @@ impl Figures {
         self.reason(RecordingSet::Calibration, Vec::new).is_some()
     }
 
-    /// The reason why these figures of merit make a verdict `poor`; `None` if they do not. `uncorrected` returns the
-    /// samples that could not be corrected. The message lists these samples if chi2 is not finite.
+    /// Returns the reason why these figures of merit make a verdict `poor`; `None` if they do not. `uncorrected`
+    /// returns the samples that could not be corrected. The message lists these samples if chi2 is not finite.
     pub fn reason(&self, set: RecordingSet, uncorrected: impl FnOnce() -> Vec<UncorrectedSamples>) -> Option<Reason> {
         if self.moves == 0 {
             return Some(Reason::NoUsableMove { set, rests: self.rests });
@@ -40,10 +40,10 @@ impl Figures {
         self.reason_of_residuals(set, uncorrected)
     }
 
-    /// As [`Self::reason`], for control recordings. The verdict is `incomplete` instead of `poor` under three
-    /// conditions. First, the residuals are large compared with noise alone, even without outliers
-    /// (`kept_chi2_per_dof`). Second, noise and the uncertainty of the calibration together explain the residuals
-    /// (`groups`). Third, the rms direction error is at most [`MAX_DIRECTION_SIGMA_DEG`].
+    /// As [`Self::reason`], for control recordings. The verdict is `incomplete` instead of `poor` if three conditions
+    /// hold. First, the residuals are large compared with noise alone, even without outliers (`kept_chi2_per_dof`).
+    /// Second, noise and the uncertainty of the calibration together explain the residuals (`groups`). Third, the rms
+    /// direction error is at most [`MAX_DIRECTION_SIGMA_DEG`].
     pub(super) fn reason_beside(
         &self,
         kept_chi2_per_dof: f64,
@@ -62,8 +62,8 @@ impl Figures {
         }
     }
 
-    /// The reason why these figures of merit of an accelerometer without a gyroscope make a verdict `poor`; `None` if
-    /// they do not. No moves are needed.
+    /// Returns the reason why these figures of merit of an accelerometer without a gyroscope make a verdict `poor`;
+    /// `None` if they do not. No moves are needed.
     pub fn reason_of_accelerometer(&self, set: RecordingSet) -> Option<Reason> {
         if self.rests < MIN_RESTS {
             return Some(Reason::TooFewRests { set, rests: self.rests });
@@ -84,7 +84,7 @@ impl Figures {
     }
 }
 
-/// The reason for the verdict `poor` if noise hides the gravity direction after most moves; `None` otherwise.
+/// Returns the reason for the verdict `poor` if noise hides the gravity direction after most moves; `None` otherwise.
 pub(crate) fn unknown_direction(set: RecordingSet, moves: &[MoveReport]) -> Option<Reason> {
     let used = moves.iter().filter(|m| m.excluded.is_none()).map(|m| m.direction_sigma_deg);
     let sigma_deg = median(&mut used.collect::<Vec<f64>>());
@@ -92,7 +92,7 @@ pub(crate) fn unknown_direction(set: RecordingSet, moves: &[MoveReport]) -> Opti
     (sigma_deg > limit_deg).then_some(Reason::UnknownDirection { set, sigma_deg, limit_deg })
 }
 
-/// A reason for each recording whose rates, corrected by `gyroscope`, are larger than any sensor can measure.
+/// Returns a reason for each recording whose rates, corrected by `gyroscope`, are larger than any sensor can measure.
 pub(super) fn impossible_rates(recordings: &[Recording<'_>], gyroscope: &Triad<f64>) -> Vec<Reason> {
     let of_recording = |recording: &Recording<'_>| {
         let rates = (0..recording.len()).map(|k| gyroscope.correct(recording.angular_rate.at(k).into()).norm());
@@ -104,8 +104,8 @@ pub(super) fn impossible_rates(recordings: &[Recording<'_>], gyroscope: &Triad<f
     recordings.iter().filter_map(of_recording).collect()
 }
 
-/// One reason for each kind of residual that the calibration makes worse. The calibrated residuals then exceed their
-/// noise significantly, and are larger than the uncalibrated residuals by more than the factor [`WORSE`].
+/// Returns one reason for each kind of residual that the calibration makes worse. The calibrated residuals then exceed
+/// their noise significantly, and are larger than the uncalibrated residuals by more than the factor [`WORSE`].
 pub(super) fn worse(after: &[GroupMisfit], before: &[GroupMisfit]) -> Vec<Reason> {
     let reason = |after: &GroupMisfit| {
         let before = before.iter().find(|before| before.group == after.group)?;
@@ -116,7 +116,7 @@ pub(super) fn worse(after: &[GroupMisfit], before: &[GroupMisfit]) -> Vec<Reason
     after.iter().filter_map(reason).collect()
 }
 
-/// For each recording, the samples that were measured but could not be corrected.
+/// Finds, for each recording, the samples that were measured but could not be corrected.
 pub(super) fn uncorrected_samples(
     recordings: &[Recording<'_>],
     corrected: &[Recording<'_>],

@@ -29,8 +29,9 @@ const CERTAIN_NATS: f64 = 8.0;
 /// of the decrease. The threshold applies only to effects with a log Bayes factor below [`CERTAIN_NATS`], and to
 /// effects that are functions of time.
 const LEAST_IMPROVEMENT: f64 = 0.5;
-/// [`EffectShare::closed`] is computed only if chi2 of unseen data without effects exceeds this multiple of its
-/// expected value. At smaller multiples, the excess of chi2 over noise is too small to be used as a divisor.
+/// The share [`EffectShare::closed`] = decrease of chi2 / excess of chi2 over noise is computed only if chi2 of unseen
+/// data without effects exceeds this multiple of its expected value. At smaller multiples, the excess is too small to
+/// be used as a divisor.
 const LEAST_EXCESS: f64 = 1.5;
 /// Maximum p-value of the parameters of an effect in the final fit, under the hypothesis that they are zero. An effect
 /// with a larger p-value is removed. A p-value of 1 % corresponds to 2.6 standard deviations of one parameter.
@@ -141,8 +142,8 @@ pub struct EffectShare {
     /// Share of the excess chi2 that this effect removes: decrease / excess, for each kind of unseen residual. The
     /// excess is chi2 without effects minus its expected value from noise. The decrease of chi2 is that caused by
     /// adding this effect to the effects accepted before it. The three kinds are norms of the specific force at rest,
-    /// gravity directions after moves, and mean angular rates at rest. `None` if chi2 of the kind without effects is
-    /// below 1.5 times its expected value, or if the kind is not evaluated.
+    /// gravity directions after moves, and mean angular rates at rest. `None` if the kind is not evaluated, or if its
+    /// chi2 in the fit without effects is below 1.5 times the expected value.
     pub closed: [Option<f64>; 3],
 }
 
@@ -167,8 +168,9 @@ pub(super) struct Accepted {
 
 impl Fits<'_> {
     /// Tries the selected effects in order of selection. An effect is accepted if it does not make the prediction of
-    /// unseen data worse. An effect with little evidence must improve the prediction. If the model with all selected
-    /// effects predicts unseen data better than the accepted effects do, all selected effects are accepted.
+    /// unseen data worse. Effects with little evidence, and effects that are functions of time, must also improve the
+    /// prediction. If the model with all selected effects predicts unseen data better than the model with the accepted
+    /// effects, all selected effects are accepted.
     pub(super) fn accept(&mut self, before: &Rc<Fit>, selected: &[Score]) -> Result<Accepted, Error> {
         let path: Vec<String> = selected.iter().map(|score| score.name.clone()).collect();
         let path = path.as_slice();
@@ -198,9 +200,10 @@ impl Fits<'_> {
             };
             let removed = fit.removed(&accepted.fit);
             let is_confirmed = match OF_TIME.contains(&name.as_str()) {
-                // A random walk of the bias in one recording may resemble a function of time, however large the
-                // evidence for this function is. In unseen data, the random walk takes another course, so the function
-                // of time does not improve the prediction.
+                // A random walk of the bias in one recording may resemble a function of time so closely that the
+                // evidence for this function is large. In unseen data, the random walk takes another course, and the
+                // function of time does not improve the prediction. An improvement is therefore required, however large
+                // the evidence is.
                 true => removed.significance_of_all > LEAST_IMPROVEMENT,
                 false => !must_improve(name) || removed.significance > LEAST_IMPROVEMENT,
             };
@@ -282,8 +285,8 @@ struct Floor {
 }
 
 impl Fit {
-    /// chi2 per degree of freedom of unseen data. Without control recordings, the standard deviations of the held-out
-    /// residuals are those of `before`, the fit without effects.
+    /// chi2 per degree of freedom of unseen data. Without control recordings, the held-out residuals are divided by
+    /// their standard deviations in `before`, the fit without effects.
     pub(super) fn unseen_chi2(&self, before: &Self) -> f64 {
         if let Some(control) = &self.control {
             return control.judged().figures.chi2_per_dof;
@@ -302,8 +305,8 @@ impl Fit {
     pub(super) fn unseen_figure(&self, after: &Self) -> Option<UnseenFigure> {
         if let (Some(own), Some(other)) = (&self.control, &after.control) {
             // If no effect was accepted, both fits are the same fit. chi2 is then computed with the biases of the
-            // calibration, so it includes the errors from any change of the biases between the calibration and the
-            // control recordings.
+            // calibration, not with biases estimated from the control recordings. It therefore includes the errors from
+            // any change of the biases between the calibration and the control recordings.
             let is_same = std::ptr::eq(own, other);
             let chi2 = |control: &Control| match is_same {
                 true => control.evaluation.figures.chi2_per_dof,
@@ -344,11 +347,11 @@ impl Fit {
         [(Metric::HeldOutDirection, direction), (Metric::HeldOutNorm, Floor { value: rms(&rests), count: rests.len() })]
     }
 
-    /// Whether this fit predicts unseen data significantly worse than the fit `other`. `before` is the fit without
-    /// effects. If there are no control recordings, residuals are divided by the standard deviations of `before`. If
-    /// the effect depends on heading (`needs_heading`), a small increase of chi2 does not count, even if it is
-    /// significant. The reason is that the heading of control recordings is unknown, so only the vertical component of
-    /// the effect is corrected there.
+    /// Whether this fit predicts unseen data significantly worse than the fit `other`. Without control recordings, the
+    /// held-out residuals are divided by their standard deviations in `before`, the fit without effects. If the effect
+    /// depends on heading (`needs_heading`), a small increase of chi2 does not count, even if it is significant. The
+    /// reason is that the heading of control recordings is unknown, so only the vertical component of the effect is
+    /// corrected there.
     fn is_worse_than(&self, other: &Self, before: &Self, needs_heading: bool) -> bool {
         let [value, least] = [self, other].map(|fit| fit.unseen_chi2(before));
         if value <= least * (1.0 + SAME) {
@@ -418,7 +421,8 @@ impl Fit {
         }
         let kinds = self.unseen_items().map(|items| items.into_iter().flatten().collect::<Vec<f64>>());
         // Each cross-validation fold is predicted with parameters that are estimated from the other folds. The errors
-        // of these parameters add to the noise of the residuals.
+        // of these parameters increase the expected chi2 per degree of freedom from 1 to about 1 + parameters /
+        // residuals.
         let residuals = self.outcome.rests.len() + 2 * self.outcome.moves.len();
         let floor = 1.0 + self.outcome.names.len() as f64 / residuals.max(1) as f64;
         let chance = |(items, size): (&Vec<f64>, usize)| p_value(items.iter().sum::<f64>() / floor, size * items.len());

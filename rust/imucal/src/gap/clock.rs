@@ -1,10 +1,10 @@
 //! Detects clock faults and excess noise inside moves. The tests use fourth differences of five consecutive angular
 //! rates. Motion is smooth and contributes almost nothing to fourth differences, so these contain only noise and timing
-//! errors.
+//! errors. Two findings are reported:
 //!
 //! ```text
-//! clock_irregular         inside moves, the rate lacks the changes that uneven time stamps imply, or the variance of
-//!                         fourth differences increases by (jitter dw/dt)^2, w: angular rate
+//! clock_irregular         evenly spaced sampling instants explain the rates inside moves better than the uneven time
+//!                         stamps do, or the variance of fourth differences grows by (jitter dw/dt)^2, w: angular rate
 //! noise_grows_in_motion   the variance of fourth differences is larger inside moves than at rest
 //! ```
 
@@ -19,8 +19,8 @@ use crate::recording::Recording;
 use crate::rests::noise_density::variance_by_axis;
 use crate::rounding::step::step_of;
 
-/// A fault is reported only if it changes chi2, or 2 ln L (L: likelihood), by at least this value. The value
-/// corresponds to 5 sigma with one degree of freedom.
+/// A fault is reported only if its inclusion in the model changes chi2, or 2 ln L (L: likelihood), by at least this
+/// value. The value corresponds to 5 sigma with one degree of freedom.
 const SIGNIFICANT: f64 = 25.0;
 /// Time-stamp errors are ignored if they increase the noise variance of the angular rate inside moves by less than this
 /// fraction.
@@ -46,7 +46,7 @@ const SMALLEST_JITTER: f64 = -3.0;
 const JITTERS: usize = 60;
 
 /// Tests the time stamps of each recording for errors. If no recording has such errors, tests the recordings for excess
-/// noise inside moves instead. `outcome` is a calibration of these recordings without effects.
+/// noise inside moves instead. `outcome` is the result of a fit without effects to these recordings.
 pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<'_>]) -> Vec<Finding> {
     let differences: Vec<Differences> =
         (0..recordings.len()).map(|k| Differences::of(outcome, recordings, k)).collect();

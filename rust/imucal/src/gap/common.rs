@@ -21,8 +21,8 @@ pub(crate) struct Common<'a> {
 }
 
 /// The normal matrix after elimination of the model's parameters, for given noise scales s_g^2 (chi2 per degree of
-/// freedom) of the residual groups. Only the rows of the model's parameters are computed, because these rows are needed
-/// for every candidate.
+/// freedom) of the residual groups. Only the rows of the model's parameters are computed. They are computed once for
+/// all candidates.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
     /// `whole` is the sum of the Gram matrices of all groups, each divided by the noise scale of its group, plus the

@@ -11,8 +11,8 @@
 //! tau. k is also zero for a Butterworth filter of second or higher order: up to the term with w'', this filter only
 //! delays its input.
 //!
-//! The test adds the gyroscope error `k w''` to a model with the effect `gyro_time_offset`. This effect alone describes
-//! a pure delay exactly, so a k that differs from zero shows smoothing.
+//! The test adds the gyroscope error `k w''` to a model with the effect `gyro_time_offset`. The effect
+//! `gyro_time_offset` alone describes a pure delay exactly, so a k that differs from zero shows smoothing.
 
 use imucal_core::effects::{Effect, Sensor};
 use nalgebra::Vector3;

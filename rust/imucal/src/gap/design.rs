@@ -57,8 +57,8 @@ pub(crate) struct Rows {
     /// Index of the rest or move to which the residual of each row belongs. Rests and moves are numbered together in
     /// order of time.
     items: Vec<usize>,
-    /// For each end of a move and each rest: the body axis from which two directions perpendicular to gravity are
-    /// constructed, see [`axes_of`].
+    /// For each end of a move and each rest: the body axis that defines the directions of the two tilt residuals, see
+    /// [`axes_of`].
     axes: Vec<usize>,
     /// Whether the Jacobian includes columns of generic hypotheses (unknown variations of a bias or scale).
     has_variations: bool,
@@ -74,7 +74,7 @@ struct Made {
 }
 
 impl Made {
-    /// The Jacobian of all rows as one matrix, without the residual.
+    /// The whole Jacobian as one matrix, without the residual.
     fn together(&self, rows: usize) -> Mat<f64> {
         let Self { head, inside, order } = self;
         let columns = &order[..order.len() - 1];
@@ -92,7 +92,7 @@ impl Made {
 }
 
 impl Rows {
-    /// The Jacobian of all rows as one matrix, without the residual.
+    /// The whole Jacobian as one matrix, without the residual.
     pub(crate) fn columns(&self) -> &Mat<f64> {
         let rows = self.groups.len();
         self.columns.get_or_init(|| self.made.as_ref().map_or_else(|| Mat::zeros(rows, 0), |made| made.together(rows)))
@@ -223,7 +223,8 @@ impl Design {
             return Ok(None);
         }
         let (residual, _) = Joint::of_noise(prepared, own, Arc::clone(linear))?.whiten(linear);
-        // The design contains no rows for the priors. Instead, each column stores the precision of its prior.
+        // The residuals of the priors are dropped, because in a design each column stores the precision of its prior
+        // instead.
         let residual = residual.col_as_slice(0)[..self.rows.groups.len()].to_vec();
         let places = (0..BASE).chain(joining.into_iter().flatten()).chain(BASE..self.model.len());
         let is_left = |candidate: &&Candidate| !own.all.iter().any(|term| term.name() == candidate.name);
@@ -249,8 +250,8 @@ impl Design {
         left
     }
 
-    /// Gram matrices of the groups of residuals. The specific-force residuals inside the moves of each recording form a
-    /// group of their own. The second result contains the indices of these groups.
+    /// Gram matrices of the groups of residuals. The specific-force residuals inside moves are divided into one group
+    /// for each recording. The second result contains the indices of these groups.
     pub(crate) fn insides_apart(&self, prepared: &Prepared<'_>) -> (Cow<'_, Gram>, Range<usize>) {
         if prepared.recordings.len() == 1 {
             let gram = match self.candidates.is_empty() {
@@ -284,7 +285,7 @@ impl Design {
         }
     }
 
-    /// Columns and Gram matrices of this design. Columns of generic hypotheses can be added to them.
+    /// The columns and Gram matrices of this design, prepared for the addition of columns of generic hypotheses.
     pub(crate) fn known(&self) -> Known<'_> {
         Known::new(self.rows.columns(), &self.residual, &self.rows.groups, &self.gram)
     }
@@ -317,8 +318,8 @@ impl Design {
         Self { gram, model, candidates: self.candidates.clone(), residual: self.residual.clone(), rows: Arc::new(rows) }
     }
 
-    /// For each end of a move and each rest: the body axis from which two directions perpendicular to gravity are
-    /// constructed, see [`axes_of`].
+    /// For each end of a move and each rest: the body axis that defines the directions of the two tilt residuals, see
+    /// [`axes_of`].
     pub(crate) fn axes(&self) -> &[usize] {
         &self.rows.axes
     }

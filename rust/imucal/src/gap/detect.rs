@@ -21,7 +21,7 @@ const MOST: f64 = 1024.0;
 const LAST_STEP: f64 = 1e-9;
 
 /// Non-centrality at which a chi2 test with `dof` degrees of freedom detects an effect with 90 % probability. The
-/// threshold is corrected for the number of `tests` (Bonferroni).
+/// false-alarm probability of the test is [`FALSE_ALARM`] divided by the number of `tests` (Bonferroni).
 pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     let Ok(central) = ChiSquared::new(dof as f64) else { return f64::INFINITY };
     let limit = central.inverse_cdf(1.0 - FALSE_ALARM / tests.max(1) as f64);

@@ -12,10 +12,11 @@
 //! precisions. Parameter p with the typical size typical_p and the prior width s has the precision 1 / (s typical_p)^2.
 //! Base parameters (sensitivities and biases) without a prior have the precision zero, and ln det P omits them.
 //!
-//! A group is a kind of residual, for example norms at rest, directions after moves, or rates about one axis. Residuals
-//! of real recordings exceed sensor noise, by a different factor in each group. The scale s_g^2 of a group is chi2 per
-//! degree of freedom of its residuals under the evaluated model, and at least one. In a simulation with only sensor
-//! noise and with a complete model, all scales are one. The evidence is then the Laplace approximation for known noise.
+//! A group contains the residuals of one kind, for example norms of the specific force at rests, gravity directions
+//! after moves, or mean rates at rests about one axis. Residuals of real recordings exceed sensor noise, by a different
+//! factor in each group. The scale s_g^2 of a group is chi2 per degree of freedom of its residuals under the evaluated
+//! model, and at least one. In a simulation with only sensor noise and with a complete model, all scales are one. The
+//! evidence is then the Laplace approximation for known noise.
 
 use std::ops::Range;
 

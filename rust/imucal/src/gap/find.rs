@@ -121,8 +121,8 @@ pub fn find_gap(
     gap_options: &GapOptions<'_>,
 ) -> Result<Gap, Error> {
     let refused = |faults| Ok(Gap { verdict: Verdict::DataFault, faults, analysis: None });
-    // The first fit is reported here, because the checks and the computation of start values below count as part of
-    // this fit.
+    // The progress function is called for the first fit here, because the checks and the computation of start values
+    // below count as part of this fit.
     gap_options.report(Progress::Fit { effects: &[] })?;
     let checked = match Checked::try_new(recordings, options) {
         Err(Error::Data(faults)) => return refused(faults),
@@ -191,8 +191,8 @@ enum Earth {
 
 impl Fits<'_> {
     /// Searches for effects, and validates the selected effects on unseen data. If an effect that is a function of time
-    /// is refused, the search is repeated without any candidate of the same sensor that is a function of time, because
-    /// the forward search may have mistaken a random walk of the bias for the effect.
+    /// is refused, the forward search may have mistaken a random walk of the bias for this effect. The search is then
+    /// repeated without the candidates of the same sensor that are functions of time.
     fn search_and_accept(&mut self, before: &Rc<Fit>) -> Result<(Search, Earth, Accepted), Error> {
         let mut choices = self.options.choices();
         let first = self.search(before, &choices, false)?;
@@ -231,9 +231,9 @@ impl Fits<'_> {
     }
 
     /// Repeats a search with fewer candidates. The scores of all candidates, and the detection limits of the removed
-    /// candidates, are those of the first search. If the first search detected hand motion, the hand-motion test is not
-    /// repeated, because fewer candidates cannot explain more of the residuals inside moves. Otherwise, the test is
-    /// repeated.
+    /// candidates, are those of the first search. Hand motion is detected if the candidates cannot explain the
+    /// residuals inside moves. If the first search detected hand motion, the test is not repeated, because fewer
+    /// candidates cannot explain more of these residuals. Otherwise, the test is repeated.
     fn search_again(&mut self, before: &Fit, choices: &[EffectChoice], first: Search) -> Result<Search, Error> {
         let mut again = self.search(before, choices, first.is_hand_moved)?;
         let is_missing = |name: &str| again.smallest_visible.iter().all(|(own, ..)| own != name);

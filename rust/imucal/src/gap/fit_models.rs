@@ -107,8 +107,8 @@ impl<'a> ForwardSearch<'a> {
         Ok(Stage { design: Arc::new(design), evidence, members, model, sensors, places })
     }
 
-    /// Fits a model, and returns the linearisation at the solution. Fits are stored under `key`, and recent
-    /// linearisations are kept, because several steps of the search use them.
+    /// Fits a model, and returns the linearisation at the solution. The fitted parameters are stored under `key`, and
+    /// the most recent linearisations are kept, because several steps of the search need the same fit.
     fn fitted(
         &self,
         prepared: &Prepared<'_>,

@@ -28,8 +28,9 @@ use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
 /// Maximum number of effects in a model.
 pub(super) const MOST_EFFECTS: usize = 6;
-/// Maximum number of rounds. In each round, effects are first selected in a model with the generic hypotheses (unknown
-/// variations of a bias or scale). Generic hypotheses are then evaluated in a model with these effects.
+/// Maximum number of rounds (apart from one that may be added if the gyroscope bias varies with heading). In each
+/// round, effects are first selected in a model with the generic hypotheses (unknown variations of a bias or scale).
+/// Generic hypotheses are then evaluated in a model with these effects.
 const MOST_ROUNDS: usize = 2;
 /// Smallest standard deviation of the prior of an effect's parameter, in multiples of the parameter's typical size.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
@@ -131,9 +132,9 @@ fn at_start<T>(
     })
 }
 
-/// Returns the temperatures of all recordings, shifted so that their overall mean is the reference temperature. Without
-/// this shift, an effect of the temperature on a bias or scale would mostly act like a constant change of this bias or
-/// scale.
+/// Returns the temperatures of all recordings, shifted so that their overall mean is the reference temperature. Effects
+/// of the temperature are functions of its difference from the reference temperature. Without the shift, they would
+/// mostly act like constant changes of a bias or scale.
 fn centred_temperatures(recordings: &[Recording<'_>]) -> Vec<Option<Vec<f64>>> {
     let (sum, count) = (recordings.iter().filter_map(|recording| recording.temperature_degc).flatten())
         .filter(|degc| degc.is_finite())
@@ -299,8 +300,8 @@ impl<'a> ForwardSearch<'a> {
         let Judgement { scores, blind, visible } = first;
         let mut ranking: Vec<Score> = scores.into_iter().map(|judged| judged.score).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
-        // For an effect that is not in the final model, the detection limit is that of adding it to this model. For an
-        // effect in the final model, it is that of adding the effect to the model without effects.
+        // The detection limit of an effect outside the final model refers to an addition to the final model. The
+        // detection limit of an effect in the final model refers to an addition to the model without effects.
         let mut smallest_visible = last.map(|last| last.visible).unwrap_or_default();
         for entry in visible {
             if !smallest_visible.iter().any(|(name, ..)| *name == entry.0) {

@@ -90,9 +90,8 @@ const ALL: [(Block, Kernel); 22] = {
         (AccelerometerScale, Session),
     ]
 };
-/// Combinations that are tested if accelerometer samples inside moves are used. Inside moves, the angular rate may
-/// change the accelerometer bias. The combination of accelerometer bias and rate is therefore tested in addition to
-/// [`ALL`].
+/// Combinations that are tested if accelerometer samples inside moves are used. Inside moves, the accelerometer bias
+/// may depend on the angular rate. The combination of accelerometer bias and rate is therefore added to [`ALL`].
 const INSIDE: [(Block, Kernel); ALL.len() + 1] = {
     let mut all = [(Block::AccelerometerBias, Kernel::Rate); ALL.len() + 1];
     let mut k = 0;

@@ -1,5 +1,5 @@
-//! Gram matrices (products of Jacobian columns) of a model to which the columns of a generic hypothesis (a variation of
-//! a bias or scale) are added. There is one Gram matrix for each group (kind) of residuals.
+//! Computes the Gram matrices (products of Jacobian columns) of a model with additional columns, for example those of a
+//! generic hypothesis (a variation of a bias or scale). There is one Gram matrix for each group (kind) of residuals.
 
 use faer::Mat;
 
@@ -15,8 +15,7 @@ pub(crate) struct Known<'a> {
     gram: &'a Gram,
 }
 
-/// Additional Jacobian columns, for example of a generic hypothesis, for the residual rows of a design, and their Gram
-/// matrices.
+/// Additional Jacobian columns of a design, for example those of a generic hypothesis, and their Gram matrices.
 pub(crate) struct Others<'a> {
     /// For each group: the rows of the additional columns, and the Gram matrix of these columns.
     parts: Vec<(Part<'a>, Mat<f64>)>,

@@ -74,9 +74,8 @@ impl From<&RestReport> for StandRest {
     }
 }
 
-/// Detects a lasting rotation of the unit relative to its mount, in each recording. `accelerometer` and `rests` come
-/// from a calibration of these recordings that was fitted without effects: the accelerometer's sensor model, and the
-/// rests that were found.
+/// Detects a lasting rotation of the unit relative to its mount, in each recording. `accelerometer` (the sensor model)
+/// and `rests` are results of a fit without effects to these recordings.
 pub fn mount_slips(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: &[Recording<'_>]) -> Vec<Finding> {
     let slip_of = |(index, recording): (usize, &Recording<'_>)| {
         let rests = with_angles(rests, index, recording).into_iter().filter(|rest| rest.is_used).collect();

@@ -108,10 +108,10 @@ impl Parameters {
     /// Expected errors of the parameters, and the covariance of these errors. Each error is divided by the standard
     /// deviation of its parameter. `typical` are the typical sizes of the linear parameters of each effect.
     ///
-    /// The prior in the fit has at least the typical size of the effect as its standard deviation (docs/model.md (23)).
-    /// If the estimated effect is smaller, the result is computed for a narrower prior whose standard deviation is the
-    /// estimated size. The narrower prior also reduces the uncertainty in directions of parameter space that the data
-    /// do not determine.
+    /// In the fit, the standard deviation of an effect's prior is at least the typical size of the effect
+    /// (docs/model.md (23)). If the estimated effect is smaller, the result is computed for a narrower prior whose
+    /// standard deviation is the estimated size. The narrower prior also reduces the uncertainty in directions of
+    /// parameter space that the data do not determine.
     pub(super) fn expected_errors(&self, outcome: &Outcome, typical: &[Vec<f64>]) -> (Vec<f64>, Mat<f64>) {
         let (mut errors, mut covariance) = (vec![0.0; self.count()], self.correlation.clone());
         let mut first = 21;
@@ -136,10 +136,10 @@ impl Parameters {
 }
 
 /// Returns the expected errors and the covariance of all parameters for a narrower prior of one effect. `own` are the
-/// indices of the parameters of this effect. `values` and `typical` are their estimates and their typical sizes, in
-/// standard deviations. The prior of each parameter of this effect has the standard deviation s x typical size. The
-/// factor s is the estimated size of the effect relative to its typical size, at most 1. It is the same for all
-/// parameters of the effect.
+/// indices of the parameters of this effect. `values` are the estimates of these parameters and `typical` their typical
+/// sizes, each divided by the parameter's standard deviation. The prior of each parameter of this effect has the
+/// standard deviation s x typical size. The factor s is the estimated size of the effect relative to its typical size,
+/// at most 1. It is the same for all parameters of the effect.
 fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64]) -> (Vec<f64>, Mat<f64>) {
     let (n, p) = (covariance.nrows(), own.len());
     let (mut square, mut shift, mut narrowed) = (1.0f64, vec![0.0; n], covariance.clone());

@@ -19,8 +19,9 @@ use crate::numerics::workers::{in_order, processors};
 /// Trial values of the standard deviation of a hypothesis's prior, in multiples of the typical deviation of its sensor
 /// parameter.
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
-/// A generic hypothesis (unknown variation of a bias or scale) replaces the selected effects only if its log evidence
-/// exceeds the log evidence of the effects by more than this number of nats. 3 nats are odds of 20 to 1.
+/// A generic hypothesis (unknown variation of a bias or scale) replaces the selected effects only if the log evidence
+/// of the model with the hypothesis exceeds that of the model with the effects by more than this number of nats. 3 nats
+/// are odds of 20 to 1.
 const LEAD: f64 = 3.0;
 /// A generic hypothesis replaces the selected effects only if its log Bayes factor, relative to the model without
 /// effects, is above this number of nats. 8 nats are odds of 3000 to 1.
@@ -39,8 +40,9 @@ const REMAINDER: f64 = 0.02;
 /// A generic hypothesis is reported in addition to the selected effects only if d > REMAINDER_OF_CHI2 x d_effects. d
 /// and d_effects are the decreases of chi2 by the hypothesis and by the selected effects. A hypothesis is reported
 /// instead of the effects only if d - d_effects > REMAINDER_OF_CHI2 x d_effects. A hypothesis with a smaller decrease
-/// may only describe linearisation errors of large effects. The limit [`REMAINDER`] alone is not sufficient, because
-/// the log Bayes factor grows only with the logarithm of an effect's size.
+/// may only describe linearisation errors of large effects. The limit [`REMAINDER`] alone is not sufficient. Log Bayes
+/// factors grow only with the logarithm of an effect's size, so ln B of small linearisation errors may exceed this
+/// limit.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 
 /// The generic hypothesis (unknown variation of a bias or scale) with the largest evidence, and its fit.

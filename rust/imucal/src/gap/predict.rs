@@ -6,20 +6,20 @@
 //! gain = sum_i d_i,   std^2 = n var(d_i),   d_i = (l_i with the effect) - (l_i without the effect)
 //! ```
 //!
-//! r are the residuals and J is their Jacobian at the parameters theta_0. delta_f is the change of the parameters that
-//! is estimated without fold f. s_g^2 is the noise scale of the group g of a row, and P contains the precisions of the
-//! priors. l_i is the log predictive density of item i, and n is the number of items. u is 0, or the variance of the
-//! prediction J delta_f if the model contains generic hypotheses. This variance is needed because, for example, the
-//! rows outside a fold do not determine how a random walk continues within the fold. With u = 0, the error of the
-//! predicted walk would hide all other differences between two models.
+//! r are the residuals and J is their Jacobian at the parameters theta_0. An item is a rest or a move, and a fold is a
+//! contiguous period of time. delta_f is the change of the parameters that is estimated without fold f. s_g^2 is the
+//! noise scale of the group g of a row, and P contains the precisions of the priors. l_i is the log predictive density
+//! of item i, and n is the number of items. u is 0, or the variance of the prediction J delta_f if the model contains
+//! generic hypotheses. This variance is needed because, for example, the rows outside a fold do not determine how a
+//! random walk continues within the fold. With u = 0, the error of the predicted walk would hide all other differences
+//! between two models.
 //!
 //! If residuals exceed sensor noise, p-values computed from sensor noise are too small. Cross-validation remains valid
 //! in this case, because an effect that only fits excess scatter does not improve the prediction. Each superfluous
 //! parameter decreases the log predictive density by about half a nat. The standard deviation of the gain is estimated
 //! from the gains of the individual items (Vuong, Econometrica 57, 1989, 307-333). A few outliers therefore cannot make
-//! an effect significant. An item is a rest or a move. A fold is a contiguous period of time. Single rests are not held
-//! out, because biases vary slowly. Any model would therefore predict a single rest well from the rests before and
-//! after it.
+//! an effect significant. A fold is a period and not a single rest, because biases vary slowly. Any model would predict
+//! a single rest well from the rests before and after it.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -55,7 +55,7 @@ impl Gain {
     }
 }
 
-/// Residuals and Jacobian, which are divided into the folds of a cross-validation.
+/// Residuals and Jacobian for a cross-validation, which divides their rows into folds.
 pub(crate) struct Held<'a> {
     /// Jacobian of a design, one column for each parameter, without the residual.
     pub(crate) columns: &'a Mat<f64>,

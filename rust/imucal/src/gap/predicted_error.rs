@@ -1,5 +1,5 @@
-//! Predicts the errors of signals that are corrected by a calibration without effects and by a calibration with
-//! effects. The prediction does not need the true signals.
+//! Predicts the errors that signals have after correction by a calibration without effects, and after correction by a
+//! calibration with effects. The prediction does not need the true signals.
 //!
 //! ```text
 //! after^2 = noise^2 + E |D e|^2,   before^2 = noise^2 + E |d + D e|^2          model.md (35)
@@ -7,8 +7,9 @@
 //!
 //! All quantities refer to signals averaged over one second, so white noise of density N contributes N / sqrt(1 s). `E`
 //! is the expectation, and |.|^2 is the mean square over the axes and the seconds of the recordings. `e` is the vector
-//! of parameter errors of the calibration with effects. `D` is the Jacobian of the corrected signals. `d` is the
-//! difference between the signals corrected without and with the effects.
+//! of parameter errors of the calibration with effects. `D` is the Jacobian of the corrected signals with respect to
+//! the parameters. `d` is the difference between the signals corrected without and with the effects, so d + D e is the
+//! error after correction without the effects.
 
 use faer::Mat;
 use imucal_core::calibration::Calibration;

@@ -22,7 +22,7 @@ pub(super) struct Rows {
     runs: Vec<Range<usize>>,
 }
 
-/// The rows of one group of residuals. They are the rows `rows` of the matrix `columns`.
+/// The Jacobian rows of one group of residuals: the range `rows` of the rows of the matrix `columns`.
 pub(super) struct Part<'a> {
     columns: Cow<'a, Mat<f64>>,
     rows: Range<usize>,
@@ -38,9 +38,9 @@ impl Gram {
 
     /// Gram matrices with only the products that scoring needs: model column x any column, column x column within a
     /// block (the columns of one candidate effect at one trial time constant), and residual x any column. All other
-    /// entries are NaN. In the Gram matrices, the model's columns come first, and the residual comes last. Column k of
-    /// a Gram matrix is stored at position `order[k]` of each row of `rows`. The second result contains the residuals
-    /// of the samples inside moves.
+    /// entries are NaN. In the Gram matrices, the model's columns come first, and the residual comes last. Each row of
+    /// `rows` contains the value of column k at the position `order[k]`. The second result contains the residuals of
+    /// the samples inside moves.
     pub(crate) fn beside(
         (rows, group_of_row): (&Lanes, &[usize]),
         insides: Option<&Insides>,

@@ -16,8 +16,9 @@ use crate::error::Error;
 use crate::joint::Prepared;
 use crate::numerics::stats::p_value;
 
-/// Threshold of differences in log evidence, nats. A candidate is a rival of the selected effect if its log evidence is
-/// smaller by less than this threshold. An alias replaces the effect if its log evidence is larger by more than this
+/// Threshold of differences in log posterior odds (log evidence + log prior odds), nats. A candidate is a rival of the
+/// selected effect if its log posterior odds are smaller by less than this threshold. An alias replaces an effect, and
+/// a form with more parameters replaces a form with fewer, if its log posterior odds are larger by more than this
 /// threshold. 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
 /// Maximum p-value of an effect, from the likelihood ratio of the models with and without the effect. An effect with a
@@ -28,8 +29,8 @@ const SUPERFLUOUS: f64 = 1e-3;
 /// value.
 const FAR: f64 = 0.7;
 /// If the largest log posterior odds (log Bayes factor + log prior odds) are above this number of nats, candidates are
-/// compared by nonlinear fits instead of scores, because the linearisation errors of the scores of such large effects
-/// exceed the differences between candidates.
+/// compared by nonlinear fits instead of scores. The reason is that scores are computed from linearised residuals. For
+/// such large effects, the linearisation errors of the scores exceed the differences between candidates.
 const VERY_MUCH: f64 = 2000.0;
 /// For the comparison by nonlinear fits (see [`VERY_MUCH`]), only candidates whose log posterior odds are above CLOSE x
 /// the largest log posterior odds are fitted.
@@ -107,14 +108,15 @@ impl ForwardSearch<'_> {
     }
 
     /// Replaces an effect by an alias if the log posterior odds (log evidence + log prior odds) of the alias are larger
-    /// by more than [`RIVAL_NATS`]. An alias of an effect is another effect that causes nearly the same residuals.
-    /// Aliases with a time constant are compared because candidates are scored only at a few trial time constants. The
-    /// effects of the temperature history (lag, rate and hysteresis) are compared because the evidence of each of them
-    /// changes when the temperature effect is added. Aliases whose log posterior odds are smaller than the largest ones
-    /// by less than [`RIVAL_NATS`] become rivals. A temperature lag is also fitted from a second start value of its
-    /// time constant, because the best time constant may change when effects are added after the lag. If a temperature
-    /// lag is not distinguishable from an effect of the rate of change of temperature, the alias with the largest
-    /// posterior odds replaces the lag, even if the odds of the lag are larger. Returns whether an effect was replaced.
+    /// by more than [`RIVAL_NATS`]. An alias of an effect is another effect that causes nearly the same residuals. Two
+    /// kinds of aliases are compared. Aliases with a time constant are compared because their scores refer to only a
+    /// few trial time constants. Effects of the temperature history (lag, rate and hysteresis) are compared with each
+    /// other because the evidence of each of them changes when the temperature effect is added. Aliases whose log
+    /// posterior odds are smaller than the largest ones by less than [`RIVAL_NATS`] become rivals. A temperature lag is
+    /// also fitted from a second start value of its time constant, because the best time constant may change when
+    /// effects are added after the lag. If a temperature lag is not distinguishable from an effect of the rate of
+    /// change of temperature, the alias with the largest posterior odds replaces the lag, even if the odds of the lag
+    /// are larger. Returns whether an effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,

@@ -26,7 +26,7 @@ const WIDTHS: [f64; 8] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
 /// Prior width, in multiples of the typical size, that is too large to influence the fit.
 const NO_PRIOR: f64 = 1e4;
 /// A direction in parameter space is observable if a change of the parameters by one typical size in this direction
-/// changes chi2 by at least this value. A change by a hundred typical sizes then changes chi2 by at least 1.
+/// changes chi2 by at least this value, 1e-4. A change by a hundred typical sizes then changes chi2 by at least 1.
 const LEAST_CHANGE: f64 = LEAST_CHANGE_PARTLY * LEAST_CHANGE_PARTLY;
 /// Sensor noise explains the residuals of a group (kind of residual) if the p-value of their chi2 is above this value.
 /// If noise explains all groups, cross-validation is skipped.
@@ -36,8 +36,8 @@ const SCATTER_CHANCE: f64 = 1e-6;
 /// The scatter of the residuals at rests is reported only if their standard deviation is larger than WIDE x their
 /// standard deviation from white noise. Coloured noise and bias instability may cause ratios up to this value.
 const WIDE: f64 = 2.5;
-/// Share of the residual variance of the model without effects. If effects were selected, scatter with a variance up to
-/// this share is not reported, because linearisation errors of a large effect may cause it.
+/// If effects were selected, scatter is not reported if its variance is at most this share of the residual variance of
+/// the model without effects. Linearisation errors of a large effect may cause such scatter.
 const REMAINDER: f64 = 0.05;
 
 /// A candidate's score at the prior width and the trial time constant with the largest evidence.
@@ -274,9 +274,9 @@ fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Optio
 
 /// The kind of residuals with the largest significant excess over noise. Only residuals at rests and residuals relative
 /// to the stand are tested. Residuals of moves are not tested, because gyroscope noise may increase in motion without a
-/// missing effect. If effects were selected, only residuals of their sensors and of the stand are tested, because a
-/// real unit has several small deviations from the model. An excess that linearisation errors of large effects may
-/// cause (see [`REMAINDER`]) is tolerated. `before` are the noise scales of the model without effects.
+/// missing effect. If effects were selected, only residuals of their sensors and of the stand are tested, because the
+/// other sensors of a real unit also deviate slightly from the model. An excess that linearisation errors of large
+/// effects may cause (see [`REMAINDER`]) is tolerated. `before` are the noise scales of the model without effects.
 pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scattering> {
     const NAMES: [(usize, Sensor, &str); 6] = [
         (0, Sensor::Accelerometer, "accel_norm"),
@@ -307,8 +307,8 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scatteri
 }
 
 /// Compares the sensor effects that are estimated with and without the stand's angles (Hausman, Econometrica 46, 1978,
-/// 1251-1271). A significant difference shows that the stand does not follow the stand model. The test uses the
-/// variance of the estimate without the stand's angles, which is the larger of the two variances.
+/// 1251-1271). A significant difference shows that the stand does not follow the stand model. The test divides by the
+/// variance of the estimate without the stand's angles, which is an upper bound of the variance of the difference.
 pub(super) fn contradiction_of_stand(alone: &Stage, with_stand: &Stage) -> Option<Scattering> {
     let (mut chi2, mut dof) = (0.0, 0);
     for member in &alone.members {

@@ -32,8 +32,8 @@ const LEAST_SIZE: f64 = 3.0;
 /// this value, not all components of a change are observable. The eigenvalue is 1/3 for directions distributed
 /// uniformly over the sphere.
 const LEAST_SPREAD: f64 = 0.02;
-/// Index of the first bias component among the parameters of a calibration: for the accelerometer, then for the
-/// gyroscope.
+/// For the accelerometer and for the gyroscope: the index of the first bias component among the parameters of a
+/// calibration.
 const BIASES: [usize; 2] = [0, 9];
 
 /// Change of the biases from the calibration recordings to the control recordings.

@@ -62,8 +62,8 @@ pub(super) struct Shares {
     moves: Vec<Mat<f64>>,
 }
 
-/// Correlation length of the kernels that depend on directions or attitudes, dimensionless. The kernels compare it with
-/// the length of the difference between two unit vectors.
+/// Correlation length of the kernels that depend on directions or attitudes. It is dimensionless, because the distance
+/// between two directions is the length of the difference between their unit vectors.
 const LENGTH: f64 = 0.6;
 /// Maximum number of eigenfunctions per axis for a random walk. With this number, the eigenfunctions resolve periods
 /// down to a tenth of the recording's duration.

@@ -25,8 +25,8 @@ const HAND: f64 = 10.0;
 /// arm and a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
 /// If effects that depend on the angular acceleration leave more than this share of the variance unexplained, a delay
-/// of the gyroscope is not considered as the cause. If the cause is a delay of at most a third of the duration of a
-/// move, the linearised delay leaves a smaller share unexplained.
+/// of the gyroscope is not considered as the cause. A delay is one of these effects. If a delay of at most a third of
+/// the duration of a move is the cause, these effects leave a smaller share unexplained.
 const BEYOND_A_DELAY: f64 = 0.5;
 /// Standard deviation of the prior of the gyroscope's delay in the test for hand motion, in multiples of the typical
 /// delay.
@@ -113,10 +113,11 @@ impl ForwardSearch<'_> {
         let may_explain =
             |choice: &&EffectChoice| choice.effect.sensor != Sensor::Encoder && choice.effect.shape.is_none();
         let explaining: Vec<EffectChoice> = open.iter().filter(may_explain).copied().collect();
-        // For each recording, computes the share of the variance of the force inside moves that is attributed to a
-        // hand. Returns the largest of these shares, or zero if effects explain the scatter in all recordings.
-        // Numerator and denominator of a share are noise scales or their lower bounds. `own` are the effects in the
-        // model, with the precisions of their priors.
+        // Considers the recordings in which no combination of effects explains the scatter of the force inside moves.
+        // For each of them, computes the share of the variance that effects of the angular acceleration leave
+        // unexplained: noise scale with these effects / noise scale without effects (or lower bounds of these scales).
+        // Returns the largest share, or zero if effects explain the scatter in all recordings. `own` are the effects in
+        // the model, with the precisions of their priors.
         let unexplained = |search: &Self, own: (&Terms<'_>, &[f64]), model: &Model| {
             search.with_candidates(coarse, own.0, model, &explaining, |all, linear| {
                 let seen = design(coarse, own, all, linear)?;

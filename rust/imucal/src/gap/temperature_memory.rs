@@ -16,9 +16,9 @@ use super::stage::{Beside, Member, Stage};
 use crate::calibrate::EffectChoice;
 use crate::joint::Prepared;
 
-/// Log prior odds, nats, of an effect without memory relative to an effect of the temperature history. If the
-/// temperature-history effect of a bias is in the model, the temperature effect of the same bias has these log prior
-/// odds relative to other effects. 3 nats are odds of 20 to 1.
+/// Log prior odds, nats. They are -PRIOR_NATS for an effect of the temperature history and 0 for other effects. If the
+/// temperature-history effect of a bias is in the model, the log prior odds of the temperature effect of the same bias
+/// are +PRIOR_NATS. 3 nats are odds of 20 to 1.
 const PRIOR_NATS: f64 = 3.0;
 /// Maximum p-value of a bias's temperature effect if the temperature-history effect of the same bias is in the model.
 /// The limit is larger than for other effects, because the estimated time constant of a lag would be wrong without the
@@ -134,8 +134,8 @@ impl ForwardSearch<'_> {
         Some((own, score))
     }
 
-    /// The model with the candidate `pick` in addition. `None` if `pick` does not increase the evidence, or if no
-    /// partner of `pick` is significant in this model and improves the prediction of held-out data. Partners are the
+    /// Adds the candidate `pick` to the model. Returns `None` if `pick` does not increase the evidence, or if no
+    /// partner of `pick` is significant in the new model and improves the prediction of held-out data. Partners are the
     /// temperature effect and a temperature-history effect of the same bias.
     pub(super) fn with_partner(
         &self,

@@ -122,7 +122,7 @@ impl ForwardSearch<'_> {
     }
 }
 
-/// Log likelihood slope^T x - 1/2 x^T information x of the deviations x. x contains the deviation of the parameter in
+/// Log likelihood of the deviations x: slope^T x - 1/2 x^T information x. x contains the deviation of the parameter in
 /// each epoch, in multiples of its typical deviation. All epochs of the x axis come first, then all epochs of the y
 /// axis and of the z axis.
 struct Observed {
@@ -134,7 +134,8 @@ struct Observed {
 impl Observed {
     /// Selects the time course and returns its kernel; `None` for a random walk. A smooth or switching time course is
     /// selected if its log evidence exceeds that of the random walk and that of independent deviations by more than
-    /// [`LEAST`] nats.
+    /// [`LEAST`] nats. Otherwise, the random walk is selected if its log evidence exceeds that of independent
+    /// deviations by at least [`LEAST_OF_WALK`] nats.
     fn kernel(&self) -> Option<Kernel> {
         let end_s = self.epochs.iter().map(|epoch| epoch.time_s).fold(0.0, f64::max);
         let walk = self.best_of(self.steps()?, |a, b| a.time_s.min(b.time_s) / end_s)?;
@@ -154,7 +155,7 @@ impl Observed {
         }
     }
 
-    /// Rms over the epochs of the deviations on each axis, after subtraction of their mean. The deviations are
+    /// For each axis: the rms of the deviations over all epochs, after subtraction of their mean. The deviations are
     /// estimated by a fit in which the deviation of each epoch has an independent prior.
     fn rms(&self) -> Option<[f64; 3]> {
         let n = self.epochs.len();
@@ -369,7 +370,7 @@ fn log_of_levels(information: &Matrix3<f64>, slope: &Vector3<f64>, size: f64) ->
 fn cost(states: &[f64]) -> f64 {
     let n = states.len();
     let parts = states.iter().filter(|state| state.fract() != 0.0).count();
-    // An epoch that contains a change differs from both neighbours.
+    // An epoch that contains a change differs from both neighbours, so such a change gives two pairs of unequal states.
     let changes = states.windows(2).filter(|pair| pair[0] != pair[1]).count().saturating_sub(parts);
     let places = ln_binomial(n as u64, changes as u64);
     (n as f64).ln() + places + parts as f64 * (SHARES.len() as f64).ln()

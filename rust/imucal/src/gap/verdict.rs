@@ -31,12 +31,12 @@ const LEAST_REMOVED: f64 = 0.1;
 /// Threshold of three tests, as a share of chi2 of unseen data (data that no fit used). First, if residuals at rest
 /// scatter more than noise, the effects are confirmed only if they remove at least this share of chi2 from one kind of
 /// residuals. Second, if the effects remove at least this share, the residuals that remain do not limit the use of the
-/// calibration. Third, a change of the biases between sessions explains the residuals if a model with this change has a
-/// chi2 that is smaller by more than this share.
+/// calibration. Third, if the final fit is poor, a change of the biases between sessions explains the residuals only if
+/// a model with this change has a chi2 that is smaller by more than this share.
 const MOST_REMOVED: f64 = 0.5;
-/// Decrease of chi2 of unseen data, in standard deviations of the decrease. A larger decrease confirms the effects even
-/// if they remove a smaller share of chi2 than [`LEAST_REMOVED`]. This criterion is not used if the fit is poor, or if
-/// residuals at rest scatter more than noise.
+/// Threshold of the decrease of chi2 of unseen data, in standard deviations of this decrease. A decrease above this
+/// threshold confirms the effects, even if it is a smaller share of chi2 than [`LEAST_REMOVED`]. This criterion is not
+/// used if the fit is poor, or if residuals at rest scatter more than noise.
 const SIGNIFICANT: f64 = 4.0;
 /// Codes of findings (faults of the data) that prevent conclusions about effects.
 const FAULTS: [&str; 8] = [
@@ -197,9 +197,9 @@ impl Basis<'_> {
         let has_heading = !are_accepted || before.control.is_none() || !path.iter().any(|name| needs_heading(name));
         let unexplained = last.unexplained(!are_accepted).into_iter().filter(|_| has_heading);
         if let Some(worst) = unexplained.max_by(|a, b| a.ratio().total_cmp(&b.ratio())) {
-            // A real unit has several small deviations from the model. Unexplained residuals therefore do not limit the
-            // use of the calibration if the accepted effects remove at least half of chi2 from one kind of unseen
-            // residuals.
+            // A real unit has several small deviations from the model, so some unexplained residuals are normal. They
+            // do not limit the use of the calibration if the accepted effects remove at least half of chi2 from one
+            // kind of unseen residuals.
             let matters = !are_accepted || after.removed(before).share < MOST_REMOVED;
             return Remainder { matters, ..Remainder::unknown(worst.group.name(), "above_noise", chance) };
         }
@@ -266,8 +266,8 @@ impl Fit {
     }
 }
 
-/// Whether the share of samples that the fault affects is below the limit in [`FEW_PERCENT`], so that the fault does
-/// not disturb the fit.
+/// Whether the share of samples that the fault affects is below the limit in [`FEW_PERCENT`]. Faults below this limit
+/// do not disturb the fit.
 fn are_few(fault: &Finding) -> bool {
     let limit = FEW_PERCENT.iter().find(|(code, _)| *code == fault.code).map_or(0.0, |(_, limit)| *limit);
     fault.severity == Severity::Warning && fault.value < limit

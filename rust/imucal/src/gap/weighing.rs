@@ -12,10 +12,11 @@
 //!
 //! N, C, D, r and r_own are blocks of the Gram matrix. N: model column x model column, plus the prior precisions. C:
 //! model column x additional column. D: additional column x additional column. r: model column x residual. r_own:
-//! additional column x residual. In all these sums, the contribution of a group is divided by its noise scale. The
-//! additional columns are multiplied by the typical sizes of their parameters. If the noise scales maximise the
-//! evidence of the models with and without the additional columns, this expression is exact. At other noise scales, it
-//! is an approximation that is used only to select the prior widths for which the evidence is then computed exactly.
+//! additional column x residual. Each block is a sum over the groups, in which the contribution of a group is divided
+//! by its noise scale. The additional columns are multiplied by the typical sizes of their parameters. If the noise
+//! scales maximise the evidence of the models with and without the additional columns, the formula for log E(s) - log E
+//! is exact. At other noise scales, it is an approximation that is used only to select the prior widths for which the
+//! evidence is then computed exactly.
 
 mod left;
 
@@ -218,9 +219,9 @@ impl<'a> Weighing<'a> {
                 let theta: Vec<f64> = (0..n).map(|i| offset[i] + delta[i]).collect();
                 let prior: f64 = (0..n).map(|i| precision[i] * theta[i] * theta[i]).sum();
                 let given: f64 = precision.iter().filter(|p| **p > 0.0).map(|p| p.ln()).sum();
-                // The normalisation of the columns cancels in comparisons of models, because the lengths of base
-                // columns are equal in all models, and the lengths of other columns cancel between `volume` and
-                // `given`.
+                // Evidences of models can be compared although the columns are normalised. The lengths of base columns
+                // are equal in all models. The length of any other column changes `volume` (log determinant of the
+                // normal matrix) and `given` (sum of the log prior precisions) equally.
                 let evidence = Evidence {
                     log: gain - 0.5 * (held + prior + volume - given),
                     deviance,

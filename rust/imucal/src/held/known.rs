@@ -32,7 +32,8 @@ const LEAST_EIGENVALUE: f64 = 1e-9;
 const CALIBRATED: &str = "the accelerometer of the given calibration";
 
 impl KnownAccelerometer {
-    /// The nine uncorrelated combinations h of the parameters, each as a held parameter (a parameter with a prior).
+    /// Computes the nine uncorrelated combinations h of the parameters, each as a held parameter (a parameter with a
+    /// prior).
     ///
     /// # Errors
     /// [`Error::Input`] unless all variances are positive and finite, and all parameters are finite.

@@ -20,7 +20,7 @@ impl EffectChoice {
     }
 
     /// The effect as a candidate of a search for effects. An effect of the temperature has its full form, because the
-    /// search selects the degree of its polynomial. Any other effect has its plain form.
+    /// search itself selects the degree of the polynomial in the temperature. Any other effect has its plain form.
     pub fn candidate(effect: &'static Effect<f64>) -> Self {
         if effect.needs.contains(&Need::Temperature) { Self::full(effect) } else { Self::plain(effect) }
     }

@@ -72,15 +72,15 @@ fn derivatives_in_a_hand_meet_central_differences() {
     .unwrap();
 }
 
-/// A Jacobian column counts as zero if a change of its parameter by ten typical sizes changes no whitened residual by
-/// more than this value.
+/// Lower limit of the size by which the error of a Jacobian column is divided: the change of a whitened residual if the
+/// parameter changes by ten typical sizes. Without it, the relative error of a column near zero would be very large.
 const SEEN: f64 = 1e-3;
 
 /// For each parameter: the error of its column of the Jacobian. It is the largest entry of |column - central
 /// difference|, divided by the largest entry of the column.
 ///
-/// The step of the difference changes a whitened residual by at most one, and a parameter of an effect by at most its
-/// typical size.
+/// The step of the difference is limited: it changes a whitened residual by at most one, and is at most the typical
+/// size of an effect's parameter.
 fn errors(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Vec<f64> {
     let jacobian = problem.whitened(parameters).unwrap().1;
     let at = |p: usize, step: f64| {
@@ -120,7 +120,8 @@ fn check(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64], tolerance: 
 const FEW: [&str; 4] = ["gyro_g_sensitivity", "earth_rate", "accel_scale_temperature", "accel_bias_warmup"];
 
 /// If all effects are zero, the derivatives are accurate, except those of the attitudes inside moves relative to the
-/// stand. These derivatives are evaluated at the attitude of the stand in the middle of a 40 ms block.
+/// stand. These derivatives have larger errors, because they are evaluated only at the attitude of the stand in the
+/// middle of a 40 ms block.
 #[test]
 fn derivatives_meet_central_differences() {
     const NONE: (bool, bool) = (false, false);
@@ -206,8 +207,8 @@ fn what_stands_apart_is_whitened_alike() {
 /// An effect is computed from the corrected rate and force, which depend on the parameters of the sensors. The Jacobian
 /// neglects this dependence. The relative error of the Jacobian is therefore about as large as the derivative of the
 /// effect with respect to the rate and the force. For a delay or a lever arm of typical size, the error is largest in
-/// the columns of the gyroscope sensitivity. A delay depends on the derivative of the rate, and a lever arm also on the
-/// square of the rate.
+/// the columns of the gyroscope sensitivity, because the effect of a delay depends on the derivative of the rate, and
+/// that of a lever arm also on the square of the rate.
 #[test]
 fn derivatives_at_an_effect_leave_its_slope_out() {
     for name in [

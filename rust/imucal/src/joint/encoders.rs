@@ -10,7 +10,7 @@
 //! q are the motor angles, Phi are the fields of the encoder effects, and theta are their parameters. `direction` is
 //! the sign of the last motion of each motor. R_wb(q) is the attitude of the stand (world from body), C(t) is its value
 //! at time t, and C_0 is its value at the start of the move. u_k is the measured direction up at rest k in the body
-//! frame, and e_z is the same direction in the world frame. R(t) is the rotation from the body frame at time t to the
+//! frame, and e_z is the direction up in the world frame. R(t) is the rotation from the body frame at time t to the
 //! body frame at the start of the move, integrated from the gyroscope rates. The geometry of the stand is not known
 //! exactly, so seven parameters of the stand are also estimated: the mount rotation (3 parameters), the base tilt (2)
 //! and the non-orthogonality of the axes (2). They are the last entries of the parameter vector.
@@ -40,8 +40,8 @@ use directions::directions;
 /// Step of the central differences with respect to stand parameters and motor angles, rad. The relative error of a
 /// difference quotient is about the square of the step, 1e-8.
 const STEP_RAD: f64 = 1e-4;
-/// A change of an encoder reading by up to this angle, rad, counts as a rounding error of the stored numbers. The count
-/// (resolution) of any real encoder is far larger.
+/// A change of an encoder reading by up to this angle, rad, is attributed to rounding of the stored numbers. The
+/// resolution of any real encoder is far larger.
 const LEAST_COUNT_RAD: f64 = 1e-11;
 /// Number of fixed-point iterations that correct the encoder readings. The effects on the encoders depend on the true
 /// motor angles and rates, which are known only after the correction, so the correction is repeated.
@@ -100,8 +100,8 @@ pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Ve
     let square = StandModel::of(&[0.0; STAND_PARAMETERS]);
     let sum: Matrix3<f64> =
         angles.iter().zip(up).map(|(q, u)| square.attitude(q).inverse() * Vector3::z() * u.transpose()).sum();
-    // Rotation closest to the sum of outer products. The iteration avoids a singular value decomposition, which might
-    // not converge.
+    // Rotation closest to the sum of outer products, computed iteratively. This avoids a singular value decomposition,
+    // which might not converge.
     so3::log(&UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_eps(
         &sum,
         1e-14,

@@ -66,9 +66,9 @@ impl Field {
         axis * count..(axis + 1) * count
     }
 
-    /// Multiplies the vector of each basis function by `matrix` and adds the product to `to`. `numbers` contains one
-    /// value for each basis function. The vector of a basis function has this value along its body axis. `to` contains
-    /// the x components of all products, then the y components, then the z components.
+    /// Multiplies one vector for each basis function by `matrix`. The vector is along the body axis of the basis
+    /// function, and its length is the value in `numbers`. Adds the products to `to`: first the x components of all
+    /// products, then the y components, then the z components.
     fn add(&self, matrix: &Matrix3<f64>, numbers: &[f64], to: &mut [f64]) {
         let width = to.len() / 3;
         for (component, to) in to.chunks_exact_mut(width.max(1)).enumerate() {
@@ -80,8 +80,8 @@ impl Field {
     }
 }
 
-/// Divides each move into segments, and integrates their attitudes without effects. Only every `every`-th segment is
-/// kept.
+/// Divides each move into segments, and integrates the attitude at the midpoint of each segment without effects. Only
+/// every `every`-th segment is kept.
 pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Vec<MoveSegments> {
     let way = |(index, at_move): (usize, &AtMove)| {
         let route = prepared.route(index, None, &at_move.before, false);

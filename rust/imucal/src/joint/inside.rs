@@ -32,12 +32,12 @@ use crate::numerics::instructions::Instructions;
 use crate::rests::moves::across;
 use blocks::{Derivatives, IntoColumns, IntoLanes};
 
-/// The gravity directions at both ends of a move depend on the parameters, and the residuals of the move depend on
-/// these directions. This is their contribution to the derivatives of the residuals with respect to one parameter,
-/// m/s^2 per unit of the parameter. `start` contains the contribution of the gravity direction at the start, along
-/// three orthogonal directions; it is added to the derivatives of every residual. `end` contains the contribution of
-/// the gravity direction at the end, rotated to the start, along the two directions perpendicular to gravity. It is
-/// added to the derivatives of the last two residuals of the move, which compare the directions at both ends.
+/// Contribution of the gravity directions at both ends of a move to the derivatives of the move's residuals with
+/// respect to one parameter, m/s^2 per unit of the parameter. `start` contains the contribution of the gravity
+/// direction at the start, along three orthogonal directions; it is added to the derivatives of every residual. `end`
+/// contains the contribution of the gravity direction at the end, rotated to the start, along the two directions
+/// perpendicular to gravity. It is added to the derivatives of the last two residuals of the move, which compare the
+/// directions at both ends.
 pub(super) struct Edges {
     pub(super) start: [f64; 3],
     pub(super) end: [f64; 2],

@@ -45,7 +45,7 @@ impl Line {
     }
 }
 
-/// The rest or the move to which a residual belongs, by index. `Norm` stands for a residual of a rest: the norm of
+/// The rest or the move to which a residual belongs, by index. `Norm` is used for every residual of a rest: the norm of
 /// its mean force, a component of its mean rate, or a component of its gravity direction relative to the stand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Source {
@@ -122,9 +122,9 @@ impl Linear {
         Groups { inside: start..a, stand_rests: a..b, stand_moves: b..c }
     }
 
-    /// Row ranges of the whitened residuals that follow the mean rates, each with its rest or move: the forces inside
-    /// each move, the gravity direction at each rest relative to the stand, and the attitudes inside each move relative
-    /// to the stand.
+    /// Returns, for each rest and move, the row ranges of its whitened residuals after those of the mean rates: the
+    /// forces inside each move, the gravity direction at each rest relative to the stand, and the attitudes inside each
+    /// move relative to the stand.
     pub(super) fn rows_beyond_rates(&self) -> Vec<(Source, Range<usize>)> {
         let mut row = self.head_rows();
         let mut found = Vec::new();
@@ -170,9 +170,9 @@ pub(crate) const STAND_RESTS: usize = 6;
 /// Index of a kind of residuals: attitudes inside the moves relative to the attitudes computed from the stand's encoder
 /// angles.
 pub(crate) const STAND_MOVES: usize = 7;
-/// Index of a kind of residuals: force norms at the second and later epochs (parts) of long rests. They are a separate
-/// kind because they scatter less. All epochs of a rest have the same attitude, so their norms scatter only due to
-/// noise and bias drift. The norms of different rests also contain model errors that depend on the attitude.
+/// Index of a kind of residuals: force norms at the second and later epochs (parts) of long rests. They are separate
+/// because they scatter less than the norms of different rests: all epochs of a rest have one attitude, but the norms
+/// of different rests also contain model errors that depend on the attitude.
 pub(crate) const EPOCH_NORMS: usize = 8;
 /// Index of a kind of residuals: changes of the gravity direction between the epochs (parts) of a long rest.
 pub(crate) const EPOCH_STEPS: usize = 9;
@@ -180,7 +180,7 @@ pub(crate) const EPOCH_STEPS: usize = 9;
 pub(crate) const EPOCH_RATES: usize = 10;
 
 /// Computing time per sample of the integration over a move with effects or with blocks (short intervals with a mean
-/// force). The unit is the time of preintegration, which is used if there are neither effects nor blocks. The number of
+/// force), relative to preintegration. Preintegration is used if there are neither effects nor blocks. The number of
 /// threads is computed from the total computing time.
 const COST: usize = 30;
 
@@ -308,10 +308,10 @@ impl Prepared<'_> {
         let mut by_bias = -Matrix3::identity();
         let mut turned_by_effects = vec![Vector3::zeros(); terms.count];
         if let Some((PropagatedMean { mean_s, .. }, error)) = propagated.as_ref().zip(bias_error) {
-            // At a hand-held rest, the mean rotation rate of the hand was subtracted from the mean rate. It was
-            // computed from the gravity directions at the two ends of the rest, which were propagated with an assumed
-            // gyroscope bias. The residual therefore depends on the difference between the bias of the model and the
-            // assumed bias (model.md (27)).
+            // At a hand-held rest, the mean rotation rate of the hand was subtracted from the mean rate. The rotation
+            // rate was computed from the gravity directions at the two ends of the rest, which were propagated with an
+            // assumed gyroscope bias. The residual therefore depends on the difference between the bias of the model
+            // and the assumed bias (model.md (27)).
             let across = Matrix3::identity() - up * up.transpose();
             let turned = sensitivity * across * (2.0 * mean_s / (rest.end_s - rest.start_s));
             residual += turned * error.value;

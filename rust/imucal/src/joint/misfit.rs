@@ -8,7 +8,7 @@
 //! parameters. The chi2 of a rest or of a move is d of equation (25): the decrease of chi2 if the residuals of this
 //! rest or move are excluded. The residuals of a rest are those of its force norm and of its mean rates about the three
 //! axes. If noise explains the residuals, d has a chi2 distribution for any leverage of the rest or move. The weights
-//! contain only sensor noise, and standard deviations are not increased for excess scatter.
+//! are from sensor noise only: standard deviations are not increased for excess scatter.
 
 mod groups;
 
@@ -49,17 +49,17 @@ impl Misfit {
 }
 
 /// Goodness of fit of all residuals, of each rest and of each move. It is `None` for rests and moves that the fit does
-/// not use. It is also `None` for a rest or move without which a parameter is not determined, because the fit
-/// reproduces any value of its measurements (leverage near one).
+/// not use. It is also `None` if a parameter is not determined without the rest or move. The fit then reproduces any
+/// value of its measurements (leverage near one).
 pub(crate) struct Misfits {
     pub(crate) all: Option<Misfit>,
     pub(crate) rests: Vec<Option<Misfit>>,
     pub(crate) moves: Vec<Option<Misfit>>,
     /// Goodness of fit of each kind of residuals that has degrees of freedom.
     pub(crate) groups: Vec<GroupMisfit>,
-    /// For each parameter with a prior: the residual of the prior, divided by the standard deviation that the residual
-    /// has after the fit, and 1 - h. h is the leverage of this residual, and 1 - h is the share of its variance that
-    /// remains after the fit. `None` if no other residual depends on the parameter.
+    /// Two values for each parameter with a prior: the residual of the prior divided by its standard deviation after
+    /// the fit, and 1 - h, where h is the leverage of this residual. 1 - h is the share of its variance that remains
+    /// after the fit. `None` if no other residual depends on the parameter.
     pub(crate) held: Vec<Option<(f64, f64)>>,
 }
 
@@ -101,18 +101,18 @@ impl Misfits {
     }
 }
 
-/// A column counts as linearly dependent on other columns if its part orthogonal to them is shorter than this
+/// A column is treated as linearly dependent on other columns if its part orthogonal to them is shorter than this
 /// fraction of its length. The value is far above rounding errors.
 const LEAST: f64 = 1e-6;
 
 /// Prediction errors of held-out rests and moves (model.md (34)). An error is `None` if the other residuals do not
 /// determine all parameters.
 pub(crate) struct HeldOut {
-    /// Angle between the propagated and the measured gravity direction after each move, for parameters estimated
-    /// without this move, rad.
+    /// Angle between the propagated and the measured gravity direction after each move, rad, computed with parameters
+    /// that are estimated without this move.
     pub(crate) direction_rad: Vec<Option<f64>>,
-    /// Index of each rest that the fit uses, and |f| - g at this rest for the parameters estimated without this rest,
-    /// m/s^2.
+    /// For each rest that the fit uses: its index, and |f| - g, m/s^2, computed with parameters that are estimated
+    /// without this rest.
     pub(crate) norm_mps2: Vec<(usize, Option<f64>)>,
 }
 
@@ -152,10 +152,10 @@ impl Joint<'_> {
     }
 }
 
-/// Whitened residuals in two parts: residuals with correlated errors, and residuals with independent errors. This
-/// division permits fast fits for cross-validation, each without the rests or moves of one fold.
+/// Whitened residuals, divided into residuals with correlated errors and residuals with independent errors. With this
+/// division, the fits of a cross-validation are fast. Each of them omits the rests or moves of one fold.
 struct Parts {
-    /// Length of each column of the whitened Jacobian before scaling.
+    /// Length of each column of the whitened Jacobian, before the column is scaled to length one.
     size: Vec<f64>,
     /// Indices of the Jacobian columns that are not zero.
     kept: Vec<usize>,
@@ -251,8 +251,8 @@ impl Parts {
     }
 }
 
-/// Vector with one entry per residual, of which only consecutive entries from index `first` on are nonzero. The nonzero
-/// ranges of two vectors rarely overlap, because only neighbouring residuals are correlated.
+/// Vector with one entry per residual. Only consecutive entries, from index `first` on, are nonzero. The nonzero ranges
+/// of two vectors rarely overlap, because only neighbouring residuals are correlated.
 struct Stretch {
     first: usize,
     values: Vec<f64>,

@@ -1,4 +1,4 @@
-//! Parameters of the joint fit as a model of both sensors, and their conversion to and from the parameter vector.
+//! The model of both sensors that the joint fit estimates, and its conversion to and from the parameter vector.
 
 use std::ops::Range;
 

@@ -1,4 +1,5 @@
-//! A move at given parameters: its integrated rotation, the gravity directions at its ends, and the attitude after it.
+//! A move evaluated at given parameters of the model: its integrated rotation, the gravity directions at its ends, and
+//! the attitude after it.
 //!
 //! Gravity determines roll and pitch at every rest, and the gyroscope determines the change of heading over every move.
 //! The heading at the first rest is unknown and is fixed by definition: the attitude of the first rest is the smallest

@@ -7,13 +7,13 @@
 //! r are the residuals, C is their covariance, and J is their Jacobian with respect to the parameters.
 //!
 //! d is the decrease of chi2 if the residuals may change freely along the columns of A and all parameters are fitted
-//! again. There are two kinds of columns of A. A column of the first kind selects one residual: a component of a move,
-//! the norm of a rest, or a mean rate of a rest. A column of the second kind describes an error of the mean force of a
-//! rest, which changes the norm of this rest and the residuals of the adjacent moves. Under the null hypothesis, d has
-//! a chi2 distribution for any correlation of the residuals. Its degrees of freedom equal the number of columns of A. C
-//! contains only sensor noise. If all residuals of a kind have excess scatter, their d are divided by a common scale,
-//! which is computed from the median of d. An item is a rest or a move. The item with the smallest p-value is excluded,
-//! and all other items are tested again, until no p-value is below `SIGNIFICANCE`.
+//! again. There are two kinds of columns of A. A column of the first kind selects one residual: a component of the
+//! gravity direction after a move, or the norm or a mean rate of a rest. A column of the second kind describes an error
+//! of the mean force of a rest, which changes the norm of this rest and the residuals of the adjacent moves. Under the
+//! null hypothesis, d has a chi2 distribution for any correlation of the residuals. Its degrees of freedom equal the
+//! number of columns of A. C is due to sensor noise only. If all residuals of a kind have excess scatter, their d are
+//! divided by a common scale, which is computed from the median of d. An item is a rest or a move. The item with the
+//! smallest p-value is excluded, and all other items are tested again, until no p-value is below `SIGNIFICANCE`.
 
 #[cfg(test)]
 mod tests;
@@ -42,12 +42,12 @@ use crate::two_stage::observability::{FARTHEST, LARGEST_SHIFT, REST_ERROR_MPS2};
 /// each of 100 moves), the probability is 0.4 % that any item of a run without outliers is excluded.
 const SIGNIFICANCE: f64 = 1e-5;
 /// A linear combination of columns of A (error patterns, model.md (25)) is tested only if 1 - h is above this limit,
-/// where h is its leverage. 1 - h is the share of the variance along it that remains in the residuals after the fit.
+/// where h is its leverage. 1 - h is the share of the variance along the combination that remains after the fit.
 const MIN_RESIDUAL_SHARE: f64 = 0.05;
 /// Limit of the diagonal entry R_kk in the QR decomposition of the scaled Jacobian. If |R_kk| is at most this limit,
 /// column k is linearly dependent on the other columns. The limit is far above rounding errors.
 const LINEAR_DEPENDENCE: f64 = 1e-9;
-/// The residual of a prior is tested only if 1 - h is above this limit, for the leverage h of the residual. With a
+/// The residual of a prior is tested only if 1 - h is above this limit, where h is the leverage of the residual. With a
 /// smaller 1 - h, rounding errors dominate the standardised residual.
 const MIN_JUDGED: f64 = 1e-6;
 /// Minimum number of rests that remain after exclusion (model.md (25)).
@@ -168,11 +168,11 @@ pub(crate) fn outliers(
     }
 }
 
-/// Finds rests whose norm the other rests do not predict, for example the only rest of a box-shaped unit on one of its
-/// faces. Because only the moves predict this norm, its decrease d of chi2 is divided by the larger of the scales of
-/// norms and moves. Such a rest has a leverage above 0.95 in the design matrix of model.md (12). This matrix has one
-/// row for each rest: the derivatives of the norm divided by the model error of a rest. It also has one row for each
-/// parameter, for a prior of the parameter about its nominal value.
+/// Finds rests with a norm that is not predicted by the other rests, for example the only rest of a box-shaped unit on
+/// one of its faces. Only the moves predict this norm, so the decrease d of chi2 for it is divided by the larger of the
+/// scales of norms and moves. Such a rest has a leverage above 0.95 in the design matrix of model.md (12). This matrix
+/// has one row for each rest: the derivatives of the norm divided by the model error of a rest. It also has one row for
+/// each parameter, for a prior of the parameter about its nominal value.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear
@@ -183,8 +183,8 @@ fn only_moves_judge(linear: &Linear) -> Vec<Item> {
             Source::Move(_) => None,
         })
         .collect();
-    // Derivatives with respect to a bias are multiplied by the reading at 1 g, and derivatives with respect to the
-    // sensitivity by the mean scale.
+    // Converts derivatives to relative changes of the parameters: a bias is relative to the reading at 1 g, and an
+    // entry of the sensitivity is relative to the mean scale.
     let size = |p: usize| if p < 3 { STANDARD_GRAVITY_MPS2 * scale } else { scale };
     let design = Mat::from_fn(norms.len() + ACCEL.len(), ACCEL.len(), |i, p| match norms.get(i) {
         Some((_, by)) => by[p] * size(p) * LARGEST_SHIFT / REST_ERROR_MPS2,
@@ -235,8 +235,8 @@ fn groups(linear: &Linear) -> Vec<Group> {
 }
 
 /// Computes the changes of the whitened residuals due to a unit error of the mean force, for each rest and axis.
-/// `units` are the changes due to a unit error of each force norm and each gravity direction after a move. A change is
-/// stored as the index of its first nonzero entry and the entries from there on.
+/// `units` are the changes due to a unit error of each force norm and each gravity direction after a move. Each result
+/// is a vector, stored as the index of its first nonzero entry and the entries from there on.
 pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
     let of_axis = |rest: usize, axis: usize| {
         let lines = linear.lines.iter().zip(units);
@@ -297,7 +297,7 @@ impl LeaveOut {
             let size: Vec<f64> = (0..jacobian.ncols()).map(|p| jacobian.col(p).norm_l2()).collect();
             let kept: Vec<usize> = (0..size.len()).filter(|&p| size[p] > 0.0).collect();
             let qr = Mat::from_fn(all, kept.len(), |row, p| jacobian[(row, kept[p])] / size[kept[p]]).col_piv_qr();
-            // An effect may be linearly dependent on the biases. Dependent columns do not increase the rank.
+            // An effect and the biases may have linearly dependent columns, which do not increase the rank.
             let rank = (0..kept.len()).take_while(|&k| qr.thin_R()[(k, k)].abs() > LINEAR_DEPENDENCE).count();
             qr.compute_thin_Q().subcols(0, rank).to_owned()
         };
@@ -314,9 +314,9 @@ impl LeaveOut {
         self.basis.push(direction);
     }
 
-    /// Residual with the index `row`, divided by its standard deviation after the fit, and 1 - h, where h is the
-    /// leverage of the residual. 1 - h is the share of the variance that remains after the fit. `None` if the fit
-    /// reproduces any value of the measurement, because h is close to one.
+    /// Returns two values for the residual with the index `row`: the residual divided by its standard deviation after
+    /// the fit, and 1 - h, where h is its leverage. 1 - h is the share of its variance that remains after the fit.
+    /// `None` if the fit reproduces any value of the measurement, because h is close to one.
     pub(super) fn standardised(&self, row: usize) -> Option<(f64, f64)> {
         let free = 1.0 - self.basis.iter().map(|direction| direction[row] * direction[row]).sum::<f64>();
         (free > MIN_JUDGED).then(|| (self.residuals[row] / free.sqrt(), free))

@@ -7,7 +7,7 @@
 //!
 //! ```text
 //! w = v - sum Phi theta,   v = T^-1 (m - b),   R <- R exp(h s(w) + h^2/12 (w_0 x w_1))
-//! s(w) = (-w_(-1) + 13 w_0 + 13 w_1 - w_2) / 24: the mean of the cubic through four samples, for even steps
+//! s(w) = (-w_(-1) + 13 w_0 + 13 w_1 - w_2) / 24: the mean of the cubic through four samples, for equal steps
 //! d_turn_d_p = integral of R d dt,   d = d_w_d_p
 //! d = -T^-1 e_i v_j for T_ij,   -T^-1 e_i for b_i,   -Phi_p for a parameter of an effect           model.md (17)
 //! ```
@@ -17,18 +17,18 @@
 //! w_1 are the values of w at the start and at the end of a step of length h. w_(-1) and w_2 are the values of w at the
 //! samples before and after the step. e_i is the unit vector along axis i, v_j is component j of v, and p is any
 //! parameter. R is computed at every sample. The derivative d is evaluated at the midpoints of segments, which consist
-//! of several samples. If only the rotation over the whole move is needed, preintegration gives the integrals for the
-//! base parameters, model.md (6).
+//! of several samples. If only the rotation over the whole move is needed, preintegration gives the integral of R d dt
+//! for the base parameters (model.md (6)).
 //!
 //! For smooth motion, the integration error decreases with the fourth power of the sampling interval. Linear
 //! interpolation between samples would neglect the curvature of the rate, and its error would decrease only with the
-//! second power. The errors of linear interpolation add up to zero over a move only if the axis of the rotation is
+//! second power. These errors of linear interpolation would cancel over a move only if the axis of the rotation were
 //! fixed.
 //!
 //! The derivative d neglects that the effects depend on the rate, which depends on the parameters. For most effects,
-//! this changes d by less than 1 % (exceptions: model.md (17)). The residuals themselves are computed without this
-//! approximation. The derivative of the force with respect to the accelerometer parameters is evaluated at the
-//! propagated gravity instead of the sampled force. If it were evaluated at the sampled force, its columns of the
+//! the neglected terms are less than 1 % of d (exceptions: model.md (17)). The residuals themselves are computed
+//! without this approximation. The derivative of the force with respect to the accelerometer parameters is evaluated at
+//! the propagated gravity instead of the sampled force. If it were evaluated at the sampled force, its columns of the
 //! Jacobian would contain the noise of the residuals. A linear combination of these columns and of noise-free columns
 //! could then fit this noise (docs/decisions/0022).
 
@@ -125,8 +125,8 @@ pub(crate) struct Route<'a> {
     /// Whether the blocks inside the move are requested, each with its mean attitude and mean force. Otherwise, only
     /// the rotation over the whole move is requested.
     pub(crate) has_blocks: bool,
-    /// Rotation over the move and the integrals from which its Jacobian is computed. They are from preintegration
-    /// without effects; `None` if they are not yet known. They are not used if blocks are requested.
+    /// Result of preintegration without effects: the rotation over the move, and the integrals from which its Jacobian
+    /// is computed. `None` if it is not yet known. It is not used if blocks are requested.
     pub(crate) preintegrated: Option<(Matrix3<f64>, Sums)>,
 }
 
@@ -163,8 +163,8 @@ impl Route<'_> {
         Pass { rotation, turn, blocks, changes, attitudes }
     }
 
-    /// Number of samples in a segment, and number of segments in a block. A block consists of two segments, or of one
-    /// segment if the block has a single sample.
+    /// Returns the number of samples in a segment, and the number of segments in a block. A block consists of two
+    /// segments, or of one segment if the block has a single sample.
     pub(super) fn stretches_of_block(&self) -> [usize; 2] {
         let [stretch, block] = [self.block_s / 2.0, self.block_s].map(|length_s| self.samples_in(length_s));
         [stretch, if block > stretch { 2 } else { 1 }]

@@ -30,10 +30,10 @@ pub(crate) struct Prepared<'a> {
     pub(crate) widths: &'a [Width],
     /// For each axis: eigenvectors and eigenvalues of `N^-1/2 C N^-1/2`. N is the noise covariance of the mean rates,
     /// and C is the covariance of the mean rates for a bias instability of 1. The eigenvectors and eigenvalues are
-    /// computed only once, because N depends on the model only through its lower limit, and C does not depend on the
-    /// model.
+    /// computed only once: C does not depend on the model, and N depends on it only through a small lower limit of the
+    /// variances.
     pub(crate) flicker: &'a OnceLock<Option<[Modes; 3]>>,
-    /// Temperature histories of the recordings.
+    /// Temperature histories of the recordings: lags, rate of change, and direction of the last change.
     pub(crate) histories: &'a SharedHistories,
     pub(crate) noise: &'a [NoiseDensity],
     pub(crate) gravity_mps2: f64,
@@ -69,8 +69,8 @@ impl Prepared<'_> {
         self.recordings.iter().map(Recording::span_s).map(|[first, last]| last - first).fold(0.0, f64::max)
     }
 
-    /// Move `index` as input of the integration. `attitude` is the attitude at the start of the move; it is needed only
-    /// by effects that depend on the attitude.
+    /// Returns the input of the integration over move `index`. `attitude` is the attitude at the start of the move; it
+    /// is needed only by effects that depend on the attitude.
     pub(super) fn route(
         &self,
         index: usize,

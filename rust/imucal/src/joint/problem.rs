@@ -132,7 +132,7 @@ impl<'a> Joint<'a> {
         self.let_biases_wander(&linear)
     }
 
-    /// Sets the priors for effects whose parameters the recordings determine only in some directions.
+    /// Sets the priors of effects with parameters that are determined only in some directions by the recordings.
     pub(crate) fn hold(&mut self, priors: Vec<Prior>) {
         self.rows += priors.iter().map(|prior| prior.typical.len()).sum::<usize>();
         self.priors = priors;
@@ -252,8 +252,8 @@ impl<'a> Joint<'a> {
     }
 
     /// Whitens the residuals and their Jacobian without priors. The result is stored row by row, with the residual as
-    /// the last column. If the fit uses the force inside the moves and no stand, the residuals of this force are in the
-    /// second result instead. They are whitened only when they are requested.
+    /// the last column. If the fit uses the force inside the moves but no stand, the residuals of this force are only
+    /// in the second result, and are whitened only when they are requested.
     pub(crate) fn whiten_apart(&self, linear: &Arc<Linear>) -> (Lanes, Option<Insides>) {
         let rows = self.whiten_rows(linear);
         if self.terms.kinds.encoders || !self.terms.kinds.in_motion {

@@ -1,10 +1,10 @@
 //! Computes three quantities at given parameters: the mean force at each rest, the gravity direction at both ends of
 //! each move, and the rate that the effects add at each rest.
 //!
-//! The true rate at rest is zero, so the force does not depend on the effects on the rate. The force is computed first,
-//! by fixed-point iteration with the effects on the force. The effects on the rate are then evaluated once. No
-//! catalogue effect on the force depends on the attitude, so the force can be computed before the attitude. A test
-//! verifies this property of the catalogue.
+//! Effects on the force may depend on the true rate, which is zero at rest. The force therefore does not depend on the
+//! effects on the rate. The force is computed first, by fixed-point iteration with the effects on the force. The
+//! effects on the rate are then evaluated once. No catalogue effect on the force depends on the attitude, so the force
+//! can be computed before the attitude. A test verifies this property of the catalogue.
 
 use std::sync::Arc;
 
@@ -52,9 +52,10 @@ pub(super) struct Rests<'a> {
     mean_rates: Vec<Rate>,
 }
 
-/// Gyroscope bias of the model minus the bias with which the samples of a hand-held rest were rotated to its ends,
-/// rad/s. `columns` contains the derivatives of this difference with respect to the parameters of the effects. The
-/// derivative with respect to the bias parameter is the inverse of the gyroscope sensitivity and is not stored.
+/// Error of the gyroscope bias with which the samples of a hand-held rest were rotated to its ends, rad/s: the bias of
+/// the model minus this bias. `columns` contains the derivatives of this difference with respect to the parameters of
+/// the effects. The derivative with respect to the bias parameter is the inverse of the gyroscope sensitivity and is
+/// not stored.
 pub(super) struct BiasError {
     pub(super) value: Vector3<f64>,
     pub(super) columns: Vec<Vector3<f64>>,
@@ -100,14 +101,15 @@ impl<'a> Rests<'a> {
         mean
     }
 
-    /// Computes the gyroscope bias of the model at a hand-held rest, minus the bias with which the samples were rotated
-    /// to the ends of the rest (propagated). `None` for a rest without tremor. m_k is the mean rate of rest k, m is the
-    /// mean rate over all rests of the recording, and `shrunk` is the shrinkage of the bias, from 0 to 1 (model.md
-    /// (27)). The propagation used the bias `m + (1 - shrunk) (m_k - m)`.
+    /// Computes the error of the gyroscope bias with which the samples of a hand-held rest were rotated (propagated) to
+    /// its ends: the bias of the model minus this bias. `None` for a rest without tremor. m_k is the mean rate of rest
+    /// k, m is the mean rate over all rests of the recording, and `shrunk` is the shrinkage of the bias, from 0 to 1
+    /// (model.md (27)). The propagation used the bias `m + (1 - shrunk) (m_k - m)`.
     ///
     /// The bias of the model contains the rate that the effects add: e_k at rest k, and e on average over the rests.
-    /// The bias of the propagation lacks two parts of e_k - e. The first part is `shrunk (e_k - e)`. The second part is
-    /// missing in m_k, because it was mistaken for a rotation of the hand when m_k was computed with the bias m.
+    /// The bias of the propagation contains e, but lacks two parts of e_k - e. One part, `shrunk (e_k - e)`, is removed
+    /// by the shrinkage. Another part is already missing in m_k: m_k was computed with the bias m, so this part of the
+    /// rate was mistaken for a rotation of the hand.
     pub(super) fn bias_error(&self, k: usize) -> Option<BiasError> {
         let UnitRest { recording, rest, propagated, .. } = &self.prepared.rests[k];
         let PropagatedMean { mean_s, bias, shrunk } = propagated.as_ref()?;
@@ -147,7 +149,7 @@ impl<'a> Rests<'a> {
         Force { value, jacobian, direction: Arc::new(direction) }
     }
 
-    /// Gravity directions before and after a move.
+    /// Returns the gravity directions before and after the move `index`.
     pub(super) fn ends(&self, index: usize) -> [Arc<EndDirection>; 2] {
         let Move { from, to, .. } = self.prepared.moves[index];
         let [before, after] = &self.prepared.ends[index];

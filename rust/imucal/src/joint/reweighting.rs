@@ -1,10 +1,10 @@
 //! Updates the weights of the residuals between repeated fits (model.md (19)).
 //!
-//! Each fit gives the excess of its residuals over noise, and this excess determines the weights of the next fit. Plain
-//! repetition has two defects. First, the weights may alternate. An excess near the significance limit is significant
-//! after a fit with weights from noise only. The next weights contain the excess. After the fit with these weights, the
-//! excess is not significant, so the weights are from noise only again. Second, if residuals of two kinds determine the
-//! same parameter, the excess converges slowly, by a constant factor per fit.
+//! Each fit gives the excess of the scatter of its residuals over their noise, and this excess determines the weights
+//! of the next fit. Plain repetition has two defects. First, the weights may alternate. After a fit with weights from
+//! noise only, an excess near the significance limit may be significant, so the next weights include it. After the fit
+//! with these weights, the excess is no longer significant, so the weights are from noise only again. Second, if
+//! residuals of two kinds determine the same parameter, the excess converges slowly, by a constant factor per fit.
 
 use super::problem::Joint;
 use super::weights::{FACTORS, WIDENINGS, Widened, Widening};
@@ -14,9 +14,9 @@ use crate::numerics::lsq::Solution;
 /// The weights are extrapolated only after this number of fits, because the weights from the first fits are
 /// preliminary. Most runs converge within five fits.
 const EXTRAPOLATE_AFTER: usize = 3;
-/// Limit of the extrapolation of the logarithm of an excess, in multiples of the last change of this logarithm. If each
-/// change is r times the previous change, all further changes add up to r / (1 - r) times the last change. This is 10
-/// times the last change for r = 10/11.
+/// Largest step of the extrapolation. The logarithm of each excess changes by at most this multiple of its last change.
+/// If each change is r times the previous change, all further changes add up to r / (1 - r) times the last change,
+/// which is 10 times for r = 10/11.
 const LARGEST_STEP: f64 = 10.0;
 
 /// State of the iteration over the weights.
@@ -27,8 +27,8 @@ pub(super) struct Reweighting {
     widened: Vec<Widened>,
     /// Kinds of residuals whose standard deviations are increased even if their excess is not significant.
     kept: Option<Widened>,
-    /// Logarithms of two excesses: the excess that the last weights contain, and the excess that was estimated from the
-    /// fit with these weights.
+    /// Logarithms of two excesses: the excess with which the last weights were computed, and the excess that was
+    /// estimated from the fit with these weights.
     last: Option<[[f64; WIDENINGS]; 2]>,
     fits: usize,
 }
@@ -40,9 +40,9 @@ impl Reweighting {
         let mut excess = problem.excess_of(found, self.kept.as_ref())?;
         let widened = excess.widened();
         if self.alternates(widened) {
-            // The excess was significant in a fit with weights from noise only, for which the significance test is
-            // valid. The standard deviations of these kinds of residuals are therefore always increased from now on,
-            // without a test.
+            // The alternating kinds of residuals had a significant excess in a fit with weights from noise only, for
+            // which the significance test is valid. Their standard deviations are therefore always increased from now
+            // on, without a test.
             let all = self.widened.iter().copied().chain(self.kept).fold(widened, |all, one| one.union(all));
             self.kept = Some(all);
             self.widened.clear();
@@ -69,8 +69,8 @@ impl Reweighting {
         if self.fits <= EXTRAPOLATE_AFTER {
             return None;
         }
-        // If a standard deviation is not increased, its factor is 1 (logarithm 0), or the variance to be added is zero
-        // (logarithm minus infinity). Such values are not extrapolated.
+        // An excess is a factor on a standard deviation or an added variance. Without excess, the factor is 1
+        // (logarithm 0), and the added variance is zero (logarithm minus infinity). Such values are not extrapolated.
         let is_none = |i: usize, value: f64| value == f64::NEG_INFINITY || (i < FACTORS && value == 0.0);
         let (mut along, mut square) = (0.0, 0.0);
         let mut next = now[1];

@@ -1,5 +1,5 @@
-//! Estimates by how much the mean rates of the rests differ from rest to rest beyond their noise: the excess scatter
-//! (model.md (19)).
+//! Estimates the excess scatter of the mean rates of the rests: the part of their scatter from rest to rest that their
+//! noise does not explain (model.md (19)).
 //!
 //! ```text
 //! sum_i z_i^2 / (1 + s lambda_i) = free,     N^-1/2 C N^-1/2 = Q Lambda Q^T,   z = Q^T N^-1/2 r
@@ -11,7 +11,8 @@
 //! estimated. C is either the identity or the covariance that bias instability causes. Lambda contains the eigenvalues
 //! lambda_i of `N^-1/2 C N^-1/2`, and Q its eigenvectors. The factor s is chosen so that chi2 equals its degrees of
 //! freedom `free` (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). Each candidate matrix C, with its own s, gives the
-//! same chi2. The likelihood is therefore largest for the candidate with the smallest `sum_i ln(1 + s lambda_i)`.
+//! same chi2. The likelihood then depends only on the determinant of N + s C, and is largest for the candidate with the
+//! smallest `sum_i ln(1 + s lambda_i)`.
 
 use faer::Mat;
 
@@ -93,7 +94,7 @@ impl Scatter {
             }
         }
         let mut low = 0.0;
-        // chi2 decreases monotonically with the excess variance. 60 bisections give machine precision.
+        // chi2 decreases monotonically with the factor s (`variance`). 60 bisections give machine precision.
         for _ in 0..60 {
             let middle = (low + high) / 2.0;
             if self.chi2(middle) > free { low = middle } else { high = middle }

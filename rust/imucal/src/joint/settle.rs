@@ -14,8 +14,8 @@ use super::terms::{Kind, Term, Terms};
 /// Maximum number of fixed-point iterations. Each iteration multiplies the error by about 0.01 for effects of typical
 /// size.
 const MAX_ITERATIONS: usize = 24;
-/// Safety factor for the change that the next iteration is predicted to make. The iteration stops when the predicted
-/// change times this factor is as small as rounding errors.
+/// Safety factor of the convergence test. The iteration stops when the predicted change of the next iteration, times
+/// this factor, is as small as rounding errors.
 const SLACK: f64 = 10.0;
 
 /// Solver for the true rate and force of single samples, by fixed-point iteration.

@@ -9,7 +9,7 @@ use super::prepared::Prepared;
 use super::terms::{Term, Terms};
 use crate::parameters::STAND_PARAMETERS;
 
-/// Sensor models and effects at the end of an earlier fit, from which fits with the same effects start. A warm start
+/// Sensor models and effects at the end of an earlier fit. Fits with the same effects start from them. A warm start
 /// saves iterations and does not change the result.
 #[derive(Clone, Debug)]
 pub struct WarmStart {
@@ -132,7 +132,7 @@ impl ShapePrior {
     /// Standard deviation of the logarithm of the time constant. It is ln 10, so values up to a factor of 10 above or
     /// below the centre are plausible. The prior is needed because the data do not determine an extreme time constant.
     /// If the time constant is far longer than the recording, the effect acts as a drift. If it is far shorter than the
-    /// first rest, the effect changes no rest.
+    /// first rest, the effect decays before it noticeably changes the mean of a rest.
     const WIDTH: f64 = std::f64::consts::LN_10;
 
     /// Residual of the prior at a value of the time constant, in standard deviations of the prior, and the derivative

@@ -6,10 +6,9 @@
 //! ```
 //!
 //! `seen` is the rate or force computed from the reading with the sensitivity and the bias only, without the effects.
-//! `true` is the true rate or force. The column Phi_c is the derivative of the sensor reading, before multiplication by
-//! the sensitivity T, with respect to the parameter theta_c. The parameters of a term are consecutive in the parameter
-//! vector. The last parameter may be a nonlinear shape parameter, for example a time constant. The column of a shape
-//! parameter is `d(Phi theta)/d(shape)`.
+//! `true` is the true rate or force. The column Phi_c is the derivative of `seen` with respect to the parameter
+//! theta_c. The parameters of a term are consecutive in the parameter vector. The last parameter may be a nonlinear
+//! shape parameter, for example a time constant. The column of a shape parameter is `d(Phi theta)/d(shape)`.
 
 use std::borrow::Cow;
 
@@ -40,7 +39,7 @@ pub(crate) struct Term<'a> {
     /// Temperature histories at the time constant of this term; `None` before [`Terms::with_histories`] is called, and
     /// if the term does not depend on them.
     pub(super) histories: Option<TemperatureHistories>,
-    /// Derivatives of the temperature histories with respect to the time constant, if it is estimated.
+    /// Derivatives of the temperature histories with respect to the time constant, if the time constant is estimated.
     pub(super) by_time_constant: Option<TemperatureHistories>,
 }
 
@@ -185,14 +184,14 @@ pub(crate) struct Terms<'a> {
     pub(crate) count: usize,
     /// For each parameter, the sensor on which it acts.
     pub(crate) sensors: Vec<Sensor>,
-    /// Residuals that the fit uses in addition to force norms and mean rates at rests and gravity directions after
-    /// moves.
+    /// Residuals that the fit uses in addition to those of every fit: force norms at rests, mean rates at rests, and
+    /// gravity directions after moves.
     pub(crate) kinds: Kinds,
 }
 
 /// Terms that act on one sensor, with consecutive parameters.
 pub(super) struct SideBySide<'a> {
-    /// The terms. Their parameter indices count only the parameters in this set.
+    /// The terms. Their parameters are numbered from 0 within this set.
     pub(super) terms: Terms<'a>,
     /// Values of the parameters of these terms. `places` contains the index of each parameter among the parameters of
     /// all terms.
@@ -256,7 +255,8 @@ impl<'a> Terms<'a> {
     }
 
     /// Buffer for the derivatives of the sensor readings with respect to the parameters of all terms. Each term writes
-    /// the derivatives of its full form. Derivatives beyond its estimated parameters are overwritten by the next term.
+    /// the derivatives of its full form. If fewer parameters are estimated, the next term overwrites the superfluous
+    /// derivatives.
     pub(super) fn room(&self) -> Vec<Vector3<f64>> {
         vec![Vector3::zeros(); self.count + MAX_PARAMETERS]
     }

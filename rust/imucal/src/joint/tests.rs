@@ -172,7 +172,7 @@ fn require_good_with_one_changed_axis(change: impl Fn(&mut Simulation, usize)) {
 }
 
 /// One axis of the accelerometer is quantised coarsely. Its rounding error affects the norm and the gravity direction
-/// of a rest. The whitening removes this common error only if both residuals contain it with the same factor.
+/// of a rest. The whitening removes this common error only if it is multiplied by the same factor in both residuals.
 #[test]
 fn one_coarse_accelerometer_axis_leaves_a_good_fit() {
     for step in [0.1, 0.2, 0.3] {

@@ -9,8 +9,8 @@
 //! b is the bias of one axis, t and s are times, B is the bias instability, and K is the random walk of the axis. The
 //! covariance of b(t) and b(s) is defined up to an additive constant. This constant cancels in C_kl, because b is
 //! measured from its mean over the recording. A large B can be estimated from the scatter of the mean rates of the
-//! rests. A smaller B, and any K, can only be given in the unit's profile. The estimated bias parameter is the mean
-//! over the recording. The bias in a move is the mean of the biases at the adjacent rests.
+//! rests. A smaller B, and any K, can only be given in the unit's profile. The bias parameter of the fit is the mean
+//! bias over the recording. The bias in a move is the mean of the biases at the adjacent rests.
 
 use std::f64::consts::PI;
 
@@ -27,7 +27,8 @@ pub(super) const MOST_ROWS: usize = 6000;
 /// Model of the variation of the biases from rest to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Wander {
-    /// The biases are constant. Excess scatter of the mean rates is then modelled as independent from rest to rest.
+    /// The biases are constant. If the mean rates scatter more than their noise explains, the excess is modelled as
+    /// independent from rest to rest.
     Constant,
     /// The bias instability of the gyroscope is estimated from the mean rates. It is used if the scatter of the mean
     /// rates has a larger likelihood with bias instability than with errors that are independent from rest to rest.
@@ -90,8 +91,8 @@ impl BiasWander {
         self.bias_instability[axis] > 0.0 || self.random_walk[axis] > 0.0
     }
 
-    /// Evaluates, at the time lag `lag_s`, the covariance function of the bias of one axis, integrated twice with
-    /// respect to the lag.
+    /// Integrates the covariance function of the bias of one axis twice with respect to the time lag, and returns the
+    /// value at `lag_s`.
     fn integrated(&self, axis: usize, lag_s: f64) -> f64 {
         let lag_s = lag_s.abs();
         if lag_s == 0.0 {

@@ -45,7 +45,8 @@ pub(crate) struct Weights {
     pub(crate) rates: Vec<Matrix3<f64>>,
     /// Noise variances of the residuals inside each move.
     pub(crate) inside: Vec<InsideNoise>,
-    /// Standard deviation of the gravity direction at a rest relative to the direction computed from the encoders, rad.
+    /// Standard deviation of the difference between the gravity direction at a rest and the direction computed from the
+    /// encoders, rad.
     pub(crate) stand_sigma_rad: f64,
     /// Noise variance of one encoder reading, rad^2.
     pub(crate) reading: f64,
@@ -60,8 +61,8 @@ impl Weights {
         Self::with(prepared, terms, linear, &Widening::NONE)
     }
 
-    /// Weights before the first fit. The variances of the mean rates include their excess over noise, computed from the
-    /// residuals `linear`. All other standard deviations are from noise only.
+    /// Weights before the first fit. The variances of the mean rates include the excess scatter of the mean rates,
+    /// computed from the residuals `linear`. All other standard deviations are from noise only.
     pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Linear) -> Self {
         Self::with(prepared, terms, linear, &Widening::of(prepared, linear, None, None))
     }
@@ -96,8 +97,8 @@ impl Weights {
                     (Source::Move(_), _) => 1.0,
                 };
                 // The first epoch (part) of a long rest determines |f| at its attitude, as any other rest does. The
-                // later epochs have the same attitude, and thus the same model error of |f|. With this common error,
-                // they determine only changes of |f|.
+                // later epochs have the same attitude, and thus the same model error of |f|. The model error is
+                // therefore added as a common error of the later epochs, which then determine only changes of |f|.
                 let pose = match line.source {
                     Source::Norm(k) if line.is_of_later_epoch => {
                         Some((poses + prepared.rests[k].whole, REST_ERROR_MPS2 * scales.epochs))
@@ -165,8 +166,9 @@ fn move_sigma_rad(prepared: &Prepared<'_>, model: &Model, k: usize) -> f64 {
     (own_variance(prepared, model, Source::Move(k), &Scales::NONE) + shared).sqrt()
 }
 
-/// Computes the dependence of a residual on the errors of a rest's mean force. For each axis, the result contains the
-/// index of an error, and the standard deviation of this error times the derivative of the residual with respect to it.
+/// Computes how a residual depends on the three errors of a rest's mean force, one per axis. Each entry of the result
+/// contains the index of an error, and the standard deviation of this error times the derivative of the residual with
+/// respect to it.
 fn share(prepared: &Prepared<'_>, rest: usize, by: &Vector3<f64>, scale: f64) -> [(usize, f64); 3] {
     let variance = prepared.rests[rest].rest.specific_force.variance_of_mean;
     [0, 1, 2].map(|axis| (3 * rest + axis, by[axis] * variance[axis].sqrt() * scale))
@@ -187,8 +189,8 @@ fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: 
             let own = walk * walk + ends + FINEST_RAD * FINEST_RAD;
             if m.is_within_rest(prepared.rests) {
                 // The move from one epoch (part of a long rest) to the next has an error from the mean forces of both
-                // epochs. These forces scatter by `scales.epochs` times their noise. The noise is already among the
-                // common errors (see `share`), so only the additional variance is added here.
+                // epochs. These forces scatter by `scales.epochs` times their noise. This noise is already included as
+                // a common error (see `share`), so only the additional variance is added here.
                 let means: f64 = prepared.ends[k].iter().map(|end| end.shared_variance).sum();
                 return own + means * (scales.epochs * scales.epochs - 1.0);
             }
@@ -219,8 +221,9 @@ fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<
         .collect()
 }
 
-/// Standard deviation of the gravity direction at a rest relative to the direction computed from the encoders, rad. It
-/// contains the noise of the accelerometer (median over all ends of moves) and of the encoders.
+/// Standard deviation of the difference between the gravity direction at a rest and the direction computed from the
+/// encoders, rad. It is computed from the noise of the accelerometer (median over all ends of moves) and of the
+/// encoders.
 fn stand_sigma_rad(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     let mut shared: Vec<f64> =
         prepared.ends.iter().flatten().map(|end| end.shared_variance + end.own_variance).collect();

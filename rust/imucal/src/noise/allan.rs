@@ -13,8 +13,8 @@ use std::num::NonZeroUsize;
 use crate::error::Error;
 use crate::numerics::workers::in_order;
 
-/// Number of second differences in a block. A block is processed for all averaging times before the next block, so that
-/// its data stay in the processor's cache.
+/// Number of second differences in a block. The sums for all averaging times are computed over one block before the
+/// next block, so that the data of the block stay in the processor's cache.
 const BLOCK: usize = 4096;
 /// Number of blocks in a job. The results of the jobs are added in a fixed order. The sum, including its rounding
 /// error, therefore does not depend on the number of threads.
@@ -99,8 +99,8 @@ fn sums(values: impl ExactSizeIterator<Item = f64> + Clone) -> Result<Vec<f64>, 
     Ok(phase)
 }
 
-/// For each averaging time in `factors` (in samples): the sum over i in the formula of the module documentation.
-/// `phase` contains the cumulative sums p.
+/// Computes, for each averaging time in `factors` (in samples), the sum over i in the formula of the module
+/// documentation. `phase` contains the cumulative sums p.
 fn squared_differences(phase: &[f64], factors: &[usize], threads: usize) -> Vec<f64> {
     // The factors are processed in ascending order, which makes the best use of the cache.
     let mut order: Vec<usize> = (0..factors.len()).collect();

@@ -21,15 +21,15 @@ pub(super) const MISFIT: f64 = 5.0;
 /// Quantisation noise is included in the model if it increases 2 ln L by more than this value, where L is the
 /// likelihood. If the record contains no quantisation noise, the probability of such an increase is 0.001.
 const QUANTISATION_GAIN: f64 = 10.83;
-/// Numbers of octaves directly below half the sampling rate that the fit omits if a filter has changed the noise there.
-/// The two numbers are tried in this order. The spectrum is computed in stages of five octaves. Missing power at high
-/// frequencies changes all powers of a stage, because a window of 32 values has wide side lobes. Therefore one or two
-/// complete stages are omitted (5 or 10 octaves). The first octave of the next stage is also omitted, because its
-/// values are means of filtered noise.
+/// If a filter has changed the noise at high frequencies, the fit omits this number of octaves, counted from half the
+/// sampling rate downwards. The fit with 6 omitted octaves is tried before the fit with 11. The spectrum is computed in
+/// stages of five octaves. Missing power at high frequencies changes all powers of a stage, because a window of 32
+/// values has wide side lobes. Therefore one or two complete stages are omitted (5 or 10 octaves). The first octave of
+/// the next stage is also omitted, because this stage transforms means of filtered samples.
 const FILTERED: [u32; 2] = [6, 11];
 /// The white noise is estimated only if the size of a count is at most this multiple of the standard deviation of a
-/// sample. This standard deviation contains white noise and rounding. With larger counts, rounding errors depend on the
-/// signal and are not white.
+/// sample. This standard deviation includes the white noise and the rounding error. With larger counts, rounding errors
+/// depend on the signal and are not white.
 const COARSEST_COUNT: f64 = 2.0;
 /// The averaging time of an Allan deviation is at most the duration of the record divided by this number.
 const LONGEST_SHARE: usize = 3;
@@ -130,8 +130,8 @@ impl AxisNoise {
             }
         });
         // A drift increases the deviation of the powers from the noise model. `Model::of` may therefore omit so many
-        // octaves that the drift cannot be detected. The search for drifts therefore omits at most the smaller number
-        // in `FILTERED`.
+        // octaves that the drift cannot be detected. The search for drifts therefore omits at most six octaves, the
+        // smaller number in `FILTERED`.
         let filtered = model.filtered.min(FILTERED[0]);
         let noise = NoiseModel { kinds: model.kinds, rounding: model.rounding, filtered };
         let components = match blocks {
@@ -154,9 +154,9 @@ impl AxisNoise {
 }
 
 impl Estimate {
-    /// The estimate without its value, for an axis whose noise is below a count, so that a value would be meaningless.
-    /// The upper end of the confidence band becomes sqrt(high^2 + least^2). For white noise, `least` is the noise
-    /// density of the rounding error. For other kinds of noise, `least` is zero.
+    /// Removes the value from the estimate. This is used for an axis whose noise is below a count, because a value
+    /// would then be meaningless. The upper end of the confidence band becomes sqrt(high^2 + least^2). For white noise,
+    /// `least` is the noise density of the rounding error. For other kinds of noise, `least` is zero.
     fn bounded(self, least: f64) -> Self {
         Self { value: None, std: None, low: 0.0, high: self.high.hypot(least) }
     }

@@ -6,13 +6,14 @@
 //! ```
 //!
 //! A window consists of W consecutive values y, and z_j is its cosine transform. The z_j of a window are exactly
-//! independent for white noise, for a random walk, and for block means of these two. A Fourier transform does not have
-//! this property, because the difference between the two ends of a random walk leaks into all frequencies. For flicker
-//! noise, the z_j are only nearly independent, but the variances of the z_j that are computed here are exact.
+//! independent for white noise, for a random walk, and for block means of white noise or of a random walk. A Fourier
+//! transform does not have this property, because the difference between the two ends of a random walk leaks into all
+//! frequencies. For flicker noise, the z_j are only nearly independent, but the variances of the z_j that are computed
+//! here are exact.
 //!
 //! A long record is processed in stages. The first stage has windows of 32 samples. The next stage has windows of 32
-//! means of the first stage, and so on. The last stage is a single window with fewer than 2048 values. In every stage
-//! before the last, the power z_j^2 of each j is averaged over all windows.
+//! values, each of which is the mean of a window of the first stage, and so on. The last stage is a single window with
+//! fewer than 2048 values. In every stage before the last, the power z_j^2 of each j is averaged over all windows.
 
 use std::f64::consts::PI;
 
@@ -291,8 +292,9 @@ mod tests {
             let square: f64 = values.map(|v| (v - mean) * (v - mean)).sum();
             let mut weighted = 0.0;
             for power in &powers {
-                // White noise with unit variance per sample has the variance 1 / length per value. Each power is
-                // therefore divided by this expected power before the stages are added.
+                // Each value of a later stage is a mean over several samples, so white noise has a smaller expected
+                // power in later stages. Each power is therefore divided by its expected power before the stages are
+                // added.
                 weighted += power.value * power.dof / power.expected[WHITE];
             }
             assert!((weighted / square - 1.0).abs() < 1e-9, "{samples}: {weighted} {square}");

@@ -13,7 +13,8 @@
 //! random signs. Components are added one at a time. The next component is the one with the largest value of gain -
 //! penalty. The gain is the increase of 2 ln L, where L is the likelihood. The penalty accounts for the number of
 //! shapes that are tried. After each addition, all amplitudes and the noise parameters are estimated again. The search
-//! ends if gain - penalty < 16, because noise then explains the remaining changes of the mean.
+//! ends if the largest value of gain - penalty is below 16, because noise then explains the remaining changes of the
+//! mean.
 
 mod search;
 
@@ -27,20 +28,19 @@ use super::power_law::{KINDS, PerKind};
 /// Maximum number of blocks into which a record is divided. More blocks would make the time of a step more accurate,
 /// but the computing time grows with the square of the number of blocks.
 const MAX_BLOCKS: usize = 1024;
-/// Minimum number of blocks. With fewer blocks, steps cannot be distinguished from noise, so steps are not searched
-/// for.
+/// Minimum number of blocks. With fewer blocks, steps cannot be distinguished from noise, so no search takes place.
 const MIN_BLOCKS: usize = 64;
-/// Time constants of a warm-up that the search tries, as multiples of the duration of the record. The last one is so
-/// long that the mean changes at a constant rate.
+/// The search tries warm-ups with these time constants, in units of the duration of the record. The last time constant
+/// is so long that the mean changes at a constant rate.
 const TIME_CONSTANTS: [f64; 9] = [0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2, 2.5, LINEAR];
 /// Ratio of the time constant to the duration of the record, for a warm-up whose rate of change is practically
 /// constant.
 const LINEAR: f64 = 1e3;
-/// Maximum duration of a change that counts as a step, s. After a bump, a unit settles within this time. No unit warms
-/// up so fast.
+/// A change of the mean within at most this time is treated as a step, s. After a bump, a unit settles within this
+/// time. No unit warms up so fast.
 pub(super) const ABRUPT_S: f64 = 10.0;
-/// Maximum duration of a change that counts as a step, in blocks. The blocks cannot resolve such a short change. The
-/// longer of the two durations, this one and `ABRUPT_S`, is used.
+/// A change of the mean within at most this number of blocks is also treated as a step, even if it takes longer than
+/// `ABRUPT_S`, because the blocks cannot resolve such a short change.
 const ABRUPT_BLOCKS: usize = 2;
 
 /// Shape of a component (a step or a drift of the mean).
@@ -207,7 +207,7 @@ impl Blocks {
         shapes
     }
 
-    /// Maximum duration of a change that counts as a step, in blocks.
+    /// Maximum duration of a change that is treated as a step, in blocks.
     fn abrupt_blocks(&self, rate_hz: f64) -> usize {
         ((ABRUPT_S * rate_hz / self.samples as f64) as usize).max(ABRUPT_BLOCKS)
     }

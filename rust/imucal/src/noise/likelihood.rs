@@ -96,15 +96,16 @@ impl Likelihood<'_> {
     ///
     /// The result is the union of two bands. In the first band, the parameters of the other kinds of noise are limited
     /// to values >= 0. In the second band, these parameters may be negative. The second band is needed if another kind
-    /// of noise is absent, so that its true parameter is zero. The limit prevents a negative estimate of this
-    /// parameter, so the first band is too narrow.
+    /// of noise is absent, so that the true parameter of this kind is zero. With the limit >= 0, the estimate of this
+    /// parameter is often exactly zero, and the first band is then nearly as narrow as if the zero were known. Such a
+    /// band is too narrow.
     pub(super) fn band(&self, best: &Fit, kind: usize) -> Band {
         let std = self.standard_deviations(&best.theta);
         let free = self.maximize(best.theta, None, Domain::Free);
         let bands = [(Domain::Physical, best), (Domain::Free, &free)].map(|(domain, peak)| {
             let excess = |value: f64| {
                 // The gradient of the deviance does not exist where the expected value of a power is zero. The start
-                // parameters are therefore positive, so that all expected powers are positive.
+                // values of the other parameters are therefore positive, so that all expected powers are positive.
                 let start = std::array::from_fn(|k| if k == kind { value } else { best.theta[k].max(1e-3 * std[k]) });
                 self.maximize(start, Some(kind), domain).deviance - peak.deviance - BAND
             };

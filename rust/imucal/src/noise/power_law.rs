@@ -1,8 +1,8 @@
 //! Computes covariances and the Allan variance of each kind of noise: `docs/model.md` (30).
 //!
-//! Let x be the samples at a sampling rate of one, and p their cumulative sums. In general, p has no stationary
-//! covariance, but the second differences of p have one. The function s(k) replaces the covariance of p: if `E p_i p_j`
-//! is set to `s(i - j)`, the covariances of all second differences of p are correct.
+//! Let x be the samples at a sampling rate of one, and p their cumulative sums. In general, the covariance of p is not
+//! stationary, but the covariance of the second differences of p is stationary. The function s(k) replaces the
+//! covariance of p: if `E p_i p_j` is set to `s(i - j)`, the covariances of all second differences of p are correct.
 //!
 //! ```text
 //! white         x = n                       s(k) = -|k| / 2
@@ -61,16 +61,16 @@ fn combine(terms: &[(f64, f64)], divisor: f64) -> PerKind {
     sum
 }
 
-/// For each kind of noise with the parameter one: the covariance of two means, each over `length` samples. The second
-/// mean starts `lag` x `length` samples after the first. An additive constant, which is the same for all lags, is
-/// omitted.
+/// Returns, for each kind of noise with the parameter one, the covariance of two means, each over `length` samples. The
+/// second mean starts `lag` x `length` samples after the first. An additive constant, which is the same for all lags,
+/// is omitted.
 pub(super) fn mean_covariance(length: f64, lag: f64) -> PerKind {
     let at = |d: f64| (lag + d) * length;
     combine(&[(-1.0, at(1.0)), (2.0, at(0.0)), (-1.0, at(-1.0))], length * length)
 }
 
-/// For each kind of noise with the parameter one: the covariance of two differences that are `lag` samples apart. Each
-/// difference is that of two consecutive means over `factor` samples.
+/// Returns, for each kind of noise with the parameter one, the covariance of two differences that are `lag` samples
+/// apart. Each difference is between two consecutive means over `factor` samples.
 fn difference_covariance(factor: f64, lag: f64) -> PerKind {
     let at = |d: f64| lag + d * factor;
     combine(&[(1.0, at(-2.0)), (-4.0, at(-1.0)), (6.0, at(0.0)), (-4.0, at(1.0)), (1.0, at(2.0))], factor * factor)
@@ -93,8 +93,8 @@ pub(super) fn allan_variance(parameters: &PerKind, factor: usize) -> f64 {
 /// omitted differences are so strongly correlated with the used differences that they would add no information.
 pub(super) fn degrees_of_freedom(parameters: &PerKind, factor: usize, samples: usize) -> f64 {
     const PER_WINDOW: usize = 64;
-    /// Distance beyond which the differences of consecutive means count as independent, in averaging times. The
-    /// covariance of two differences decreases with the square of their distance.
+    /// Two differences of consecutive means that are farther apart than this number of averaging times are treated as
+    /// independent. The covariance of two differences decreases with the square of the distance between them.
     const WINDOWS: usize = 24;
     let stride = (factor / PER_WINDOW).max(1);
     let count = ((samples - 2 * factor) / stride + 1) as f64;
@@ -125,8 +125,9 @@ mod tests {
             assert!((of(WHITE) * m - 1.0).abs() < 1e-12);
             assert!((of(WALK) / (m / 3.0 + 1.0 / (6.0 * m)) - 1.0).abs() < 1e-12);
             assert!((of(QUANTISATION) * m * m / 3.0 - 1.0).abs() < 1e-12);
-            // At short averaging times, half-order integrated white noise has a larger Allan variance than 1/f noise.
-            // The difference decreases with the square of the averaging time.
+            // Flicker noise is modelled as white noise that is integrated to half order. At short averaging times, the
+            // Allan variance of this model is larger than that of exact 1/f noise. The difference decreases with the
+            // square of the averaging time.
             let flat = 2.0 * LN_2 / PI;
             assert!((of(FLICKER) / flat - 1.0).abs() < 3.0 / (m * m), "{}", of(FLICKER));
         }

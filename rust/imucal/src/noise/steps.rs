@@ -117,8 +117,8 @@ pub(super) fn gather(
 }
 
 /// Finds the first sample after a step near the start of block `first`, and returns its index. All samples up to two
-/// blocks from this start are tried. The result is the sample for which the mean before the sample and the mean from
-/// the sample on differ most significantly.
+/// blocks from this start are tried. For each of them, the mean of the samples before it is compared with the mean of
+/// the other samples. The result is the sample for which these two means differ most significantly.
 fn sharpened(recording: &Recording<'_>, rest: &Range<usize>, block: usize, first: usize, channel: usize) -> usize {
     let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
     let middle = rest.start + first * block;

@@ -6,7 +6,8 @@
 //!
 //! t_k is the time stamp of sample k. T is the mean time step of regular samples. e_k is the delay of time stamp k, and
 //! E is its lower envelope. A late time stamp increases one e_k, but not E. Lost samples increase E permanently, by T
-//! for each lost sample. Lost samples are therefore detected in E, and late samples do not count as lost.
+//! for each lost sample. Lost samples are therefore detected in E, so that late samples are not mistaken for lost
+//! samples.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -14,14 +15,14 @@ use std::ops::Range;
 use crate::numerics::stats::quantile;
 use crate::recording::Recording;
 
-/// Maximum share of lost or repeated samples in the interval. A larger share would change the power spectrum at high
-/// frequencies.
+/// Maximum share of lost or repeated samples in the selected interval. A larger share would change the power spectrum
+/// at high frequencies.
 const IRREGULAR_SHARE: f64 = 1e-4;
-/// Samples count as lost where the lower envelope E of the delays of the time stamps increases by more than this number
-/// of time steps. One lost sample increases E by 1.
+/// If the lower envelope E of the delays of the time stamps increases by more than this number of time steps from one
+/// sample to the next, samples are lost between these two. One lost sample increases E by 1.
 const LOST: f64 = 0.6;
-/// Length of the time window over which the lower envelope E takes the minimum, s. A delay of time stamps that lasts at
-/// most this time does not count as lost samples.
+/// Length of the time window over which the lower envelope E takes the minimum, s. If time stamps are late for at most
+/// this time, E does not increase, so they are not mistaken for lost samples.
 const WINDOW_S: f64 = 1.0;
 /// Minimum number of samples in the time window over which the lower envelope E takes the minimum.
 const FEWEST_IN_WINDOW: usize = 16;
@@ -119,7 +120,8 @@ fn faults(recording: &Recording<'_>, has_repeats: bool) -> Vec<Fault> {
 /// Sliding-window minimum of a sequence. The window of an element consists of this element and the following ones.
 struct Envelope {
     window: usize,
-    /// Elements that may still become the minimum of a window, as (index, value), in ascending order of both.
+    /// Elements that may still become the minimum of a window, as (index, value). Indices and values increase along the
+    /// queue.
     queue: VecDeque<(usize, f64)>,
     minima: Vec<f64>,
 }
@@ -148,7 +150,8 @@ impl Envelope {
         }
     }
 
-    /// Increases of the minimum from each element of the sequence to the next, each with the index of the next element.
+    /// Returns, for each element except the first, its index and the increase of the minimum since the previous
+    /// element.
     fn rises(mut self) -> impl Iterator<Item = (usize, f64)> {
         while let Some(&(index, _)) = self.queue.back() {
             let start = self.minima.len();

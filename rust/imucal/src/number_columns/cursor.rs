@@ -11,7 +11,7 @@ const POWERS: [f64; 23] = [
 ];
 /// Number of decimal digits that always fit into an unsigned 64-bit integer.
 const DIGITS: usize = 19;
-/// Exponent of the largest power of ten below 2^64.
+/// Largest exponent e for which [`rounded`] divides by 10^e; 10^19 is the largest power of ten below 2^64.
 const LARGEST_DIVISOR: usize = 19;
 
 /// A number of a text table.
@@ -22,7 +22,7 @@ pub(super) enum Number {
 }
 
 impl Number {
-    #[allow(clippy::cast_precision_loss)] // The integer is rounded like the text of the number.
+    #[allow(clippy::cast_precision_loss)] // Rounds to the nearest f64, as parsing the text would.
     pub(super) fn real(self) -> f64 {
         match self {
             Self::Whole { value: 0, negative: true } => -0.0,
@@ -179,8 +179,8 @@ fn rounded(mantissa: u64, exponent: i64) -> Option<f64> {
     if exponent >= 0 || index > LARGEST_DIVISOR {
         return None;
     }
-    // The quotient has at least 54 bits. Its first 53 bits are kept, and the other bits and the remainder determine the
-    // rounding.
+    // The quotient has at least 54 bits. Its first 53 bits are the significand before rounding. The other bits and the
+    // remainder determine whether the significand is rounded up.
     let divisor = 10_u128.pow(index as u32);
     let dividend = u128::from(mantissa) << 64;
     let (quotient, remainder) = (dividend / divisor, dividend % divisor);

@@ -7,8 +7,8 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use crate::cancellation::checkpoint;
 
-/// Number of rows or columns of a block. With 6000 rows, the computation of a block takes some tens of milliseconds. A
-/// cancelled calculation ends within this time.
+/// Number of rows or columns of a block. In a matrix with 6000 rows, the computation of one block takes some tens of
+/// milliseconds. A cancelled calculation ends within this time.
 const BLOCK: usize = 256;
 
 /// Lower Cholesky factor of a symmetric matrix, of which only the lower triangle is read. `None` if the matrix is not

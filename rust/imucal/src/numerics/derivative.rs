@@ -1,20 +1,22 @@
 //! Computes the time derivative of noisy data. The data are smoothed as far as the motion permits (model.md (16)).
 //!
 //! The derivative at a sample is the derivative of a polynomial of fourth degree. The polynomial is chosen so that its
-//! means over five consecutive intervals ("boxes") equal the means of the data:
+//! means over five consecutive intervals ("boxes") equal the means of the data. The derivative is therefore a weighted
+//! sum of the five means of the data, with weights that satisfy
 //!
 //! ```text
 //! sum_j weight_j mean_j((t - t_k)^m) = 1 for m = 1,   = 0 for m = 0, 2, 3 and 4
 //! ```
 //!
-//! t_k is the time of the sample, mean_j is the mean over box j, and weight_j is the weight of the mean of the data
-//! over box j.
+//! t_k is the time of the sample, mean_j is the mean over the samples of box j, and weight_j is the weight of the mean
+//! of the data over box j.
 //!
 //! The noise of the derivative decreases with the power 3/2 of the box width. The truncation error, which depends on
 //! the motion, increases with the fourth power. Several widths are tried. The boxes are widened as long as noise alone
 //! explains the change of the derivative from one width to the next (after Lepski, Theory of Probability and its
-//! Applications 35, 1991, 454-466). The chosen width is one step below the widest accepted width, which reduces the
-//! truncation error to an eighth. If all widths that are tried are accepted, the widest is chosen.
+//! Applications 35, 1991, 454-466). The chosen width is one step below the widest accepted width, so the truncation
+//! error is an eighth of the error with the widest accepted width. If all widths that are tried are accepted, the
+//! widest is chosen.
 
 mod stencil;
 
@@ -41,7 +43,7 @@ const WIDER: f64 = 1.7;
 /// cannot be separated, and each box has one sample.
 const FEWEST: usize = 4 * BOXES;
 /// The noise is estimated from fourth differences. In long data, only a subset of at least this number of differences
-/// is used, which gives the noise with an accuracy of one per cent.
+/// is used. Such a subset gives the noise with an accuracy of one per cent.
 const ENOUGH: usize = 100_000;
 
 /// A rule for the differentiation of data that were sampled at given times.

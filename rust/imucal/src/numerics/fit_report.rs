@@ -108,9 +108,8 @@ pub(crate) fn significance_limit(degrees_of_freedom: f64) -> f64 {
 /// Decrease of chi2, `|P r|^2`, that the linear model predicts. P is the projection of the residuals r onto the columns
 /// of the Jacobian.
 fn predicted_decrease(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> f64 {
-    /// A direction in parameter space (right singular vector of the Jacobian) counts as determined only if its singular
-    /// value is larger than this number x the largest singular value. Other directions are not included in the
-    /// predicted decrease.
+    /// The predicted decrease omits directions in parameter space (right singular vectors of the Jacobian) whose
+    /// singular value is at most this number x the largest singular value, because the residuals do not determine them.
     const DETERMINED: f64 = 1e-12;
     let Some((projected, values)) = singular_of_triangle(residuals, jacobian) else {
         return f64::INFINITY;

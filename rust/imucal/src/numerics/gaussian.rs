@@ -27,8 +27,8 @@ impl WithSimd for Kernels<'_> {
 /// `r = x - n ln 2` is at most half of ln 2 in absolute value.
 #[inline(always)]
 fn exp(x: f64) -> f64 {
-    /// Lower limit of x, to which smaller x are set. Below about -708, a normal number of double precision cannot
-    /// represent 2^n.
+    /// Smaller values of x are replaced by this limit. For x below about -708, a normal number of double precision
+    /// cannot represent 2^n.
     const LEAST: f64 = -700.0;
     /// 1.5 * 2^52. If a number is added to this constant, the lowest bits of the sum contain the number rounded to the
     /// nearest integer.

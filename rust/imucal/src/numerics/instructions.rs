@@ -1,10 +1,10 @@
 //! Selects the vector instructions of the inner loops (kernels). The crate `pulp` selects the widest instructions of
 //! the processor at run time.
 //!
-//! The environment variable `IMUCAL_VECTOR_BITS` selects another width, so that a test can compare the results of
-//! different processors. `512` selects the width of AVX-512, `256` that of AVX2, and `64` no vectors. The variable is
-//! read once. On a processor without AVX-512, `512` needs the Cargo feature `emulate-avx512`, which makes the library
-//! larger by half.
+//! The environment variable `IMUCAL_VECTOR_BITS` selects the width of the vectors instead, so that a test can compare
+//! the results of different processors. `512` selects the width of AVX-512, `256` that of AVX2, and `64` no vectors.
+//! The variable is read once. On a processor without AVX-512, `512` needs the Cargo feature `emulate-avx512`, which
+//! makes the library larger by half.
 
 use std::sync::OnceLock;
 

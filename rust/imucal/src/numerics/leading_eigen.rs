@@ -7,8 +7,8 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::numerics::blocked::product;
 
-/// Maximum number of rows of a matrix of which all eigenvalues are computed. For this number of rows, the computation
-/// takes some tens of milliseconds. Larger matrices are decomposed by subspace iteration.
+/// If a matrix has at most this number of rows, all its eigenvalues are computed, which takes at most some tens of
+/// milliseconds. Larger matrices are decomposed by subspace iteration.
 const WHOLE: usize = 300;
 /// Ratio of the dimension of the iterated subspace to the number of requested eigenvectors. With a larger subspace,
 /// fewer iterations are needed, but each iteration is slower.

@@ -74,8 +74,8 @@ impl Solution {
 
 /// Tolerance of a fit that gives a final result. Such a fit has converged if |D h| <= tolerance x |D p|, where h is the
 /// last step and p the vector of parameters. The diagonal matrix D scales each parameter by the norm of its column of
-/// the Jacobian. If the model describes the data, the remaining distance to the optimum is smaller than the last step
-/// by orders of magnitude.
+/// the Jacobian. If the model describes the data, the steps decrease rapidly near the optimum, so the remaining
+/// distance to the optimum is smaller than the last step by orders of magnitude.
 pub(crate) const EXACT: f64 = 1e-10;
 /// Tolerance of a fit that only gives a start value: the limit of the relative length |D h| / |D p| of the last step
 /// (see [`EXACT`]).

@@ -11,15 +11,15 @@ use crate::numerics::stats::{MEDIAN_SIZE, median};
 const LIMIT: f64 = 5.2;
 
 /// Score of each rest or move: the norm of its residuals in a fit that excludes this rest or move. Each residual is
-/// divided by its standard deviation. Each rest or move has `size` consecutive residuals, which are rows of `residuals`
-/// and of `jacobian`.
+/// divided by its standard deviation. The residuals of a rest or move are `size` consecutive rows of `residuals`, and
+/// their derivatives are the same rows of `jacobian`.
 pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usize) -> Vec<f64> {
     let hat_rows = lsq::leverages(jacobian);
     (0..residuals.nrows() / size)
         .map(|item| {
             let rows = item * size..(item + 1) * size;
             // If the leverage of a measurement is near one, the fit reproduces any value of this measurement. The
-            // residual is then no evidence of an outlier and counts as zero.
+            // residual is then no evidence of an outlier and is replaced by zero.
             rows.map(|row| {
                 let free = (1.0 - hat_rows[row]).max(0.0);
                 if free > 0.05 { residuals[(row, 0)].powi(2) / free } else { 0.0 }

@@ -10,8 +10,9 @@
 //! Jacobian, and G is the gain `(J^T J)^-1 J^T`. 1_k is one for the residual of prior k and zero for all other
 //! residuals. The covariance of a least-squares estimate includes only the first-order change v. The term c e^2 matters
 //! if prior k alone determines a parameter, because the other residuals then do not reduce the error e. For example,
-//! readings in six positions along the sensitive axes do not determine the misalignment. A misalignment m of an axis
-//! then changes its estimated scale by 3/2 m^2. Products of the errors of two priors are neglected.
+//! readings in six positions along the sensitive axes do not determine the misalignments. If the prior of a
+//! misalignment has the error m rad, the estimated scale of this axis changes by the share 3/2 m^2. Products of the
+//! errors of two priors are neglected.
 
 use std::ops::Range;
 
@@ -88,7 +89,8 @@ mod tests {
             Ok(residuals)
         };
         let stated = mean_square(&found, &lsq::gain(&found.jacobian), 1..2, residuals_at).unwrap()[(0, 0)];
-        // Gauss-Hermite quadrature with three points is exact for the fourth moment of a normal distribution.
+        // The squared error is proportional to e^4 for small e. Gauss-Hermite quadrature with three points gives the
+        // expectation of e^4 for a normal distribution exactly.
         let error = |e: f64| (fit(e * sigma).parameters[0] - found.parameters[0]).powi(2);
         let exact = (error(3f64.sqrt()) + 4.0 * error(0.0) + error(-(3f64.sqrt()))) / 6.0;
         assert!((stated / exact - 1.0).abs() < 1e-3, "{stated:e} {exact:e}");

@@ -26,8 +26,8 @@ pub(crate) fn median(values: &mut [f64]) -> f64 {
     quantile(values, 0.5)
 }
 
-/// The `q` quantile of the values (0 to 1, linear interpolation); NaN for an empty slice. The order of the slice
-/// changes.
+/// The `q` quantile of the values by linear interpolation, with `q` from 0 to 1; NaN for an empty slice. The order of
+/// the slice changes.
 pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
     if values.is_empty() {
         return f64::NAN;
@@ -70,11 +70,11 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
         return of_all();
     }
     // The quantile of all values is searched between two limits, which are quantiles of the sample. The lower limit is
-    // the sample quantile at q - `margin`, and the upper limit that at q + `margin`. `margin` is `off` standard
-    // deviations of the share of all values that are below the sample quantile at q. With `off` = 2.5, the quantile is
-    // outside the limits in about one case in a hundred. Wider limits are slower on average, because more values
-    // between them are stored. For long records, the limits are wider (4 standard deviations), because storing all
-    // values would be expensive.
+    // the sample quantile at q - `margin`, and the upper limit is the sample quantile at q + `margin`. The share of all
+    // values that are below the sample quantile at q scatters about q, because the sample is random. `margin` is `off`
+    // standard deviations of this share. With `off` = 2.5, the quantile is outside the limits in about one case in a
+    // hundred. Wider limits are slower on average, because more values between them are stored. For long records, the
+    // limits are wider (4 standard deviations), because storing all values would be expensive.
     let off = if count < MANY { 2.5 } else { 4.0 };
     let last = (sample.len() - 1) as f64;
     let margin = off * (q * (1.0 - q) / sample.len() as f64).sqrt();
@@ -88,7 +88,8 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     if rank < below || rank + 1 >= up_to_high {
         return of_all();
     }
-    // `low` is the value at the rank of the quantile, and `high` is the value at the next rank.
+    // From here on, `low` is the value at the integer part of the quantile's rank, and `high` is the value at the next
+    // rank. The quantile is interpolated between them.
     let (low, high) = match rank.checked_sub(up_to_low) {
         _ if rank + 1 < up_to_low => (low, low),
         None => (low, smallest(&inside).min(high)),
@@ -245,7 +246,7 @@ pub fn sample_interval_s(time_s: &[f64]) -> f64 {
     quantile_of(time_s.len().saturating_sub(1), |k, to| steps_s(&time_s[k..], to), 0.5)
 }
 
-/// Writes the first `to.len()` differences of consecutive time stamps to `to`, s.
+/// Computes the differences of consecutive time stamps, s, and writes the first `to.len()` of them to `to`.
 pub(crate) fn steps_s(time_s: &[f64], to: &mut [f64]) {
     let times = time_s.iter().zip(time_s.get(1..).unwrap_or_default());
     to.iter_mut().zip(times).for_each(|(to, (before, after))| *to = after - before);

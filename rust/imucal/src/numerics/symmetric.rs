@@ -58,7 +58,7 @@ impl SymmetricMatrix {
     }
 
     /// The symmetric submatrix of the rows and columns whose indices are in the ranges `own`, in the given order. Rows
-    /// of this matrix that are not stored count as zero.
+    /// of this matrix that are not stored are treated as zero.
     pub(crate) fn part(&self, own: &[Range<usize>]) -> Self {
         let size = own.iter().map(Range::len).sum::<usize>();
         let width = size.next_multiple_of(WIDEST);
@@ -100,8 +100,8 @@ impl SymmetricMatrix {
     /// or `None` if A is not positive definite.
     ///
     /// Several blocks may be swept one after the other. For the second and each later block, A is the Schur complement
-    /// that the earlier sweeps have left in this block. The sum of the returned logarithms is the logarithm of the
-    /// determinant of all swept rows and columns of the original matrix.
+    /// of this block after the earlier sweeps, and not the block of the original matrix. The sum of the returned
+    /// logarithms is the logarithm of the determinant of all swept rows and columns of the original matrix.
     #[inline(always)]
     pub(crate) fn sweep<S: Simd>(&mut self, simd: S, places: Range<usize>) -> Option<f64> {
         let width = self.width;

@@ -35,9 +35,10 @@ impl Goal {
                 // p-norm also decreases if one of the smaller ratios decreases.
                 let shares = self.shares(information, prior)?;
                 let worst = shares.iter().map(|share| share.powf(NORM_ORDER)).sum::<f64>().powf(1.0 / NORM_ORDER);
-                // A variance, and therefore `worst`, is proportional to 1 / duration. If `worst` > 1, weight 2 gives a
-                // longer program a lower cost, until the program reaches the targets. If `worst` < 1, weight 1/2 gives
-                // a shorter program a lower cost.
+                // A variance, and therefore `worst`, is proportional to 1 / duration, so the cost is (1 - weight)
+                // ln(duration) plus a constant. If `worst` > 1, the weight is 2, and a longer program has a lower cost
+                // until it reaches the targets. If `worst` < 1, the weight is 1/2, and a shorter program has a lower
+                // cost.
                 let weight = if worst > 1.0 { 2.0 } else { 0.5 };
                 Some(duration_s.ln() + weight * worst.ln())
             }

@@ -17,8 +17,8 @@ use nalgebra::Matrix2;
 
 use super::DIRECTION;
 
-/// The filter, whose state is a normal matrix (information matrix). The first two rows and columns belong to the
-/// current gravity direction, and the others to the parameters.
+/// The filter. It stores the normal matrix (information matrix) of its state. The first two rows and columns of this
+/// matrix belong to the current gravity direction, and the others to the parameters.
 #[derive(Clone)]
 pub(super) struct InformationFilter {
     width: usize,
@@ -29,8 +29,8 @@ pub(super) struct InformationFilter {
 /// Propagation of the direction of gravity over a time interval with the measured angular rate.
 #[derive(Clone)]
 pub(super) struct Propagation {
-    /// The matrix C in `d' = d - C theta`: the derivatives of both angles of the gravity direction with respect to the
-    /// parameters, with opposite sign.
+    /// The matrix C in `d' = d - C theta`: minus the derivatives of both angles of the gravity direction with respect
+    /// to the parameters.
     pub(super) jacobian: [Vec<f64>; 2],
     /// Covariance Q of the noise that the propagation adds to the two angles, rad^2.
     pub(super) covariance: Matrix2<f64>,

@@ -173,8 +173,9 @@ pub(super) fn whole_ticks(time_s: f64) -> f64 {
 impl Zone {
     /// Whether the straight path between two sets of motor angles touches the zone.
     fn is_crossed(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
-        // Intervals of the path, as shares of its length, in which the angles of all motors processed so far are inside
-        // the zone. The angle of a motor that makes several revolutions is inside the zone several times.
+        // Intervals of the path in which the angles of all motors processed so far are inside the zone. The path runs
+        // from 0 (start) to 1 (end). The angle of a motor that makes several revolutions is inside the zone several
+        // times.
         let mut inside = vec![[0.0, 1.0]];
         for motor in 0..3 {
             let Some([low, high]) = self.angle_rad[motor] else { continue };

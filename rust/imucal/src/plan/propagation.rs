@@ -20,8 +20,7 @@ const HELD_S: f64 = 0.2;
 const STEPS: usize = 32;
 
 /// Information from a rest: derivatives of the mean force and of the mean rate with respect to the gravity direction
-/// and the parameters. Each derivative is divided by the standard deviation that its measurement has as a mean over one
-/// second.
+/// and the parameters. Each derivative is divided by the standard deviation of the mean reading over one second.
 #[derive(Clone)]
 pub(super) struct RestInformation {
     force: [Vec<f64>; 3],
@@ -67,10 +66,10 @@ impl RestInformation {
         }
     }
 
-    /// Adds the information of a rest of `duration_s`, s, to the filter. `rests` is the number of rests of the whole
-    /// run. The gyroscope has the same reading at all rests, so the rounding error of the rate is equal at all rests
-    /// and does not average out over the rests. To account for this, the rounding variance of each rest is multiplied
-    /// by `rests`.
+    /// Adds the information of a rest to the filter. The rest takes `duration_s`. `rests` is the number of rests of the
+    /// whole run. The gyroscope has the same reading at all rests, so the rounding error of the rate is equal at all
+    /// rests and does not average out over the rests. To account for this, the rounding variance of each rest is
+    /// multiplied by `rests`.
     pub(super) fn add_to(&self, filter: &mut InformationFilter, duration_s: f64, rests: usize) {
         let Some(half) = &self.half_interval else {
             let [force, rate] = self.rounding;

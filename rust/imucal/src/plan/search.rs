@@ -22,8 +22,8 @@ use crate::simulate::Program;
 
 /// Numbers of poses of the four random programs from which the search starts. The search can add and remove poses.
 const STARTS: [usize; 4] = [8, 16, 32, 64];
-/// From each of the four random programs, the search tries 1 / `SHARE_OF_START` of all proposals. The remaining
-/// proposals start from the best of the four results.
+/// The search first starts from each of the four random programs, each time with 1 / `SHARE_OF_START` of all proposals.
+/// It then continues from the best of the four results with the remaining proposals.
 const SHARE_OF_START: usize = 16;
 /// Annealing temperature at the start of the search. The cost of a program is a logarithm, so the temperature has no
 /// unit. An increase of the cost by this temperature is accepted with a probability of about one third.

@@ -19,7 +19,7 @@ use crate::two_stage::observability::FARTHEST;
 /// Maximum share of the gyroscope's range that a plan uses. The remaining 5 % are a margin for noise and for overshoot
 /// of the motors.
 const NEAR_RAILS: f64 = 0.95;
-/// If an effect has a time constant, a plan assumes that the time constant is this share of the duration of the run.
+/// Assumed time constant of an effect (for effects that have one), as a share of the duration of the planned run.
 const SHAPE_SHARE: f64 = 0.3;
 
 /// Model of a unit for planning: the sensitivities, the white noise, and the effects to be estimated.
@@ -59,7 +59,8 @@ fn rounding_error(sensor: &Sensor, rate_hz: f64) -> f64 {
 }
 
 impl Sensors {
-    /// Model of a unit without its effects, at this sampling rate, Hz, and local gravity, m/s^2.
+    /// Creates the model of a unit for a sampling rate, Hz, and the local gravity, m/s^2. The model does not contain
+    /// the effects of the unit.
     pub fn of(unit: &Unit, rate_hz: f64, gravity_mps2: f64) -> Self {
         let variance = |sensor: &Sensor, factor: f64| {
             let rounding = sensor.converter.map_or(0.0, |converter| converter.lsb * converter.lsb / 12.0);
@@ -136,10 +137,9 @@ impl Sensors {
         self.effects.iter().flat_map(named).collect()
     }
 
-    /// Prior precision 1 / sigma^2 of each parameter. By default, sigma is a tenth of the size of a parameter of the
-    /// triads, and ten times the typical size of a parameter of an effect. The size of a sensitivity is the mean scale,
-    /// and the size of a bias is the reading at 1 g or at 1 rad/s. If the user gave a narrower prior, its sigma is
-    /// used.
+    /// Prior precision 1 / sigma^2 of each parameter. By default, sigma is a tenth of the mean scale for a sensitivity,
+    /// a tenth of the reading at 1 g or at 1 rad/s for a bias, and ten times the typical size for a parameter of an
+    /// effect. If the user gave a narrower prior, its sigma is used.
     pub(super) fn prior_precision(&self) -> Vec<f64> {
         let scale = |matrix: &Matrix3<f64>| matrix.norm() / 3f64.sqrt();
         let (accelerometer, gyroscope) = (scale(&self.accelerometer), scale(&self.gyroscope));

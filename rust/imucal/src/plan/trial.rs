@@ -15,8 +15,8 @@ use crate::error::Error;
 use crate::simulate::profile::MotorState;
 use crate::simulate::{Moment, Program, Step};
 
-/// Between two consecutive poses, at least one motor must turn by at least this angle, rad. Two closer poses would give
-/// nearly equal measurements.
+/// Between two consecutive poses, at least one motor must turn by at least this angle, rad. Two poses that are closer
+/// together would give nearly equal measurements.
 const LEAST_TURN_RAD: f64 = 0.17;
 /// A planned rest is longer than the minimum duration of a rest by this margin, s. The margin is needed because rest
 /// detection tests short blocks of samples and finds the ends of a rest only with a resolution of one block.

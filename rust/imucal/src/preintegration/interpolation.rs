@@ -1,6 +1,6 @@
-//! Interpolation of the rate between two samples.
+//! Selects the interpolation of the rate between two samples: linear or cubic.
 
-/// Maximum relative difference between time steps that count as equal.
+/// Maximum relative difference between two time steps that are treated as equal.
 const UNEVEN: f64 = 0.01;
 /// Cubic interpolation is used only if adjacent time steps differ by at most this factor. Otherwise, linear
 /// interpolation is more robust.

@@ -8,7 +8,7 @@ use super::lanes::{Lanes, MOST_LANES, Quaternions, Three, lane_start, prefetch, 
 use super::step::{LaneState, StepTerm, at_nodes};
 use super::sums::{Node, STEPS_OF_A_NODE, Sample, Totals, end_of_nodes};
 
-/// Number of steps in a tile. A lane reads all samples of a tile together. A tile is half a node, which is a group of
+/// Number of steps in a tile. A lane reads all samples of a tile together. A tile is half a node. A node is a group of
 /// 16 steps (see `sums.rs`).
 const TILE: usize = STEPS_OF_A_NODE / 2;
 /// A sample is prefetched from memory this number of samples before it is used.
@@ -42,8 +42,8 @@ pub(super) struct Increment {
     /// for each rate component. In the sum for rate component j, only the columns c <= j are valid.
     pub(super) sums: [Matrix3<f64>; 4],
     /// Number of processed steps. All lanes process the same number of steps, or the same number of nodes (16 steps).
-    /// Some steps at the end of a block may therefore remain unprocessed. Their number is below the number of lanes, or
-    /// with nodes below 16 times the number of lanes.
+    /// Some steps at the end of a block may therefore remain unprocessed. Their number is below the number of lanes.
+    /// With nodes, it is below 16 times the number of lanes.
     pub(super) steps: usize,
 }
 

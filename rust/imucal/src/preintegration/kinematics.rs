@@ -35,9 +35,9 @@ const LEAST_CHANGE_RAD: f64 = 0.01;
 pub(crate) struct RateFromGravity {
     /// The matrix P in `true rate = P (raw - bias)`.
     pub(crate) rate_from_raw: Matrix3<f64>,
-    /// Share of the (weighted) squared changes of the gravity direction that the rates explain with this P. It is close
-    /// to 1 on a stand, about 0.8 for vigorous hand-held moves, and small if the sensors did not move together. It is 1
-    /// if the unit rotates so slowly that noise may dominate the changes ([`LEAST_CHANGE_RAD`]).
+    /// Share of the (weighted) squared changes of the gravity direction that is explained by the rates and this P. It
+    /// is close to 1 on a stand, about 0.8 for vigorous hand-held moves, and small if the sensors did not move
+    /// together. It is 1 if the unit rotates so slowly that noise may dominate the changes ([`LEAST_CHANGE_RAD`]).
     pub(crate) explained: f64,
 }
 
@@ -106,8 +106,8 @@ struct Pair {
 
 fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: Vector3<f64>, pairs: &mut Vec<Pair>) {
     let dt_s = m.interval_s;
-    // A block has an even number of samples, so that its centre is between two samples. This number is limited, because
-    // if the time stamps of a move hardly increase, 0.1 s would contain far more samples than the move.
+    // A block has an even number of samples, so that its centre is between two samples. The number is limited, because
+    // time stamps that hardly increase would give a far larger number of samples than the move has.
     let block = ((BLOCK_S / dt_s / 2.0).round() as usize).clamp(1, m.last + 1 - m.first) * 2;
     let up = |start: usize| {
         let sum: Vector3<f64> = recording.specific_force.slice(start..start + block).iter().map(Vector3::from).sum();

@@ -20,8 +20,8 @@ pub enum SampleTimes<'a> {
 }
 
 impl<'a> SampleTimes<'a> {
-    /// `Even` if the time stamps deviate from equal steps only by rounding, otherwise `Stamps`. With equal steps, the
-    /// rounding of the stamps does not affect the integral.
+    /// `Even` if the time stamps deviate from equal steps only by rounding, otherwise `Stamps`. Equal steps are
+    /// preferred, because the rounding of the stamps then does not affect the integral.
     pub fn of(stamps_s: &'a [f64]) -> Self {
         let (Some(first), Some(last)) = (stamps_s.first(), stamps_s.last()) else { return Self::Stamps(stamps_s) };
         let interval_s = Self::Stamps(stamps_s).mean_interval_s();
@@ -52,13 +52,14 @@ pub struct RateSegment<'a> {
 
 #[cfg(test)]
 thread_local! {
-    /// Number of steps integrated so far on this thread. From this number, tests compute how often a fit reads the
+    /// Number of steps integrated so far on this thread. Tests compute from this number how often a fit reads the
     /// samples.
     pub(crate) static STEPS_TAKEN: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
 }
 
-/// Number of steps that each SIMD lane processes in a block. The number is large, because the first samples of each
-/// lane are not prefetched. It is not a power of two, because the lanes would then compete for the same cache sets.
+/// Number of steps that each SIMD lane processes in a block. The first samples of each lane are not prefetched, so the
+/// number is large. It is not a power of two, because lanes at such distances in memory would compete for the same
+/// cache sets.
 const STEPS_OF_A_LANE: usize = 4000;
 /// The integration first tries the smallest range of step angles ([`ANGLE_RANGES`]) that contains the angle of a step
 /// at this angular rate, rad/s (340 deg/s). The step angles would often exceed a smaller range.
@@ -116,8 +117,8 @@ impl<'a> RateSegment<'a> {
         })
     }
 
-    /// Integrates the rotation over the segment for a gyroscope with these parameters. It maps vectors from the frame
-    /// at the end to the frame at the start: `v_start = rotation * v_end`.
+    /// Integrates the rotation over the segment for a gyroscope with these parameters. The rotation maps vectors from
+    /// the frame at the end to the frame at the start: `v_start = rotation * v_end`.
     pub fn rotation(&self, gyroscope: &Triad<f64>) -> Matrix3<f64> {
         let (rotation, _) = match self.interpolation {
             Interpolation::Linear => self.integrate::<false, false>(gyroscope),
@@ -176,9 +177,9 @@ impl<'a> RateSegment<'a> {
         (frame.rotation * all.rotation * frame.rotation.inverse(), sums)
     }
 
-    /// Integrates a block with SIMD. From `angle_range` on, the ranges of step angles are tried in ascending order
-    /// until a range contains all step angles. The next block starts with this range. `None` if no range contains them
-    /// or if the block has too few steps.
+    /// Integrates a block with SIMD. Tries the ranges of step angles in ascending order, from `angle_range` on, until a
+    /// range contains all step angles of the block. The next block starts with this range. `None` if no range contains
+    /// them or if the block has too few steps.
     fn lanes<const CUBIC: bool, const SUMS: bool>(
         &self,
         block: Block<'_>,
@@ -197,9 +198,10 @@ impl<'a> RateSegment<'a> {
         }
     }
 
-    /// Integrates steps without SIMD. It is used for large step angles, and for the last steps, which do not fill all
-    /// lanes. The steps are integrated in the frame of the gyroscope, and only their result is transformed to `frame`.
-    /// This avoids rounding errors due to a transformation of every sample.
+    /// Integrates steps without SIMD. The function is used for large step angles, for cubic interpolation at unequal
+    /// times, and for the last steps, which do not fill all lanes. The steps are integrated in the frame of the
+    /// gyroscope, and only their result is transformed to `frame`. This avoids rounding errors due to a transformation
+    /// of every sample.
     fn scalar_steps<const CUBIC: bool>(
         &self,
         gyroscope: &Triad<f64>,

@@ -151,8 +151,8 @@ pub(super) fn reference(path: &Samples<'_>, at_nodes: usize) -> [Square; 5] {
             continue;
         }
         // The derivative R' = R [w]x, multiplied by h^2 / 6, where h is the time step. The vectorised integration
-        // multiplies all rates by h / 6, and each of the factors R' and D (see `sums.rs`) contains one rate. Its sums
-        // are finally multiplied by 6. Together, this gives (h / 6)^2 x 6 = h^2 / 6.
+        // multiplies all rates by h / 6, and each of the factors R' and D (see `sums.rs`) contains one rate. The sums
+        // of the vectorised integration are finally multiplied by 6. Together, this gives (h / 6)^2 x 6 = h^2 / 6.
         let derivative = |rotation: &Square, rate: &Vector| {
             scaled(&product(rotation, &hat_of(rate)), h * h * third * Double::of(0.5))
         };

@@ -21,8 +21,7 @@ use super::sums::Sample;
 pub(super) struct AngleRange {
     /// Maximum rotation angle of a step, rad.
     pub(super) turn_rad: f64,
-    /// Number of terms that this range needs in each of two polynomials: that of the tangent, and that of the squared
-    /// cosine.
+    /// Numbers of terms that the polynomials for the tangent and for the squared cosine need in this range.
     terms: [usize; 2],
 }
 
@@ -70,8 +69,8 @@ const fn by_powers<const N: usize>(mut factor: f64, ratio: f64, mut coefficients
 pub(super) struct StepTerm<S: Simd> {
     /// Vector part of the step's quaternion divided by its scalar part.
     vector: Three<S>,
-    /// Square of the cosine of half the rotation angle. It equals 1 / |(1, vector)|^2, because the quaternion (1,
-    /// vector) is not normalised.
+    /// Square of the cosine of half the rotation angle. For the quaternion (1, vector), which is not normalised, it
+    /// equals 1 / |(1, vector)|^2.
     cosine_squared: Lanes<S>,
 }
 
@@ -183,7 +182,7 @@ impl<S: Simd> LaneState<S> {
         self.a[if CUBIC { 1 } else { 2 }]
     }
 
-    /// Contribution to the sums of the sample at the start of the next step, with the weight `weight`.
+    /// Returns the sample at the start of the next step, with the weight `weight`, as a contribution to the sums.
     #[inline(always)]
     pub(super) fn here<const CUBIC: bool>(&self, weight: Lanes<S>) -> Sample<S> {
         let sample = self.sample::<CUBIC>();

@@ -38,7 +38,7 @@ const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
 /// If D were computed only from the difference between the samples at the two ends of a node, the factor of x^2 would
 /// be this value instead of b / a.
 const OF_ENDS: f64 = 1.0 / 24.0;
-/// Share of the difference between the end samples in D: `share x OF_ENDS + (1 - share) x OF_HALVES = b / a`.
+/// Weight that the difference between the end samples has in D: `share x OF_ENDS + (1 - share) x OF_HALVES = b / a`.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
 /// In D, the difference between the sums over the two halves of a node is multiplied by this factor. The factor is
 /// valid for the rates in the vectorised integration, which are multiplied by a sixth of the time step.
@@ -112,7 +112,7 @@ struct Column<S: Simd> {
 }
 
 /// Sums in all lanes. For column c of R and rate component j, only the sums with `j >= c` are accumulated. The other
-/// sums are computed from the final rotation.
+/// sums are computed from these sums and the final rotation.
 #[repr(align(64))]
 pub(super) struct Totals<S: Simd>([Column<S>; 3]);
 

@@ -223,8 +223,8 @@ fn sums_at_nodes_are_those_of_all_samples() {
     // A segment during a rotation at up to 2.4 rad/s, as in the moves of the benchmark.
     let error = worst(&shaken(20_001, 1.25e-4, 0.45, 0.0), false);
     assert!(error < 1e-12, "{error:e}");
-    // Segments with rates of up to 7.5 rad/s and with incomplete lanes. If there is noise, the error must be below 1 %
-    // of the change due to the noise.
+    // Segments with rates of up to 7.5 rad/s and with incomplete lanes. With noise, the error must be below 1 % of the
+    // change of the sums that is due to the noise.
     for steps in [127, 128, 200, 1023, 8_005] {
         for is_cubic in [false, true] {
             let raw = |noise| shaken(steps + 1 + 2 * usize::from(is_cubic), 1.25e-4, 1.4, noise);

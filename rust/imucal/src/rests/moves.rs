@@ -20,17 +20,17 @@ use crate::rests::unit_rest::{UnitRest, touches};
 /// (7)). Over a longer time step, the rotation cannot be integrated accurately.
 const LONGEST_STEP: f64 = 2.5;
 
-/// Duration of the part of an unsteady (hand-held) rest from which the gravity direction at an end of the rest is
-/// computed, s (model.md (13)). This part is next to the move.
+/// The gravity direction at an end of an unsteady (hand-held) rest is computed from the samples of the rest within this
+/// time from that end, s (model.md (13)).
 const SPAN_S: f64 = 1.0;
 /// Number of equal parts into which the last or first second of an unsteady (hand-held) rest is divided. The variance
 /// of the gravity direction is computed from the scatter of the means over these parts (model.md (13)).
 const TENTHS: usize = 10;
-/// A rest counts as hand-held if the scatter of its rates within 0.1 s exceeds this factor times the noise of the
-/// gyroscope. The factor is above 1 because the estimated noise is uncertain.
+/// A rest is classified as hand-held if the scatter of its rates within 0.1 s exceeds this factor times the noise of
+/// the gyroscope. The factor is above 1 because the estimated noise is uncertain.
 const TREMBLING: f64 = 1.5;
-/// A rest does not count as hand-held if the scatter of its rates within 0.1 s is below this limit, rad/s. Hand tremor
-/// causes larger rates. The limit prevents false detections in recordings without noise.
+/// A rest is never classified as hand-held if the scatter of its rates within 0.1 s is below this limit, rad/s. Hand
+/// tremor causes larger rates. The limit prevents false detections in recordings without noise.
 const STILL_RADPS: f64 = 1e-3;
 /// Lower bound of the standard deviation of the gravity-direction error after a move, rad. The bound is the size of the
 /// error that the integration of a sampled rate causes. In simulated data without noise, the residual of a move
@@ -189,9 +189,9 @@ pub(crate) struct End {
     /// Whether the reading is the mean over the whole rest, as for a rest on a rigid support. Otherwise, the reading is
     /// valid only at one end of the rest, because the attitude changes during the rest.
     pub(crate) steady: bool,
-    /// First part of the variance, rad^2: noise of the mean over the whole rest. The move on the other side of this
-    /// rest has a residual that depends on the same mean, and so does the residual of the norm of the mean force. The
-    /// errors of all these residuals are therefore correlated.
+    /// First part of the variance, rad^2: noise of the mean over the whole rest. Three residuals depend on this mean:
+    /// the residuals of the moves before and after the rest, and the residual of the norm of the mean force. Their
+    /// errors are therefore correlated.
     pub(crate) shared_variance: f64,
     /// Second part of the variance, rad^2: noise that is contained only in the residual of this move.
     pub(crate) own_variance: f64,
@@ -199,8 +199,8 @@ pub(crate) struct End {
 
 impl Directions<'_> {
     /// Returns, for each move, the gravity directions at both ends and the standard deviation of the move's residual.
-    /// The second result is, for each move, the standard deviation of the residual without the noise of the means over
-    /// rests, rad. This standard deviation includes only errors that are independent between moves.
+    /// The second result is, for each move, the standard deviation of those errors of the residual that are independent
+    /// between moves, rad. It excludes the noise of the means over rests, because two moves share each mean.
     pub(crate) fn ends_of(&self, moves: &[Move]) -> (Vec<Ends>, Vec<f64>) {
         moves
             .iter()
@@ -218,8 +218,8 @@ impl Directions<'_> {
 
     /// Accelerometer readings of gravity at the start and at the end of a move, with their variances.
     ///
-    /// `sensors_drift` is true if the mean force may change during a rest because the sensors drift. An unsteady rest
-    /// then counts as hand-held only if the gyroscope also shows tremor.
+    /// `sensors_drift` is true if the mean force may change during a rest because the sensors drift. In this case, an
+    /// unsteady rest is classified as hand-held only if the gyroscope also shows tremor.
     pub(crate) fn readings(&self, m: &Move, sensors_drift: bool) -> [End; 2] {
         let steady = |k: usize| {
             let UnitRest { recording, rest, .. } = &self.rests[k];

@@ -14,10 +14,10 @@ use crate::rests::tremor::{Hand, Sensors};
 
 impl Segments {
     /// Findings about noise densities and biases that no real sensor has. There are no findings if every rest is
-    /// unsteady (hand-held), because the densities then contain the tremor of the hand. A rest counts as unsteady if
-    /// its samples scatter more than the samples in the quietest parts of the recording. If the tremor is equally
-    /// strong everywhere, no rest is therefore unsteady. In this case, the tremor is detected by the correlation
-    /// between both sensors, and the densities are computed without the tremor.
+    /// unsteady (hand-held), because the densities then contain the tremor of the hand. A rest is unsteady if its
+    /// samples scatter more than the samples in the quietest parts of the recording. If the tremor is equally strong in
+    /// the whole recording, every rest therefore appears steady. In this case, the tremor is detected by the
+    /// correlation between both sensors, and the densities are computed without the tremor.
     pub fn check_noise(&self, recording: &Recording<'_>) -> Vec<Finding> {
         let steady: Vec<&Rest> = self.rests.iter().filter(|rest| rest.is_steady()).collect();
         if steady.is_empty() {

@@ -36,7 +36,7 @@ impl RestMean {
     }
 }
 
-/// Two rests count as rests in the same pose if their readings on each axis differ by at most this number of
+/// Two rests are treated as rests in the same pose if their readings on each axis differ by at most this number of
 /// quantisation steps. In the same pose, both rests have the same rounding error, even if its size is unknown.
 const SAME_POSE: f64 = 0.5;
 
@@ -69,9 +69,9 @@ pub struct Rest {
     /// Time of the last sample, s.
     pub end_s: f64,
     /// Unsteadiness (model.md (11)): the larger of two ratios. The first ratio is (variance within half a second) /
-    /// (noise variance). The second ratio compares the drift of the mean force with noise: (squared drift) / (15 x
-    /// variance of the drift due to noise), summed over the axes. With the factor 15, noise alone almost never gives a
-    /// ratio above 2. The unsteadiness is near 1 if the unit lies on a table, and above 2 if it is hand-held.
+    /// (noise variance). The second ratio compares the drift of the mean force with noise. It is the sum over the axes
+    /// of (squared drift) / (15 x variance of the drift due to noise). With the factor 15, noise alone almost never
+    /// gives a ratio above 2. The unsteadiness is near 1 if the unit lies on a table, and above 2 if it is hand-held.
     pub unsteadiness: f64,
     /// Mean of the accelerometer over the rest, raw units.
     pub specific_force: RestMean,

@@ -26,9 +26,10 @@ const SIGN: f64 = 1.28;
 
 /// Returns the factor c that the noise of each channel has before rounding (model.md (10)). c is the factor by which
 /// the correlation of the noise increases the variance of a mean. If the noise is below the quantisation step, c is
-/// estimated from the rounded samples. The farther the mean is from the middle between two levels, the less correlated
-/// the rounded samples are, and the smaller this estimate. The three axes of a sensor have equal filters and therefore
-/// equal factors c, so the largest estimate among the axes is the best one. `colour` contains the estimates.
+/// estimated from the rounded samples. This estimate is largest if the mean is midway between two levels. At a mean
+/// farther from the middle, the rounded samples are less correlated, and the estimate is too small. The three axes of a
+/// sensor have equal filters and therefore equal factors c, so the largest estimate among the axes is the best one.
+/// `colour` contains the estimates.
 pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6<f64> {
     let coarse = |channel: &usize| steps[*channel] > 0.0;
     Vector6::from_fn(|channel, _| {
@@ -92,7 +93,7 @@ pub(super) fn of_channel<'a>(recording: &Recording<'a>, channel: usize) -> (Samp
 }
 
 /// For each rest: the number of independent samples at each level (multiple of the quantisation step). Because the
-/// noise is correlated, each sample counts as 1 / `colour` independent samples.
+/// noise is correlated, each sample is equivalent to 1 / `colour` independent samples.
 fn levels(rows: Samples<'_>, axis: usize, rests: &[&Rest], step: f64, colour: f64) -> Vec<Levels> {
     let Some(zero) = rests.first().map(|rest| rows.at(rest.first)[axis]) else { return Vec::new() };
     let level = |value: f64| (((value - zero) / step).round() as i64, 1.0 / colour);

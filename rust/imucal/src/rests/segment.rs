@@ -4,8 +4,8 @@
 //! channels. A window is at rest if its statistic is below a threshold. At 400 Hz and above, the samples are first
 //! averaged over about 5 ms. The user specifies neither an initial rest nor a threshold. The noise variance is
 //! estimated from the quietest windows. The threshold is chosen from the widest range of thresholds that give the same
-//! number of rests. The sum of squared residuals of a calibration cannot be used for the choice, because fewer rests
-//! always give a smaller sum. Hand-held rests after a rest on a table have their own noise variance and threshold.
+//! number of rests. The sum of squared residuals of a calibration is no criterion for this choice, because with fewer
+//! rests it is always smaller. Hand-held rests after a rest on a table have their own noise variance and threshold.
 
 mod blocks;
 mod edges;
@@ -46,7 +46,7 @@ const WINDOW_BLOCKS: usize = 10;
 pub struct Threshold {
     /// The threshold. A window is at rest if its statistic (variance / noise variance, averaged over the channels) is
     /// below this value. If hand-held rests follow a rest on a table, their threshold is a multiple of the variance of
-    /// hand-held rests. Here, this threshold is converted approximately to a multiple of the noise variance.
+    /// hand-held rests. The value in this field is then an approximate conversion to a multiple of the noise variance.
     pub factor: f64,
     /// Lower end of the range from which the threshold was chosen. All thresholds in this range give the same number n
     /// of rests. Of all ranges with a constant n, the chosen range has approximately the largest product ln(upper end /
@@ -69,7 +69,7 @@ pub struct Segments {
     /// The epochs of each rest (model.md (41)). A long rest is divided into epochs, each with its own mean. The list is
     /// empty for a rest that is so short that one mean describes it.
     pub epochs: Vec<Vec<Rest>>,
-    /// Intervals that are at rest but too short to count as rests, as index ranges of samples.
+    /// Intervals at rest that are shorter than the minimum duration of a rest, as index ranges of samples.
     pub too_short: Vec<Range<usize>>,
     /// The threshold, and the range of thresholds that explains its choice.
     pub threshold: Threshold,
@@ -177,7 +177,7 @@ impl Segments {
         }
         let sample_variance = floor * averaged;
         let mut variance = steadiness.noise_variance(described(&stretches, &epochs)).unwrap_or(sample_variance);
-        // At rest, the scatter of rounded samples depends on where the mean is between two levels. In moves, the
+        // At rest, the scatter of rounded samples depends on the position of the mean between two levels. In moves, the
         // samples pass through many levels, so rounding adds an error with the variance step^2 / 12 to the noise.
         for channel in (0..6).filter(|&channel| rounding[channel].is_coarse()) {
             variance[channel] = rounding[channel].sweeping_variance(colour[channel]);

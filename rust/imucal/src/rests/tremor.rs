@@ -9,12 +9,12 @@
 //! and dt is the sampling interval.
 //!
 //! Both sensors measure the same tremor, and their noise is independent. The first expression above is therefore the
-//! variance of the tremor, without noise. The unit counts as hand-held if this variance exceeds sqrt(r q). r is the
-//! spectral density of the tilt error from accelerometer noise, and q that of the rate error from gyroscope noise
-//! (model.md (27)). sqrt(r q) is the error variance of a gravity direction that is averaged over samples, each of which
-//! is rotated to the same attitude with the gyroscope. At a hand-held rest, the mean force does not have the direction
-//! of gravity at the start of the next move, and the scatter of the samples is not sensor noise. Sensor noise is
-//! estimated from fourth differences of consecutive samples, because tremor is too slow to change these differences.
+//! variance of the tremor, without noise. The unit is hand-held if this variance exceeds sqrt(r q). r is the spectral
+//! density of the tilt error from accelerometer noise, and q that of the rate error from gyroscope noise. sqrt(r q) is
+//! the variance that sensor noise causes in the gravity direction at an end of a rest, if all samples are rotated to
+//! the attitude at that end with the gyroscope and averaged. At a hand-held rest, the mean force does not have the
+//! direction of gravity at the start of the next move, and the scatter of the samples is not sensor noise. Sensor noise
+//! is estimated from fourth differences of consecutive samples, because tremor is too slow to change these differences.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -38,8 +38,8 @@ const SQUARES: f64 = 70.0;
 /// Duration over which the samples at an end of a rest are averaged with exponential weights, in time constants of the
 /// weights. Samples farther from this end are omitted, because the sum of their weights is below 1 %.
 const REACH: f64 = 5.0;
-/// A recording counts as hand-held only if the estimated variance of the tremor is positive in nearly all of its rests.
-/// The constant is the largest allowed share of rests with an estimate of zero or less (model.md (27)).
+/// In a hand-held recording, the estimated variance of the tremor is positive in nearly all rests. The constant is the
+/// largest allowed share of rests with an estimate of zero or less (model.md (27)).
 const FEW: f64 = 0.1;
 /// The gravity direction at an end of a rest is averaged with a time constant of at most (duration of the rest) / ROOM
 /// (model.md (27)). Only short rests reach this limit.
@@ -127,8 +127,8 @@ impl Hand {
 
     /// Averaging time constant of the gravity direction at an end of a rest, s. This direction is a mean over samples
     /// that the gyroscope rotates to the attitude at this end, with exponential weights. The time constant is
-    /// `sqrt(r / q)` with r = `tilt_rad2_s` and q = `walk_rad2_per_s`, as for the steady state of a Kalman filter for
-    /// the noise of both sensors. In short rests, the time constant is limited to (duration of the rest) / [`ROOM`].
+    /// `sqrt(r / q)` with r = `tilt_rad2_s` and q = `walk_rad2_per_s`. A Kalman filter that combines both sensors has
+    /// this time constant in the steady state. In short rests, it is limited to (duration of the rest) / [`ROOM`].
     fn averaging_s(&self, rest: &Rest) -> f64 {
         (self.tilt_rad2_s / self.walk_rad2_per_s).sqrt().min((rest.end_s - rest.start_s) / ROOM)
     }
@@ -142,8 +142,8 @@ impl Hand {
 
     /// Variance, rad^2, of an angle about an axis perpendicular to gravity: the rotation that the integrated gyroscope
     /// gives over a rest, minus the rotation between the gravity directions at both ends of the rest. The variance is
-    /// `q (T - 3 a) + r / a`, where T is the duration of the rest, and a, q and r are those of
-    /// [`variance_rad2`](Self::variance_rad2). Both directions also contain gyroscope noise, which cancels a part of
+    /// `q (T - 3 a) + r / a`, where T is the duration of the rest. The averaging time constant a, r and q are defined
+    /// at [`variance_rad2`](Self::variance_rad2). Both directions also contain gyroscope noise, which cancels a part of
     /// the gyroscope noise in the integrated rotation. This cancellation gives the term -3 a.
     fn turn_variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);

@@ -41,8 +41,8 @@ pub(crate) struct PropagatedMean {
     pub(crate) shrunk: Vector3<f64>,
 }
 
-/// Converts `rests`, which come from a table of mean readings with one row per rest, to rests of a unit. All of them
-/// count as rests of one recording, and none is divided into epochs.
+/// Converts the rests of a table of mean readings (one row per rest) to rests of a unit. All of them are assigned to
+/// one recording, and none is divided into epochs.
 pub(crate) fn rests_of_means(rests: &[Rest]) -> Vec<UnitRest> {
     rests.iter().enumerate().map(|(whole, rest)| UnitRest::new(0, *rest, whole, 0)).collect()
 }

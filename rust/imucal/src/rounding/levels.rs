@@ -9,17 +9,18 @@ use statrs::function::erf::erfc;
 /// steps. The readings of a gyroscope are nearly equal at all rests. A separate unknown true mean for each rest would
 /// make large noise seem too likely, so the estimate of the noise would be too large.
 const SAME_READING: f64 = 0.15;
-/// A level (multiple of the quantisation step) that is more than 1.5 steps from the mean is omitted if at most this
-/// share of the samples is at this level, or at most one independent sample. Its samples are due to a jolt or a
-/// transmission error, and a single such sample would dominate the estimated noise.
+/// A level (multiple of the quantisation step) that is more than 1.5 steps from the mean is omitted if it has at most
+/// this share of the samples, or at most one independent sample. Such samples are due to a jolt or a transmission
+/// error, and a single one of them would dominate the estimated noise.
 const FOREIGN: f64 = 1e-3;
 /// Maximum number of independent samples of one rest in the comparison of its noise with that of the other rests. With
-/// this number, a rest contradicts a trial value of the noise only if its own noise differs from this value by more
-/// than about the spacing of the trial values (14 %).
+/// this number of samples, a rest contradicts a trial value of the noise only if the noise of the rest differs from the
+/// trial value by more than about 14 %, which is the spacing of the trial values.
 const COMPARED: f64 = 300.0;
 /// A rest contradicts a trial value of the noise if its log-likelihood at this value is more than this amount below its
-/// maximum log-likelihood. This corresponds to four standard deviations. When the rests are compared with a trial
-/// value, no rest counts more than this amount against the value.
+/// maximum log-likelihood. This corresponds to four standard deviations. The trial values are compared by the sum of
+/// this difference over the rests. In the sum, the difference of each rest is limited to this amount, so that no single
+/// rest can exclude a trial value.
 const CONTRADICTION: f64 = 8.0;
 /// Smallest and largest trial value of the standard deviation of the noise, in steps. With the smallest value, nearly
 /// all samples of a rest are equal. With the largest value, rounding causes no error of the mean.
@@ -38,9 +39,9 @@ const NEGLIGIBLE: f64 = 12.0;
 pub(crate) struct Levels {
     /// Mean of the readings, steps.
     mean: f64,
-    /// Each level, in steps, and its number of independent samples. The noise is correlated, so each sample counts as
-    /// only 1/c independent samples. c is the factor by which this correlation increases the variance of a mean
-    /// (model.md (10)).
+    /// Each level, in steps, and its number of independent samples. The noise is correlated, so each sample is
+    /// equivalent to only 1/c independent samples. c is the factor by which this correlation increases the variance of
+    /// a mean (model.md (10)).
     counts: BTreeMap<i64, f64>,
 }
 
@@ -59,8 +60,9 @@ impl RestNoise {
     /// Finds the trial value of the noise that the rests contradict least. The common noise is then estimated from all
     /// rests that do not contradict this value.
     ///
-    /// The product of the likelihoods of all rests is not used. Levels far from the mean are so unlikely with small
-    /// noise that a few rests with large noise would exclude the small noise of all other rests.
+    /// The plain product of the likelihoods of all rests is not used. Suppose that a few rests have large noise and all
+    /// others small noise. The levels far from the mean that occur at these few rests are nearly impossible with small
+    /// noise, so the product would be large only for large noise.
     pub(super) fn of(rests: &[Levels]) -> Self {
         let alone: Vec<Likelihood> =
             rests.iter().map(Levels::compared).map(|rest| relative(|noise| rest.log_likelihood(noise))).collect();
@@ -153,7 +155,8 @@ impl Levels {
     /// Log-likelihood of the levels for noise of this standard deviation. Let L be the likelihood for a given true
     /// mean. The true mean is unknown, so it is eliminated in two ways: ln of the maximum of L, and ln of the average
     /// of L, both over the true mean. The result is the mean of these two values, because both are biased if only two
-    /// levels occur. The maximum is then equal for all small noise, and the average is proportional to the noise.
+    /// levels occur: the maximum is equal for all small noise and so favours noise near zero, and the average is
+    /// proportional to the noise and so favours large noise.
     pub(super) fn log_likelihood(&self, noise: f64) -> f64 {
         let of_mean = |mean: f64| -> f64 {
             let term = |(level, count): (i64, f64)| count * ln_share((mean - level as f64).abs(), noise);

@@ -19,8 +19,9 @@ const FAR: f64 = 20.5;
 const UNEVEN: f64 = 0.25;
 /// Minimum share of the distances between neighbouring levels that are multiples of the step.
 const REGULAR: f64 = 0.9;
-/// Minimum share of the distances between neighbouring levels that are at most [`FAR`]. Continuous values do
-/// not reach this share, because most of their distances are much larger than the smallest distance.
+/// Readings are quantised only if at least this share of the distances between neighbouring levels is shorter than
+/// [`FAR`] steps. Continuous values do not reach this share, because most of their distances are much larger than the
+/// smallest distance.
 const NEAR: f64 = 0.5;
 
 /// Quantisation step (LSB) of the readings of an axis; `None` if the readings are not quantised.

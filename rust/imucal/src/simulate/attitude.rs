@@ -78,8 +78,8 @@ impl Attitude {
         }
     }
 
-    /// Product of this attitude and `next`, the attitude of a further frame relative to the moving frame of this
-    /// attitude.
+    /// Returns the product of this attitude and `next`. `next` is the attitude of a third frame relative to the moving
+    /// frame of this attitude.
     #[inline]
     pub(super) fn then(&self, next: &Self) -> Self {
         let carried = next.rotation.inverse_transform_vector(&self.rate);
@@ -102,8 +102,8 @@ impl Attitude {
         }
     }
 
-    /// A direction that is constant in the reference frame, expressed in the moving frame, with its first two
-    /// derivatives.
+    /// Expresses a direction that is constant in the reference frame in the moving frame, and returns it with its first
+    /// two derivatives.
     #[inline]
     pub(super) fn seen(&self, direction: &Vector3<f64>) -> [Vector3<f64>; 3] {
         let value = self.rotation.inverse_transform_vector(direction);

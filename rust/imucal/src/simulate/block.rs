@@ -206,14 +206,14 @@ impl Piece<'_> {
     }
 }
 
-/// Temperature history, interpolated linearly from the sample before `sample` (`share` 0) to `sample` (`share` 1).
+/// Interpolates the temperature history linearly, from the sample before `sample` (`share` 0) to `sample` (`share` 1).
 #[inline]
 fn history(rows: &[TemperatureHistory<f64>], sample: usize, share: f64) -> Option<TemperatureHistory<f64>> {
     Some(rows.get(sample)?.between(rows.get(sample + 1)?, share))
 }
 
-/// Rate and force that the setup adds to the true rate and force of the motion. They are interpolated linearly from
-/// the previous sample (`share` 0) to `sample` (`share` 1).
+/// Returns the rate and force that the setup adds to the true rate and force of the motion. They are interpolated
+/// linearly from the previous sample (`share` 0) to `sample` (`share` 1).
 #[inline]
 fn added(added: Option<&Added>, sample: usize, share: f64) -> (Vector3<f64>, Vector3<f64>) {
     let at = |rows: Option<&[[f64; 3]]>| match rows {

@@ -28,7 +28,7 @@ const FLATTENING: f64 = 1.0 / 298.257_223_563;
 /// the ellipsoid and the gravitational constant GM of the Earth.
 const CENTRIFUGAL: f64 = 0.003_449_786_506_84;
 
-/// Normal gravity, m/s^2, at a geodetic latitude, rad, and a height above the ellipsoid, m.
+/// Computes normal gravity, m/s^2, at a geodetic latitude, rad, and a height above the ellipsoid, m.
 pub fn gravity_mps2(latitude_rad: f64, height_m: f64) -> f64 {
     let sin_squared = latitude_rad.sin().powi(2);
     let at_zero = EQUATOR_MPS2 * (1.0 + SOMIGLIANA * sin_squared) / (1.0 - ECCENTRICITY_SQUARED * sin_squared).sqrt();

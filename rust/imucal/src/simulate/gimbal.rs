@@ -23,14 +23,15 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::attitude::Attitude;
 use super::profile::MotorState;
 
-/// Attitude of the body on a stand without errors, `v_world = r_wb * v_body`, for the motor angles in rad.
+/// Computes the attitude of the body on a stand without errors, `v_world = r_wb * v_body`, for the motor angles in rad.
 pub fn rotation_world_from_body(angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle_rad.x)
         * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle_rad.y)
         * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle_rad.z)
 }
 
-/// Attitude of the innermost ring relative to the base, with its derivatives, from the state of the motors.
+/// Computes the attitude of the innermost ring relative to the base, with its derivatives, from the state of the
+/// motors.
 pub(super) fn inner_ring(motors: &MotorState, non_orthogonality_rad: &[f64; 2]) -> Attitude {
     let [(sin_1, cos_1), (sin_2, cos_2)] = non_orthogonality_rad.map(f64::sin_cos);
     let axes = [Vector3::x(), Vector3::new(-sin_1, cos_1, 0.0), Vector3::new(sin_1 * sin_2, -cos_1 * sin_2, cos_2)];

@@ -23,7 +23,7 @@ pub struct Moment {
 }
 
 impl Moment {
-    /// Motion of a unit on a stand without errors, from the state of its motors.
+    /// Computes the motion of a unit on a stand without errors, from the state of its motors.
     pub(crate) fn on_perfect_stand(motors: &MotorState) -> Self {
         let attitude = inner_ring(motors, &[0.0; 2]);
         Self {
@@ -39,8 +39,8 @@ impl Moment {
         }
     }
 
-    /// This motion with an additional rotation of the unit. `turn` is the attitude of the rotated unit relative to the
-    /// body frame of this motion.
+    /// Adds a rotation of the unit to this motion. `turn` is the attitude of the rotated unit relative to the body
+    /// frame of this motion.
     pub(super) fn turned(self, turn: &Attitude) -> Self {
         let before = Attitude {
             rotation: self.rotation_world_from_body,

@@ -84,17 +84,17 @@ impl Motion {
         }
     }
 
-    /// Mean angular acceleration, rad/s^2, over the interval that ends at `time_s` and has the length `delay_s`, the
-    /// delay of the gyroscope. An interval that would start before the motion is shortened, so that it starts with the
-    /// motion. The result is `None` if the length of the interval is zero.
+    /// Computes the mean angular acceleration, rad/s^2, over the interval that ends at `time_s` and has the length
+    /// `delay_s`, the delay of the gyroscope. An interval that would start before the motion is shortened, so that it
+    /// starts with the motion. The result is `None` if the length of the interval is zero.
     pub(crate) fn mean_angular_acceleration(&self, time_s: f64, delay_s: f64) -> Option<Vector3<f64>> {
         let start_s = delay_start_s(time_s, delay_s);
         let change = || self.at(time_s).angular_rate - self.at(start_s).angular_rate;
         (start_s != time_s).then(|| change() / (time_s - start_s))
     }
 
-    /// The latest time, s, up to which [`at`](Self::at) returns the same motion as at `time_s`. A caller can reuse the
-    /// motion until then. `None` while the unit moves.
+    /// Returns the latest time, s, up to which [`at`](Self::at) returns the same motion as at `time_s`. A caller can
+    /// reuse the motion until then. `None` while the unit moves.
     pub fn still_until(&self, time_s: f64) -> Option<f64> {
         match self {
             Self::Stand { program, stand } => {

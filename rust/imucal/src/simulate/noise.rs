@@ -16,7 +16,7 @@
 //!
 //! h_n are the coefficients of z^-n in the power series of `(1 - z^-1)^(-1/2)`, an integrator of order one half. The
 //! power gain of this filter is `1 / (2 sin(pi f / r))`, which approaches `r / (2 pi f)` for frequencies f far below
-//! the rate r. The h_n are moments of a distribution over poles p, so the filter is a sum of first-order filters:
+//! the rate r. Each h_n is an integral over poles p. A sum of first-order filters approximates this integral:
 //!
 //! ```text
 //! h_n = (1 / pi) * integral from 0 to 1 of p^n / sqrt(p (1 - p)) dp
@@ -138,8 +138,8 @@ const FASTEST: f64 = 64.0;
 const MEMORYLESS: f64 = 14.0;
 
 impl Flicker {
-    /// A filter that is in its steady state from the first step on, because a sensor has usually been switched on long
-    /// before a record starts.
+    /// Creates a filter that is in its steady state from the first step on, because a sensor has usually been switched
+    /// on long before a record starts.
     fn new(instability: f64, steps: usize, mut generators: Generators) -> Self {
         // Decay of the pole whose corner frequency is a tenth of the lowest frequency in the record.
         let slowest = TAU / (10.0 * steps.max(1) as f64);
@@ -183,8 +183,8 @@ impl Flicker {
     }
 }
 
-/// Random states of the filters of all poles, for each axis. The covariance of the states of poles j and k is `1 / (1 -
-/// p_j p_k)`, as in the steady state.
+/// Draws random states of the filters of all poles, for each axis. As in the steady state, the states of poles j and k
+/// have the covariance `1 / (1 - p_j p_k)`.
 fn steady_states(poles: &[Pole], generators: &mut Generators) -> Vec<Lanes> {
     let n = poles.len();
     let covariance = DMatrix::from_fn(n, n, |j, k| -(-(poles[j].decay + poles[k].decay)).exp_m1().recip());

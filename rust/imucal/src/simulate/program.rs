@@ -35,8 +35,8 @@ impl Step {
         self.turn_rad != [0.0; 3]
     }
 
-    /// For each motor, the sign of its last turn up to the end of this step; 0 if it has not turned yet. `before`
-    /// contains the signs before this step. If a motor does not turn in this step, its sign is not changed.
+    /// Returns, for each motor, the sign of its last turn up to the end of this step; 0 if it has not turned yet.
+    /// `before` contains the signs before this step. If a motor does not turn in this step, its sign is not changed.
     fn direction_after(&self, before: &Vector3<f64>) -> Vector3<f64> {
         before.zip_map(&self.turn_rad.into(), |before, turn: f64| if turn == 0.0 { before } else { turn.signum() })
     }
@@ -153,8 +153,8 @@ impl Program {
         Ok(program)
     }
 
-    /// The accelerometer program of the paper cited in docs/model.md. The default has 19 x 10 = 190 positions in 1139
-    /// s.
+    /// Creates the accelerometer program of the paper cited in docs/model.md. The default has 19 x 10 = 190 positions
+    /// in 1139 s.
     ///
     /// # Errors
     /// [`Error::Input`] if half a revolution is not an integer multiple of the step, or if a time is invalid.
@@ -179,8 +179,8 @@ impl Program {
         Self::try_new(steps)
     }
 
-    /// The gyroscope program of the paper cited in docs/model.md. The default has 46 rests and 45 moves in 320 s. The
-    /// same seed always gives the same turns.
+    /// Creates the gyroscope program of the paper cited in docs/model.md. The default has 46 rests and 45 moves in 320
+    /// s. The same seed always gives the same turns.
     ///
     /// # Errors
     /// [`Error::Input`] if the maximum rate or a time is invalid.
@@ -233,7 +233,7 @@ impl Program {
         }
     }
 
-    /// The latest time, s, until which no motor moves; infinite after the last turn, and `None` during a turn.
+    /// Returns the latest time, s, until which no motor moves; infinite after the last turn, and `None` during a turn.
     pub(super) fn still_until(&self, time_s: f64) -> Option<f64> {
         let started = self.started(time_s);
         if let Some(index) = started.checked_sub(1)

@@ -47,8 +47,8 @@ struct Memory {
 }
 
 impl<'a> Sampler<'a> {
-    /// The simulation of a triad for `samples` samples at the sampling rate `rate_hz`. Each sampling interval is
-    /// divided into `steps` internal steps.
+    /// Creates the simulation of a triad, for `samples` samples at the sampling rate `rate_hz`. Each sampling interval
+    /// is divided into `steps` internal steps.
     pub(super) fn new(sensor: &'a Sensor, triad: Triad, rate_hz: f64, samples: usize, steps: usize, seed: u64) -> Self {
         let steps = if sensor.is_point_sampled() { 1 } else { steps };
         let rate_hz = rate_hz * steps as f64;
@@ -61,8 +61,8 @@ impl<'a> Sampler<'a> {
         }
     }
 
-    /// The next sample. `seen` contains the input at the internal steps of this sample. The last step is at the instant
-    /// of the sample.
+    /// Simulates the next sample. `seen` contains the input at the internal steps of this sample. The last step is at
+    /// the instant of the sample.
     #[inline]
     pub(super) fn measure(&mut self, seen: &[Seen]) -> [f64; 3] {
         let measured = match (&mut self.analogue, seen) {
@@ -105,9 +105,9 @@ impl Analogue {
 }
 
 impl Memory {
-    /// State before the first sample: the steady state of the filter for the first input value and for noise. Noise is
-    /// passed through the filter before the first sample, because the first samples would otherwise have less noise
-    /// than later samples.
+    /// Creates the state before the first sample: the steady state of the filter for the first input value and for
+    /// noise. Noise is passed through the filter before the first sample, because the first samples would otherwise
+    /// have less noise than later samples.
     fn settled(sensor: &Sensor, noise: &mut Noise, rate_hz: f64, first: &Vector3<f64>) -> Self {
         let filter = sensor.low_pass.map(|low_pass| {
             let mut filter = Filter::new(&low_pass, rate_hz, first);
@@ -144,9 +144,9 @@ mod tests {
         (power, values.windows(2).map(|w| w[0].dot(&w[1])).sum::<f64>() / (3 * n) as f64)
     }
 
-    /// Power of white noise of density N after the filter, in closed form. The internal rate is r. The bilinear filter
-    /// has the power gain |H|^2 = 1 / (1 + u^4) at the frequency f. Here u = tan(pi f / r) / k and k = tan(pi bandwidth
-    /// / r). The power is therefore (2 k N^2 r / pi) times
+    /// Computes the power of white noise of density N after the filter, in closed form. The internal rate is r. The
+    /// bilinear filter has the power gain |H|^2 = 1 / (1 + u^4) at the frequency f. Here u = tan(pi f / r) / k and k =
+    /// tan(pi bandwidth / r). The power is therefore (2 k N^2 r / pi) times
     ///
     /// ```text
     /// integral from 0 to infinity of du / ((1 + u^4) (1 + k^2 u^2))

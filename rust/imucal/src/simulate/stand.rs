@@ -80,8 +80,8 @@ impl Stand {
         }
     }
 
-    /// Encoder readings, rad: the motor angles with the encoder effects in `effects`, with noise, and rounded to
-    /// counts.
+    /// Computes the encoder readings, rad: the motor angles with the encoder effects in `effects`, with noise, and
+    /// rounded to counts.
     ///
     /// `noise` contains one random number with a standard deviation of one for each encoder.
     pub fn read_encoders(
@@ -108,7 +108,7 @@ impl Stand {
         self.moment(&Phase { motors, direction: Vector3::zeros(), turn: None }).rotation_world_from_body
     }
 
-    /// Motion of the unit for a given state of the program.
+    /// Computes the motion of the unit for a given state of the program.
     pub(super) fn moment(&self, phase: &Phase) -> Moment {
         let [tilt_x, tilt_y] = self.base_tilt_rad;
         let tilt = so3::exp(&Vector3::new(tilt_x, tilt_y, 0.0));
@@ -140,7 +140,7 @@ impl Stand {
         }
     }
 
-    /// Bending of the innermost ring. It is computed from the up vector in the frame of the ring and the first two
+    /// Computes the bending of the innermost ring from the up vector in the frame of the ring and the first two
     /// derivatives of this vector.
     fn flexure(&self, [up, rate, acceleration]: &[Vector3<f64>; 3]) -> Attitude {
         // Axis 3 is e_z in the frame of the ring. up x e_z = (up_y, -up_x, 0), and the derivatives have the same form.
@@ -149,8 +149,8 @@ impl Stand {
         Attitude::small(&[course(1) * self.flexure_rad, course(0) * -self.flexure_rad, level])
     }
 
-    /// Vibration with an amplitude of one for each of three axes, with its derivatives. The same three functions of
-    /// time describe the angular and the translational vibration.
+    /// Computes a vibration with an amplitude of one for each of three axes, with its derivatives. The same three
+    /// functions of time describe the angular and the translational vibration.
     fn vibration(&self, elapsed_s: f64, duration_s: f64) -> [Course; 3] {
         let swell = Course::swell(elapsed_s / duration_s).in_time(duration_s);
         [0.0, 1.0, 2.0].map(|axis| swell * Course::sine(TAU * self.vibration_hz, TAU / 3.0 * axis, elapsed_s))

@@ -33,7 +33,8 @@ struct Sine {
 }
 
 impl Tremor {
-    /// A random tremor with this standard deviation about each axis, rad. The same seed always gives the same tremor.
+    /// Creates a random tremor with this standard deviation about each axis, rad. The same seed always gives the same
+    /// tremor.
     pub fn random(tremor_rad: f64, seed: u64) -> Self {
         Self::drawn(tremor_rad, &mut Stream::Tremor.generator(seed))
     }

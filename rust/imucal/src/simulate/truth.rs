@@ -7,7 +7,7 @@
 //!
 //! R_wb is the attitude (world from body), x the position in the world frame, g local gravity, and e_z the unit vector
 //! up. `seen` is the input of a triad. theta_c are the parameters of effect c. Phi_c is the field of effect c: the
-//! derivatives, with respect to theta_c, of the error that the effect adds. `added` are the errors in `Setup::added`,
+//! derivatives of the error that the effect adds, with respect to theta_c. `added` are the errors in `Setup::added`,
 //! which the user gives for each sample. The state is evaluated at the true instant of a sample, even if the time
 //! stamps are wrong.
 
@@ -142,8 +142,8 @@ impl Cursor<'_> {
         (self.from_s, self.until_s) = (time_s, until_s);
     }
 
-    /// Inputs of the gyroscope and of the accelerometer, before noise. `added` is the additional rate and force given
-    /// in the setup.
+    /// Computes the inputs of the gyroscope and of the accelerometer, before noise. `added` is the additional rate and
+    /// force given in the setup.
     #[inline]
     pub(super) fn seen(&self, added: (Vector3<f64>, Vector3<f64>)) -> (Vector3<f64>, Vector3<f64>) {
         let (mut on_rate, mut on_force) = self.steady;

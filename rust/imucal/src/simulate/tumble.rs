@@ -70,7 +70,8 @@ struct Pose {
 }
 
 impl Tumble {
-    /// A run with random poses, uniformly distributed over all attitudes. The same seed always gives the same run.
+    /// Creates a run with random poses, uniformly distributed over all attitudes. The same seed always gives the same
+    /// run.
     ///
     /// # Errors
     /// [`Error::Input`] if there is no pose, a time is not positive, or the tremor or the translation is negative.
@@ -127,7 +128,7 @@ impl Tumble {
         Some(if k + 1 < self.poses.len() { self.rest_end_s(k) } else { f64::INFINITY })
     }
 
-    /// Attitude and acceleration without the tremor.
+    /// Computes attitude and acceleration without the tremor.
     fn carried(&self, time_s: f64) -> (Attitude, Vector3<f64>) {
         let (k, move_share) = self.place_in_time(time_s);
         let pose = &self.poses[k];
@@ -159,8 +160,8 @@ impl Tumble {
     }
 }
 
-/// A random attitude, uniformly distributed over all attitudes. A normalised vector of four normal numbers is uniformly
-/// distributed on the unit sphere.
+/// Draws a random attitude, uniformly distributed over all attitudes. A normalised vector of four normal numbers is
+/// uniformly distributed on the unit sphere.
 fn attitude(generator: &mut ChaCha8Rng) -> UnitQuaternion<f64> {
     let [w, x, y, z] = [(); 4].map(|()| generator.sample::<f64, _>(StandardNormal));
     UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))

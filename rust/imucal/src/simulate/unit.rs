@@ -62,7 +62,8 @@ pub struct Converter {
 }
 
 impl Converter {
-    /// Output for an input `value`, SI unit, rounded and clipped. [`Sensor::check`] has checked `bits`.
+    /// Converts an input `value`, SI unit, to the rounded and clipped output. `bits` must be valid (see
+    /// [`Sensor::check`]).
     #[inline]
     pub(super) fn convert(&self, value: f64) -> f64 {
         // Near WHOLE, consecutive f64 numbers differ by one. Adding and then subtracting WHOLE therefore rounds to the

@@ -49,8 +49,8 @@ pub(crate) struct AccelerometerFit {
     /// priors.
     pub(crate) second_order: Mat<f64>,
     pub(crate) report: FitReport,
-    /// Whether the rests determine all parameters without priors and without moves. If it is false, the moves must
-    /// determine the remaining parameters.
+    /// Whether the rests alone determine all parameters for which no prior was given. If it is false ([`fit_near`]),
+    /// the moves must determine the remaining parameters.
     pub(crate) is_determined: bool,
 }
 
@@ -114,8 +114,8 @@ pub(crate) fn fit_near(rests: &[&Rest], gravity_mps2: f64, start: &Triad<f64>) -
     fit_from(rests, gravity_mps2, &start, &StageRows::new(&near, ACCEL), false)
 }
 
-/// Fits the parameters from a start value. `is_determined` states whether the rests determine all parameters without a
-/// prior.
+/// Fits the parameters from a start value. `is_determined` states whether the rests determine all parameters for which
+/// no prior was given.
 fn fit_from(
     rests: &[&Rest],
     gravity_mps2: f64,
@@ -150,7 +150,7 @@ fn exceeds_noise(start: &Start, rests: &[&Rest], gravity_mps2: f64) -> bool {
     start.sensitivity.try_inverse().is_some_and(|inverse| noise * inverse.norm() < NOISE_OVER_SIZE * gravity_mps2)
 }
 
-/// Returns an error if the rests do not determine all parameters without a prior.
+/// Returns an error if the rests do not determine all parameters that have no prior.
 fn check_design(means: &[Vector3<f64>], start: &Start, gravity_mps2: f64, held: &StageRows<'_>) -> Result<(), Error> {
     let parameters = parameters_of(start);
     let triad = triad_of(&parameters)?;

@@ -54,9 +54,9 @@ pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<St
     }))
 }
 
-/// Fits a sphere to the mean readings `means`. The result is the minimum-norm least-squares solution. If the poses do
-/// not determine a unique sphere, the centre of this solution is near the midpoint of the means. Returns `None` for a
-/// single pose.
+/// Fits a sphere to the mean readings `means`. The result is the least-squares solution with the smallest norm,
+/// measured from the midpoint of the means. If the poses do not determine a unique sphere, its centre is therefore near
+/// this midpoint. Returns `None` for a single pose.
 pub(crate) fn smallest_sphere(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
     let Some((centre, size)) = extent(means) else { return Ok(None) };
     let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();
@@ -119,7 +119,7 @@ fn ellipsoid(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     Ok(square_root(&(w_inverse * scale)).map(|sensitivity| Start { sensitivity, bias }))
 }
 
-/// The sphere through points, from the equation |a|^2 = 2 a . b + (r^2 - |b|^2). It is linear in b and in r^2 - |b|^2.
+/// The sphere through points, from |a|^2 = 2 a . b + (r^2 - |b|^2). This equation is linear in b and in r^2 - |b|^2.
 fn sphere(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     let design = Mat::from_fn(points.len(), 4, |k, j| if j < 3 { 2.0 * points[k][j] } else { 1.0 });
     let (values, _) = lsq::singular(&design)?;

@@ -7,8 +7,8 @@
 //!
 //! u_k and u_(k+1) are the gravity directions at the rests before and after move k. R_k is the rotation over the move,
 //! integrated from the gyroscope rates. The two rows of E_k span the plane perpendicular to u_(k+1). sigma_k is the
-//! standard deviation of one component. The component along u_(k+1) is omitted, because a rotation about gravity is not
-//! observable. The nine entries of the sensitivity T are ordered by rows, `T_xx, T_xy, ... T_zz`.
+//! standard deviation of each component of the residual. The component along u_(k+1) is omitted, because a rotation
+//! about gravity is not observable. The nine entries of the sensitivity T are ordered by rows, `T_xx, T_xy, ... T_zz`.
 
 mod bias;
 
@@ -70,9 +70,9 @@ struct Linearised {
 /// If the rms of the direction errors of a first fit is below this limit, rad, the fit is assumed to be close to the
 /// global minimum. No further start values are then tried.
 const CLOSE_RAD: f64 = 0.05;
-/// Limit for a first-order correction of a preintegration to a slightly different sensitivity. For each move, the
-/// second-order error must be at most this value x standard deviation of the direction residual. Otherwise, the samples
-/// are integrated again.
+/// A preintegration is corrected to first order for a slightly different sensitivity if, for each move, the
+/// second-order error is at most this value times the standard deviation of the direction residual. Otherwise, the
+/// samples are integrated again.
 const MAX_SECOND_ORDER: f64 = 1e-9;
 
 impl<'a> PreintegratedMoves<'a> {
@@ -151,8 +151,8 @@ impl<'a> PreintegratedMoves<'a> {
         Weighed { moves: self, ends, rows: (0..self.segments.len()).collect() }
     }
 
-    /// Preintegrates all moves with the gyroscope `triad`. If the second-order error is small, the most recent
-    /// preintegration is corrected to first order instead of integrating the samples again.
+    /// Preintegrates all moves with the gyroscope `triad`. If the second-order error is small, the samples are not
+    /// integrated again. Instead, the most recent preintegration is corrected to first order.
     fn preintegrated(&self, triad: &Triad<f64>, ends: &[Ends]) -> Rc<Linearised> {
         let known = self.last.borrow().clone();
         if let Some(moved) = known.and_then(|last| last.moved(triad, ends)) {

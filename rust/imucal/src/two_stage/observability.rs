@@ -8,7 +8,7 @@
 //! deg in a move. Each of its columns is multiplied by 1 % of the size of its parameter. The rows are not divided by
 //! sensor noise, because with small noise, three nearly equal poses would seem sufficient. The term 1 / 10^2 is a prior
 //! of each parameter about its nominal value. The standard deviation of the prior is a tenth of the size of the
-//! parameter, which is 10 units of its column.
+//! parameter, which is 10 in units of 1 % of this size.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -34,7 +34,7 @@ const OWN_SHARE: f64 = 0.95;
 /// linear combinations of the parameters of a group are observable. The correlation is computed from the unobservable
 /// directions only.
 const TRADED: f64 = 0.1;
-/// A pose counts as "axis up" or "axis down" if the angle between the axis and the vertical is at most this limit, deg.
+/// In a pose, an axis is up or down if the angle between the axis and the vertical is at most this limit, deg.
 const FACE_LIMIT_DEG: f64 = 40.0;
 /// Recommendation if each of the six faces was up at some rest, but poses between the faces are missing.
 pub(crate) const EDGES_AND_CORNERS: &str = "add rests with edges and corners up";
@@ -51,7 +51,7 @@ pub(crate) struct Open {
     /// Columns of the design matrix whose parameters are not determined.
     pub(crate) columns: Vec<usize>,
     /// Groups of columns. The parameters of a group are not determined individually, but some of their linear
-    /// combinations are. The number with each group is the number of these combinations.
+    /// combinations are. The number of these combinations is stored with each group.
     pub(crate) traded: Vec<(Vec<usize>, usize)>,
 }
 
@@ -134,7 +134,7 @@ impl Open {
 }
 
 /// Groups the undetermined parameters (columns) that are correlated with each other within the unobservable directions.
-/// The number with each group is the number of linear combinations of its parameters that are determined.
+/// Each group is returned with the number of linear combinations of its parameters that are determined.
 fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(Vec<usize>, usize)> {
     let mut left: Vec<usize> = columns.iter().copied().filter(|&j| projection(j, j) < OWN_SHARE).collect();
     let mut groups = Vec::new();
@@ -218,8 +218,8 @@ pub(crate) fn too_few_poses() -> String {
         .into()
 }
 
-/// Recommends poses to add. Each of the six directions along the body axes must be near the vertical at some rest. `up`
-/// contains the gravity directions at the rests.
+/// Recommends poses to add, so that each of the six directions along the body axes is near the vertical at some rest.
+/// `up` contains the gravity directions at the rests.
 pub(crate) fn missing_poses(up: &[Vector3<f64>]) -> String {
     let closest = |axis: usize, sign: f64| {
         let cosine = up.iter().map(|u| sign * u[axis]).fold(-1.0, f64::max);

@@ -5,7 +5,7 @@
 //! error of every parameter is a linear function of independent errors: three errors of each mean force (one per axis),
 //! three of each mean rate, and two of each move (one per direction residual). The covariance is computed from the
 //! variances of these errors. If an accelerometer is calibrated without a gyroscope, some parameters may be held by
-//! priors. The covariance then also contains the errors that held parameters cause in the other parameters, to second
+//! priors. The covariance then includes the effect of the uncertainty of these priors on all parameters, to second
 //! order.
 
 use faer::Mat;
@@ -107,8 +107,8 @@ fn accelerometer_rows(map: &mut Mat<f64>, rests: &[&Rest], fit: &AccelerometerFi
 }
 
 /// Writes the derivatives of the nine entries of the gyroscope sensitivity with respect to all errors of rests and
-/// moves. These derivatives are minus the gain of the fit (the derivatives of the entries with respect to the
-/// residuals) times the derivatives of the residuals with respect to the errors.
+/// moves. These derivatives are the negative product of the gain of the fit (the derivatives of the entries with
+/// respect to the residuals) and the derivatives of the residuals with respect to the errors.
 ///
 /// The influence of the accelerometer parameters and of the bias is first summed over the moves. The computing time is
 /// then proportional to the number of moves instead of its square.

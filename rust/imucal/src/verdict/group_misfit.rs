@@ -6,8 +6,8 @@
 //! ```
 //!
 //! With few residuals, noise often causes a ratio above two. With many residuals, even a negligible imperfection gives
-//! a small p-value. Residuals therefore count as larger than their noise only if the ratio is above two and the p-value
-//! is small.
+//! a small p-value. Residuals are therefore reported as larger than their noise only if the ratio is above two and the
+//! p-value is small.
 
 use std::fmt;
 
@@ -20,9 +20,10 @@ use crate::numerics::stats::p_value_of;
 /// dominate the residuals, because noise explains less than a quarter of their variance. An inaccurate noise estimate
 /// cannot cause this ratio, because sensor noise is estimated far more accurately than to a factor of two.
 const EXCESS_RATIO: f64 = 2.0;
-/// Maximum p-value of a significant excess over noise. A calibration with control recordings contains seven tests, each
-/// of one kind of residuals. Noise alone gives a p-value below this limit in fewer than one of 10 000 calibrations.
-/// This holds for any number of residuals.
+/// Residuals exceed their noise significantly if their p-value is below this limit. A calibration with control
+/// recordings contains seven tests: five kinds of residuals on the calibration recordings, and two kinds on the control
+/// recordings. For any number of residuals, noise alone gives a p-value below this limit in fewer than one of 10 000
+/// calibrations.
 const SIGNIFICANCE: f64 = 1e-5;
 
 /// Kind of residuals. The residuals of a kind are compared with noise in one test.
@@ -114,7 +115,7 @@ impl GroupMisfit {
         p_value_of(self.chi2, self.degrees_of_freedom)
     }
 
-    /// Text of a residual: its value and unit, as displayed. The argument `si` is the residual in SI units.
+    /// Returns the text of a residual: its value and unit, as displayed. The argument `si` is the residual in SI units.
     pub(super) fn size(&self, si: f64) -> String {
         let size = self.group.in_unit(si);
         let words = if size < 100.0 { general(size, 3) } else { format!("{size:.0}") };

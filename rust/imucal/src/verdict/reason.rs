@@ -11,7 +11,7 @@ use crate::finding::{Finding, general};
 use crate::held::PriorCost;
 use crate::numerics::fit_report::FitReport;
 
-/// Irregular time stamps count as the cause of large residuals only if they affect at least this number of samples per
+/// For irregular time stamps to be the cause of large residuals, they must affect at least this number of samples per
 /// residual. A move has two residuals, so the limit is one affected sample in ten moves.
 const FEW_OF_RESIDUALS: f64 = 0.05;
 
@@ -220,9 +220,9 @@ impl Reason {
         )
     }
 
-    /// The reason [`Self::AxesNotTested`] with the names of the axes whose scale the control recordings do not test;
-    /// `None` if there are no such axes. `untested` contains the indices of these axes of the accelerometer and of the
-    /// gyroscope.
+    /// Returns the reason [`Self::AxesNotTested`] with the names of the axes whose scale the control recordings do not
+    /// test; `None` if there are no such axes. `untested` contains the indices of these axes of the accelerometer and
+    /// of the gyroscope.
     pub(crate) fn axes_not_tested(untested: [Vec<usize>; 2]) -> Option<Self> {
         let [accelerometer, gyroscope] = untested;
         let of = |names: [&'static str; 3], axes: Vec<usize>| axes.into_iter().map(move |axis| names[axis]);
@@ -230,7 +230,7 @@ impl Reason {
         (!axes.is_empty()).then_some(Self::AxesNotTested { axes })
     }
 
-    /// The reason if the residuals of any kind in `groups` exceed their noise, otherwise `None`. The reason is
+    /// Returns a reason if the residuals of any kind in `groups` exceed their noise, otherwise `None`. The reason is
     /// [`Self::IrregularClock`] if two conditions hold, otherwise [`Self::ResidualsAboveNoise`]. First, only residuals
     /// of moves exceed their noise. Second, a finding about time stamps, or about missing or repeated samples, concerns
     /// more than a few samples.

@@ -150,10 +150,10 @@ impl ForwardSearch<'_> {
         Ok(best)
     }
 
-    /// Selects the effects that are significant if the generic hypotheses `varying` are in the model. Their scores are
-    /// also computed in the model with these hypotheses. The prior widths of the hypotheses are multiplied by each
-    /// trial factor in `widths`, and the factor with the largest evidence is used. Effects of the stand are not
-    /// candidates, because the hypotheses do not describe the residuals relative to the stand's angles.
+    /// Selects the effects that are significant if the generic hypotheses `varying` are in the model, and computes the
+    /// scores of the effects in this model. The prior widths of the hypotheses are multiplied by each trial factor in
+    /// `widths`, and the factor with the largest evidence is used. Effects of the stand are not candidates, because the
+    /// hypotheses do not describe the residuals relative to the stand's angles.
     fn beside_patterns(
         &mut self,
         prepared: &Prepared<'_>,
@@ -367,8 +367,9 @@ fn score_of(stage: &Stage, member: &Member, score: &Score, densities: &[Option<f
     for (k, column) in without[place].iter_mut().enumerate() {
         let seen: f64 = design.gram.sums.iter().map(|sum| sum[(column.place, column.place)]).sum();
         column.precision = REMOVED * seen.max(column.precision);
-        // The time constant of a removed effect has no influence on the residuals. With `value` = 0, its prior is
-        // centred at the present time constant, which therefore does not change.
+        // The time constant of a removed effect has no influence on the residuals. `value` is the distance from the
+        // mean of the prior. With `value` = 0, the prior is centred at the present time constant, which therefore does
+        // not change.
         column.value = if k < linear { column.value } else { 0.0 };
     }
     let alone = design.gram.evidence_near(&without, &stage.evidence.scales)?;

@@ -1,4 +1,4 @@
-//! Computes Gram matrices of Jacobian columns that are stored row by row, with SIMD instructions.
+//! Computes, with SIMD instructions, the Gram matrices of a Jacobian that is stored row by row.
 
 use std::iter::once;
 use std::ops::Range;
@@ -186,7 +186,8 @@ impl<'r, R: Iterator<Item = &'r [f64]> + Clone> WithSimd for Add<'_, R> {
     }
 }
 
-/// For each row, adds the products of the first `N` columns of a job x the values in the job's register to `sums`.
+/// For each row, multiplies the first `N` columns of a job by the values in the job's register, and adds the products
+/// to `sums`.
 #[inline(always)]
 fn add<'r, S: Simd, const N: usize>(simd: S, rows: impl Iterator<Item = &'r [f64]>, job: &Job, sums: &mut [S::f64s]) {
     let (places, first) = (&job.places, job.first);

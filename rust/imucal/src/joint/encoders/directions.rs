@@ -1,10 +1,10 @@
-//! Determines, for every sample, the direction of the most recent motion of each motor of a stand. It is computed from
-//! the encoder readings.
+//! Determines the direction of the most recent motion of each motor of a stand, for every sample, from the encoder
+//! readings.
 //!
 //! When a motor reverses, its reading jumps by twice the backlash (model.md (21)). If the wrong direction is assigned
 //! to a sample, its corrected angle has an error of this size. A motor starts slowly, so differences of readings detect
 //! the motion too late. The first sample of the motion is therefore estimated by least squares. It is the sample `o`
-//! with the smallest sum of squared noise in the model
+//! for which the following model has the smallest sum of squared noise:
 //!
 //! ```text
 //! before o    level + noise
@@ -21,9 +21,9 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 use crate::cancellation::checkpoint;
 use crate::numerics::stats::{median, quantile, sample_interval_s};
 
-/// For each rest, the largest change of a reading within `SPAN_S` is computed. The quantile of this order (0 to 1) over
-/// the rests is taken as the largest change at an undisturbed rest. With 0.9, up to a tenth of the rests may be
-/// disturbed.
+/// Order (0 to 1) of a quantile over the rests. For each rest, the largest change of a reading within `SPAN_S` is
+/// computed. The quantile of these changes is taken as the largest change at an undisturbed rest. With 0.9, up to a
+/// tenth of the rests may be disturbed.
 const ORDINARY: f64 = 0.9;
 /// Motion is detected from the change of a reading over this time interval, s. A rotation of half a degree or more
 /// changes the reading within this interval by more than the largest change at rest.
@@ -34,7 +34,7 @@ const FEWEST: usize = 8;
 /// deviations of the readings at standstill.
 const OFF: f64 = 3.0;
 /// Margin of the search for the first sample of a motion, in samples. If the reading leaves the level n samples before
-/// the motion is detected, the search begins n samples plus this margin before the reading leaves the level.
+/// the motion is detected, the search begins another n samples earlier, plus this margin.
 const EARLIER: usize = 5;
 /// Angle over which the start of a motion is fitted, in multiples of the largest change at rest. For larger angles, a
 /// polynomial of fourth degree no longer describes the motion.

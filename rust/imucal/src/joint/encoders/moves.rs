@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! stand   log(C_0^T C(t) R(t)^T),   C = R_wb(q)      = random walk + encoder noise
-//! force   as inside a move without encoders          = random walk + direction error at the start + force noise
+//! force   residual of the module `inside`            = random walk + direction error at the start + force noise
 //! ```
 //!
 //! q are the encoder readings after removal of the encoder effects. C(t) is the attitude R_wb(q) of the stand (world

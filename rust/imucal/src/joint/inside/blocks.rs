@@ -14,8 +14,8 @@ use crate::joint::pass::planes::Planes;
 pub(super) struct Derivatives<'a> {
     pub(super) inside: &'a Inside<'a>,
     pub(super) planes: &'a Planes,
-    /// For each block: one vector for each of the three directions. The dot product of this vector and the block's
-    /// 3-vector in `planes` is the derivative of the block's residual along the direction.
+    /// For each block: one vector for each of the three directions. The dot product of this vector and a parameter's
+    /// 3-vector of the block in `planes` is the derivative of the block's residual along the direction.
     pub(super) toward: &'a [[Vector3<f64>; 3]],
     /// Parts of the derivatives that are due to the gravity directions at both ends of the move: five rows with one
     /// value per parameter. Rows 0 to 2 are added to the derivatives of every block, along gravity and along the two

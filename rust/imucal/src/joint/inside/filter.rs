@@ -58,8 +58,8 @@ impl<const N: usize> Filter<N> {
         Self { states: vec![[0.0; N]; width], walk }
     }
 
-    /// Replaces each measurement in `seen`, which is `observation . states + white noise`, by its innovation, divided
-    /// by the standard deviation of the innovation.
+    /// Replaces each measurement in `seen` by its innovation, divided by the standard deviation of the innovation. A
+    /// measurement is `observation . states + white noise`.
     pub(crate) fn innovate(&mut self, seen: &mut [f64], observation: [f64; N], white_variance: f64) {
         let gain = self.walk.update(observation, white_variance);
         Instructions::Best.run(Innovate { states: &mut self.states, seen, observation, gain });

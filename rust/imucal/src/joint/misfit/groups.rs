@@ -71,9 +71,9 @@ pub(super) fn group_misfits(
         .collect()
 }
 
-/// Returns the residuals of force norms if `are_norms` is true, otherwise of gravity directions after moves, not yet
-/// whitened. If `are_of_epochs` is true, only the residuals of the second and later epochs (parts) of long rests are
-/// returned, otherwise all others.
+/// Returns residuals before whitening: those of force norms if `are_norms` is true, otherwise those of gravity
+/// directions after moves. If `are_of_epochs` is true, only residuals of the second and later epochs (parts) of long
+/// rests are returned, otherwise only the other residuals.
 fn of_lines(linear: &Linear, are_norms: bool, are_of_epochs: bool) -> impl Iterator<Item = f64> {
     let is_own = move |line: &&Line| {
         matches!(line.source, Source::Norm(_)) == are_norms && line.is_of_later_epoch == are_of_epochs

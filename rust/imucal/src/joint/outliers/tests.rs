@@ -74,7 +74,8 @@ fn a_bad_move_is_named() {
 }
 
 /// With the effect `accel_lever_arm`, the fit also uses the force in blocks inside the moves. The residuals of these
-/// blocks do not show a short disturbance of the gyroscope.
+/// blocks do not show a short disturbance of the gyroscope, so the outlier test uses the gravity directions at the ends
+/// of the move.
 #[test]
 fn a_bad_move_is_named_where_an_effect_acts_inside_the_moves() {
     let run = paper(1).with_bad_move(20);

@@ -3,9 +3,9 @@
 //!
 //! A segment has n samples. `turn` is the attitude error due to a change of one parameter, and G is its increase over
 //! the segment by the midpoint rule. F is the change of the force at the midpoint of the segment. R is the rotation to
-//! the body frame at the start of the move, and Phi is the derivative of the force in the body frame. Gdot is the
-//! central difference of G between the adjacent segments. G.. and F.. are second differences over the adjacent
-//! segments.
+//! the body frame at the start of the move, and Phi is the derivative of the force, in the body frame, with respect to
+//! the parameter. Gdot is the central difference of G between the adjacent segments. G.. and F.. are second differences
+//! over the adjacent segments.
 //!
 //! ```text
 //! turn(end)    = turn(begin) + G + G.. / 24
@@ -30,8 +30,9 @@ use crate::numerics::aligned::{Aligned, WIDEST};
 use crate::numerics::instructions::Instructions;
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 
-/// Accumulates the derivatives of attitude and force inside a move, block by block. The stored values are the negative
-/// derivatives, because a parameter increases the measured rate or force, and the correction subtracts this increase.
+/// Accumulates the derivatives of attitude and force inside a move, block by block. The derivatives are stored with
+/// negative sign: an increase of a parameter increases the measured rate or force, so the corrected rate or force
+/// decreases.
 pub(super) struct Turns<'a> {
     route: &'a Route<'a>,
     model: &'a Model,
@@ -83,8 +84,8 @@ impl<'a> Columns<'a> {
 }
 
 impl<'a> Turns<'a> {
-    /// Prepares the sums for a move. `size` is the number of samples per segment, and `of_block` the number of segments
-    /// per block.
+    /// Prepares the derivatives of attitude and force inside a move. `size` is the number of samples per segment, and
+    /// `of_block` the number of segments per block.
     pub(super) fn new(
         route: &'a Route<'a>,
         model: &'a Model,
@@ -162,8 +163,8 @@ impl<'a> Turns<'a> {
     fn take_stretch(&mut self, k: usize) {
         let Self { stretches, on_rate, on_force, turned, of_block, changes, .. } = self;
         let (share, spread) = (1.0 / *of_block as f64, stretches.spread / 24.0);
-        // Second differences are valid only if the midpoints of the two adjacent segments are at equal distances.
-        // Otherwise, they are set to zero.
+        // Second differences are valid only if the midpoints of the two adjacent segments are equally far from that of
+        // segment k. Otherwise, they are set to zero.
         let [before, after] = if stretches.are_even[k] { [k - 1, k + 1] } else { [k, k] };
         let (of_slope, of_turned) = (share * (spread - 0.125) / 2.0, share / 48.0);
         let around = on_rate.of(before).iter().zip(on_rate.of(k)).zip(on_rate.of(after));
@@ -178,8 +179,8 @@ impl<'a> Turns<'a> {
         }
     }
 
-    /// Derivative of the attitude at the end of the move with respect to each of the `total` parameters. The second
-    /// result contains the derivatives of the mean attitude and the mean force of each block.
+    /// Returns the derivative of the attitude at the end of the move with respect to each of the `total` parameters,
+    /// and the derivatives of the mean attitude and the mean force of each block.
     pub(super) fn at_end(mut self, total: usize) -> (Vec<Vector3<f64>>, Changes) {
         self.look_to(self.stretches.count());
         let mut turn = vec![Vector3::zeros(); total];

@@ -66,9 +66,9 @@ impl Step {
 /// 1/50. For long delays, more iterations would amplify noise.
 ///
 /// A gyroscope with a delay measures the rate of an earlier time. The correction of the delay needs the mean of the
-/// angular acceleration over the delay. It is approximated by the mean of two derivatives: that of the corrected rate
-/// and that of the measured rate. The remaining error of the corrected rate is proportional to the third power of the
-/// delay.
+/// angular acceleration over the delay. This mean is approximated by the mean of two derivatives: that of the corrected
+/// rate and that of the measured rate. The remaining error of the corrected rate is proportional to the third power of
+/// the delay.
 const SLOPE_PASSES: usize = 3;
 
 impl Route<'_> {
@@ -78,8 +78,8 @@ impl Route<'_> {
         self.span.first.saturating_sub(1)..(self.span.last + 2).min(self.recording.len())
     }
 
-    /// Integration step after sample `i` of the recording. Its sample indices are counted from the first corrected
-    /// sample ([`Self::reach`]).
+    /// Integration step from sample `i` of the recording to the next sample. The sample indices in the step are counted
+    /// from the first corrected sample ([`Self::reach`]).
     pub(super) fn step(&self, i: usize) -> Step {
         Step { before: i - self.reach().start, ..Step::after(self.recording.time_s, i) }
     }

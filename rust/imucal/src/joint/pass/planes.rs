@@ -137,8 +137,8 @@ impl Groups {
     }
 }
 
-/// Derivatives of attitude and force inside a move, with one state per block. The stored values are the negative
-/// derivatives, because a parameter increases the measured rate or force, and the correction subtracts this increase.
+/// Derivatives of attitude and force inside a move, with one state per block. The derivatives are stored with negative
+/// sign: an increase of a parameter increases the measured rate or force, so the corrected rate or force decreases.
 pub(crate) struct Changes {
     /// Mean attitude error over each block due to each parameter, rad per unit of the parameter.
     pub(crate) turn: Planes,
@@ -174,8 +174,8 @@ impl Changes {
         turns
     }
 
-    /// Adds the derivative of `d . F` with respect to each parameter to `lanes`. F is the mean force of a block, with
-    /// the value `force`, and d is a constant vector.
+    /// For each parameter, adds the derivative of `d . F` to `lanes`. F is the mean force of a block, with the value
+    /// `force`, and d is a constant vector.
     pub(crate) fn add_along(&self, block: usize, force: &Vector3<f64>, d: &Vector3<f64>, lanes: &mut [f64]) {
         Instructions::Best.run(AddAlong { changes: self, block, force, d, lanes });
     }

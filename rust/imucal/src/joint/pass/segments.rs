@@ -38,8 +38,8 @@ pub(crate) struct MoveSegments {
 }
 
 impl Route<'_> {
-    /// Divides the move into segments, and integrates their attitudes without effects. Only every `every`-th segment is
-    /// kept. `pass` is the result of the integration over this move.
+    /// Divides the move into segments, and integrates the attitude at the midpoint of each segment without effects.
+    /// Only every `every`-th segment is kept. `pass` is the result of the integration over this move.
     pub(crate) fn segments(&self, model: &Model, pass: &Pass, every: usize) -> MoveSegments {
         let (recording, span) = (self.recording, self.span);
         let size = self.stretches_of_block().iter().product();
@@ -140,7 +140,7 @@ impl Route<'_> {
         let time_s = &self.recording.time_s[reach];
         let (rotation, mut sums) = preintegrate(time_s, Samples::from(&rates), first, last, &Triad::identity());
         // The derivative with respect to the sensitivity is proportional to the rate before the correction for the
-        // effects. The change of the rate by the effects is therefore added to the corrected rate.
+        // effects. The sums contain the corrected rate, so the change of the rate by the effects is added to them.
         for (k, weight) in weights.iter().enumerate() {
             let [on_rate, _] = self.mean_added(model, all, stretches.groups.samples(k));
             sums.add_beyond(weight, &on_rate);

@@ -36,10 +36,11 @@ pub(super) struct Stretches {
     pub(super) rotations: Vec<Matrix3<f64>>,
     /// Duration of each segment's part inside the move, s.
     pub(super) durations_s: Vec<f64>,
-    /// For each segment: whether the midpoints of the previous and the next segment are equally far away in time.
+    /// For each segment: whether the midpoints of the previous and the next segment are at equal distances in time from
+    /// its midpoint.
     pub(super) are_even: Vec<bool>,
-    /// Factor `1 - 1/n^2` of the second difference, for segments of n samples. It is needed because the mean is taken
-    /// over discrete samples.
+    /// Factor `1 - 1/n^2` of the second difference in the conversion from means to midpoint values (see the start of
+    /// this file), for segments of n samples.
     pub(super) spread: f64,
 }
 
@@ -151,7 +152,7 @@ impl Route<'_> {
 
     /// Computes the derivatives of the sensor readings with respect to the parameters of the effects (`columns`) at the
     /// midpoint of segment `k`. The derivatives of user-defined effects are averaged over the segment, and the mean is
-    /// corrected to the midpoint.
+    /// converted to the value at the midpoint.
     pub(super) fn columns(
         &self,
         terms: &Terms<'_>,

@@ -15,11 +15,11 @@ use crate::joint::model::Model;
 use crate::joint::terms::Term;
 use crate::numerics::lsq::Solution;
 
-/// Largest distance from the last linearisation at which its first-order update is used. The distance is the norm of
-/// the change of the whitened residuals. The neglected second-order terms are then at most a thousandth of a standard
-/// deviation. A search for effects uses the update without further computation. If a final fit converges to parameters
-/// for which only a first-order update is known, the linearisation is computed from the samples, and the fit is
-/// continued from these parameters.
+/// Largest distance from the last linearisation at which a first-order update of this linearisation is used. The
+/// distance is the norm of the change of the whitened residuals. The neglected second-order terms are then at most a
+/// thousandth of a standard deviation. A search for effects uses the update without further computation. If a final fit
+/// converges to parameters for which only a first-order update is known, the linearisation is computed from the
+/// samples, and the fit is continued from these parameters.
 const NEAR: f64 = 3.0;
 
 /// Cached linearisations, shared by all threads.
@@ -94,7 +94,7 @@ impl Joint<'_> {
 
     /// Computes a first-order update of the last linearisation; `None` if `parameters` are not near the parameters of
     /// this linearisation, or if there are residuals relative to the stand. If the fit uses the force inside the moves,
-    /// the distance is computed from the whitened Jacobian `jacobian`. Without `jacobian`, there is then no update.
+    /// the distance is computed from the whitened Jacobian `jacobian`, and there is no update without `jacobian`.
     ///
     /// There is also no update if a time constant is estimated. The derivative with respect to a time constant is zero
     /// while its effect is zero, so the distance would be underestimated.

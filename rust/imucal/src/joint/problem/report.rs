@@ -26,10 +26,10 @@ use crate::rests::moves::Ends;
 pub(crate) struct JointFit {
     pub(crate) model: Model,
     /// Covariance of all parameters in the symmetric frame (the body frame in which the accelerometer sensitivity is a
-    /// symmetric matrix). It includes `second_order`.
+    /// symmetric matrix). `second_order` is already added.
     pub(crate) covariance: Mat<f64>,
-    /// Mean square of the second-order errors that are due to the uncertainty of the held parameters (parameters with a
-    /// prior, `crate::held`); `None` without held parameters.
+    /// Mean square of the second-order errors of the estimated parameters. These errors are due to the uncertainty of
+    /// the held parameters (parameters with a prior, `crate::held`). `None` without held parameters.
     pub(crate) second_order: Option<Mat<f64>>,
     pub(crate) report: FitReport,
     pub(crate) scales: ResidualScales,
@@ -154,10 +154,11 @@ impl JointFit {
 }
 
 impl Joint<'_> {
-    /// Computes the mean square of the second-order errors that are due to the uncertainty of the held parameters
-    /// (parameters with a prior, `crate::held`). `None` without held parameters. Also `None` if the only priors are
-    /// those of an accelerometer that was calibrated earlier, because their standard deviations are too small for
-    /// second-order errors. `covariance` is the covariance of the parameters without second-order errors.
+    /// Computes the mean square of the second-order errors of the estimated parameters, which are due to the
+    /// uncertainty of the held parameters (parameters with a prior, `crate::held`). `None` without held parameters.
+    /// Also `None` if the only priors are those of an accelerometer that was calibrated earlier, because their standard
+    /// deviations are so small that second-order errors are negligible. `covariance` is the covariance of the
+    /// parameters without second-order errors.
     fn second_order(
         &self,
         linear: &Linear,
@@ -169,14 +170,14 @@ impl Joint<'_> {
             return Ok(None);
         }
         let first = linear.groups().stand_moves.end;
-        // A first-order update of the linearisation would not contain the second-order terms.
+        // The samples are integrated again, because a first-order update does not contain second-order terms.
         let residuals_at = |parameters: &[f64]| Ok(self.whiten(&self.prepared.linearise(self.terms, parameters)?).0);
         let gain = covariance * found.jacobian.transpose();
         second_order::mean_square(found, &gain, first..first + held.len(), residuals_at).map(Some)
     }
 }
 
-/// Returns an error if a parameter or its covariance is not finite, because the fit has diverged.
+/// Returns an error if a parameter or its covariance is not finite. The fit has then diverged.
 fn require_finite(parameters: &[f64], covariance: &Mat<f64>) -> Result<(), Error> {
     if parameters.iter().all(|value| value.is_finite()) && covariance.is_all_finite() {
         return Ok(());

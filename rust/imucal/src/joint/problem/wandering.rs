@@ -107,8 +107,8 @@ impl Wandering {
         }
     }
 
-    /// Whitens sparse vectors that have one entry per residual. The vectors must be in the order of their first nonzero
-    /// entry. A vector is stored as the index of its first nonzero entry and the entries from there on.
+    /// Whitens sparse vectors that have one entry per residual. The vectors must be sorted by the index of their first
+    /// nonzero entry. A vector is stored as the index of its first nonzero entry and the entries from there on.
     pub(crate) fn apply_to_columns(&self, columns: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
         /// Number of vectors that are whitened together.
         const TOGETHER: usize = 256;
@@ -201,15 +201,15 @@ impl Joint<'_> {
     /// rounding errors of the mean rates, the second for rounding errors of the mean forces. Each rest has three
     /// columns.
     ///
-    /// The rounding errors of the forces are multiplied by the larger of two factors (`Scales`), which multiply the
-    /// standard deviations of force norms and of gravity directions after moves. Without this factor, if rounding is
-    /// the dominant error, the two factors would hardly change the whitened residuals and would not converge. The
-    /// factor must be the same in all residuals. If one axis is quantised much more coarsely than the other axes, the
-    /// whitening estimates the rounding error of a rest from one residual and subtracts it from the other residuals.
-    /// With different factors, the whitening would subtract a wrong multiple of the error. The residuals would then
-    /// exceed their noise, their factor would increase, and the multiple would be even more wrong: the factor would
-    /// grow without bound. The rounding errors of the rates have no factor, because the mean rates, which contain the
-    /// same errors, have none.
+    /// `Scales` contains a factor on the standard deviations of force norms, and a factor on those of gravity
+    /// directions after moves. The rounding errors of the forces are multiplied by the larger of these two factors.
+    /// Otherwise, if rounding is the dominant error, the two factors would hardly change the whitened residuals and
+    /// would not converge. The rounding errors must be multiplied by the same factor in all residuals. If one axis is
+    /// quantised much more coarsely than the other axes, the whitening estimates the rounding error of a rest from one
+    /// residual and subtracts it from the other residuals. With different factors, the whitening would subtract a wrong
+    /// multiple of the error. The residuals would then exceed their noise, their factor would increase, and the
+    /// multiple would be even more wrong: the factor would grow without bound. The rounding errors of the rates have no
+    /// factor, because the mean rates, which contain the same errors, have none.
     fn by_rounding(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let rows = linear.head_rows();
         let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());

@@ -26,8 +26,8 @@ pub(crate) struct Whitening {
 }
 
 impl Whitening {
-    /// Computes the factor L. `own` contains the variance of the independent error of each residual, which must be
-    /// positive. `shares` contains the dependence of each residual on the common errors.
+    /// Computes the factor L. For each residual, `own` contains the variance of its independent error. These variances
+    /// must be positive. `shares` contains the dependence of each residual on the common errors.
     pub(crate) fn new(own: &[f64], shares: &[Shares], error_count: usize) -> Self {
         // `first_row_of` contains, for each error, the first residual that depends on it. Row i of the factor begins
         // at the first residual that has an error in common with residual i.

@@ -1,4 +1,4 @@
-//! Estimates from the residuals of a fit by how much they exceed their noise (model.md (19)).
+//! Estimates by how much the residuals of a fit exceed their noise (model.md (19)).
 
 use faer::Mat;
 
@@ -34,7 +34,7 @@ pub(crate) struct Widening {
     pub(super) epoch_rates: [f64; 3],
 }
 
-/// Factors on the standard deviations of the residuals from noise; 1 if noise explains the residuals.
+/// Factors by which the standard deviations that noise causes are multiplied; 1 if noise explains the residuals.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scales {
     pub(crate) norms: f64,
@@ -115,7 +115,8 @@ impl Widening {
         }
     }
 
-    /// Logarithms of all quantities of the widening. The logarithm of an excess of zero is minus infinity.
+    /// Logarithms of all quantities of the widening. If a variance or a bias instability is zero, its logarithm is
+    /// minus infinity.
     pub(in crate::joint) fn logarithms(&self) -> [f64; WIDENINGS] {
         let mut all = [0.0; WIDENINGS];
         let values = self.scales.all().into_iter().chain(self.between_rests).chain(self.bias_instability);
@@ -143,9 +144,10 @@ pub(super) fn rate_covariance(prepared: &Prepared<'_>, model: &Model, k: usize) 
     prepared.rests[k].rate_covariance + Matrix3::from_diagonal_element(finest * finest)
 }
 
-/// Estimates the excess scatter of the mean rates of rests on each axis. Returns a variance from rest to rest and a
-/// bias instability, of which at least one is zero. The scatter is modelled either as errors that are independent from
-/// rest to rest or as bias instability of the gyroscope. The model with the larger likelihood is chosen.
+/// Estimates the excess scatter of the mean rates of rests on each axis. The scatter is modelled either as errors that
+/// are independent from rest to rest or as bias instability of the gyroscope. The model with the larger likelihood is
+/// chosen. Returns the variance from rest to rest and the bias instability. The value of the model that is not chosen
+/// is zero.
 fn excess_of_rates(
     prepared: &Prepared<'_>,
     linear: &Linear,
@@ -199,8 +201,8 @@ fn excess_of_epochs(prepared: &Prepared<'_>, linear: &Linear, free: [f64; 3], ke
 fn rates_of(prepared: &Prepared<'_>, linear: &Linear, axis: usize, later: bool) -> (Vec<f64>, Vec<f64>) {
     let rounding = |k: usize| prepared.rests[k].rest.angular_rate.rounding[axis].error_variance;
     let of_rest = |(k, lines): &(usize, [Line; 3])| {
-        // The variance of the rounding errors is added, although it is only an upper limit of their scatter between
-        // rests: rests with equal readings have equal rounding errors.
+        // The variance of the rounding errors is added. It is an upper limit of their scatter between rests, because
+        // rests with equal readings have equal rounding errors.
         let covariance = rate_covariance(prepared, &linear.model, *k);
         (lines[axis].residual, covariance[(axis, axis)] + rounding(*k))
     };

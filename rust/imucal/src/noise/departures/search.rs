@@ -13,8 +13,8 @@ use crate::noise::power_law::{KINDS, PerKind, WALK, WHITE, dot};
 /// penalty accounts for the number of shapes and times that are tried. For a record without steps, the probability of a
 /// false alarm is then about 1e-3.
 const GAIN: f64 = 16.0;
-/// Additional penalty of a drift, in units of 2 ln L. A drift has one more parameter than a step. This parameter must
-/// increase 2 ln L by at least this penalty of 4, which corresponds to a likelihood ratio of exp(4 / 2) = 7.
+/// Additional penalty of a drift, in units of 2 ln L. A drift has one more parameter than a step, so a drift must
+/// increase 2 ln L by 4 more than a step. An increase by 4 is a likelihood ratio of exp(4 / 2) = 7.
 const LENGTH: f64 = 4.0;
 /// Maximum number of steps and drifts of one axis.
 const MAX_COMPONENTS: usize = 12;

@@ -23,8 +23,8 @@ const STRETCH_S: f64 = 1.0;
 const STRETCH_BOXES: usize = 20;
 /// Maximum number of samples at which two derivatives are compared in a segment.
 const MOST_LOOKS: usize = 100;
-/// Time steps count as equal if each deviates from their mean by at most this share of the mean. The limit permits
-/// rounding errors.
+/// Time steps are treated as equal if each of them deviates from their mean by at most this share of the mean. The
+/// limit permits rounding errors.
 const EVEN: f64 = 1e-9;
 
 /// Cumulative sums of the values. The first value is subtracted from all values, because a large bias would cause
@@ -77,7 +77,7 @@ pub(super) struct Stencil {
     even: Option<Even>,
 }
 
-/// Weights of a stencil for equal time steps, which are the same at all samples.
+/// Weights of a stencil for equal time steps. These weights are the same at all samples.
 #[derive(Clone)]
 struct Even {
     /// Weights that give the coefficients of the polynomial from the means over the boxes.
@@ -148,8 +148,7 @@ impl Stencil {
         Boxes { first, stride: self.stride, count: self.boxes, weights }
     }
 
-    /// Index range of the samples for which a stencil centred at the sample is completely inside the data. The other
-    /// samples are near the ends of the data.
+    /// Index range of the samples at which the stencil can be centred without extending beyond the ends of the data.
     fn inside(&self, samples: usize) -> Range<usize> {
         self.before()..(samples + self.before() + 1).saturating_sub(self.boxes * self.stride)
     }
@@ -199,8 +198,8 @@ impl Stencil {
         powers
     }
 
-    /// Returns the weights with which the weighted sum of the means over the boxes is the slope, per second, of
-    /// `polynomial` at the time `at`, in box widths.
+    /// Returns the weights of the means over the boxes that give the slope of `polynomial` at the time `at`. The slope
+    /// is per second, and `at` is in box widths.
     fn slope_of(&self, polynomial: &Polynomial, at: f64) -> [f64; BOXES] {
         std::array::from_fn(|j| {
             let slope = (1..self.boxes).rev().fold(0.0, |slope, m| slope * at + m as f64 * polynomial[(j, m)]);

@@ -6,7 +6,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 const AMPLITUDE_RADPS: f64 = 2.0;
-/// Noise of a low-cost gyroscope (two-sided density 0.026 deg/s/sqrt(Hz)) at 400 Hz, rad/s.
+/// Standard deviation of the simulated noise of a sample, rad/s. It is that of a low-cost gyroscope with a two-sided
+/// noise density of 0.026 deg/s/sqrt(Hz) at 400 Hz.
 const NOISE_RADPS: f64 = 9e-3;
 
 /// Simulates a sine with noise, sampled at 400 Hz. Returns the times, the noisy values and the true derivatives.
@@ -34,7 +35,7 @@ fn errors(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> (f64, f64) {
 #[test]
 fn noise_goes_as_far_as_the_motion_allows() {
     // `times_less` is the factor by which smoothing must at least reduce the rms error of the derivative. Slow motion
-    // permits more smoothing than fast motion. The truncation error is below 0.2 %.
+    // permits more smoothing than fast motion. The truncation error must be below 0.2 %.
     for (frequency_hz, times_less) in [(0.3, 80.0), (1.0, 25.0), (5.0, 4.0)] {
         let (time_s, rates, truth) = sine(frequency_hz, 1);
         let neighbours = errors(&Derivative::narrow(&time_s).of(&rates), &truth);

@@ -1,8 +1,9 @@
 use super::*;
 use crate::numerics::lsq::{EXACT, Residuals, minimize, minimize_within};
 
-/// Rosenbrock's valley with walls `steep` times as steep as its floor, and a residual with a kink:
-/// `(1 - x, steep (y - x^2), 3 + kink |x - 1/2|)`.
+/// Simulated problem with three residuals: `(1 - x, steep (y - x^2), 3 + kink |x - 1/2|)`. The first two residuals form
+/// Rosenbrock's curved valley, whose walls are `steep` times as steep as its floor. The third residual has a kink at x
+/// = 1/2.
 struct Valley {
     steep: f64,
     kink: f64,

@@ -23,7 +23,7 @@ const PART: usize = 256;
 const JOB: usize = 1 << 16;
 
 /// Number of consecutive blocks (together 0.25 s) that form one mean. The Allan variance in [`Colour`] is computed from
-/// such means, because a mean contains only noise at low frequencies.
+/// such means, because averaging removes the noise at high frequencies.
 const GROUP_BLOCKS: usize = 5;
 
 /// The blocks of a recording, and further statistics that are computed in the same pass over the samples.
@@ -81,7 +81,8 @@ struct Summing<'a> {
     first: usize,
     /// Output: sums over the samples of each block of the job.
     samples: &'a mut [Block],
-    /// Output: variances of the windows that begin in these blocks. If samples are not averaged, nothing is written.
+    /// Output: variances of the windows that begin in the blocks of the job. If samples are not averaged, nothing is
+    /// written.
     variances: [&'a mut [f64]; 6],
     /// Output: smallest nonzero differences of consecutive rates and of consecutive forces, one value for each SIMD
     /// lane.
@@ -200,8 +201,8 @@ pub(super) fn mean(blocks: &[Block]) -> Vector6<f64> {
     blocks.iter().map(Block::mean).sum::<Vector6<f64>>() / blocks.len() as f64
 }
 
-/// Noise counts as low-pass filtered if the estimated factor c of [`Colour`] is at least this value. For white noise,
-/// the estimated factor is almost always smaller.
+/// Noise is treated as low-pass filtered if the estimated factor c of [`Colour`] is at least this value. For white
+/// noise, the estimated factor is almost always smaller.
 const FILTERED: f64 = 1.7;
 
 /// Sums from which the factor c of model.md (10) is estimated. c is the factor by which the correlation of the noise
@@ -247,8 +248,7 @@ impl Colour {
         self.samples = self.samples.max(other.samples);
     }
 
-    /// Factor c by which the correlation of the noise increases the variance of a mean over a long time. `factor` is
-    /// the estimate of c from means over 0.25 s.
+    /// Returns the factor c of a mean over much more than 0.25 s. `factor` is the estimate of c from means over 0.25 s.
     ///
     /// Low-pass filtered noise is correlated across the boundary of two consecutive means, so their difference is too
     /// small. Therefore `factor = c (1 - 1.5 / (pi^2 tau B))` with `1 / B = 2 c dt`. tau is the averaging time of 0.25

@@ -113,10 +113,10 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
 /// moves are so slow that the noise of the rest masks them in the window statistic. Blocks outside `within` are not
 /// used.
 ///
-/// The rotation angle is summed outwards over the blocks, starting 0.2 s inside the rest. If a slow move began even
-/// farther inside, the sum is started again from twice as far inside, up to a third of the rest and at most
-/// [`FARTHEST`] blocks. Nothing is removed if the angle does not increase, as after a jolt, or if the move began
-/// farther inside than the last position from which the sum was started.
+/// The rotation angle is summed outwards over the blocks, starting 0.2 s inside the rest. If a slow move began more
+/// than 0.2 s inside the rest, the sum is started again from twice as far inside. The distance is doubled up to a third
+/// of the rest and at most [`FARTHEST`] blocks. Nothing is removed in two cases: the angle does not increase (for
+/// example, after a jolt), or the move began farther inside than the innermost start of the sum.
 pub(super) fn onset(
     range: Range<usize>,
     within: &Range<usize>,
@@ -157,8 +157,8 @@ pub(super) fn onset(
 /// Distance from an end of the rest to the block at which the sum of the angle is first started, in blocks (0.2 s).
 const FIRST: usize = 4;
 /// Largest distance from an end of the rest at which the sum of the angle is started, in blocks (1.6 s). A gyroscope
-/// bias that settles for a minute after power-on looks like a rotation that ends smoothly. With this limit, such a bias
-/// makes the rest at most 1.6 s shorter.
+/// bias that settles for a minute after power-on looks like a rotation that ends smoothly. The limit ensures that at
+/// most 1.6 s of the rest are removed because of such a bias.
 const FARTHEST: usize = 32;
 /// When a move is detected ([`SeenMove`]), the time of length `CUBIC` x (rotation angle / rate) before the detection is
 /// assigned to the move.
@@ -168,9 +168,9 @@ const FARTHEST: usize = 32;
 /// five sixths of t are assigned to the move. At the detection, the angle is ten times its noise, so in the first sixth
 /// of t the angle is below 10 / 6^3 = 0.05 of this noise.
 const CUBIC: f64 = 3.0 * 5.0 / 6.0;
-/// Value that replaces [`CUBIC`] for a slow move. The jerk of a slow move may also start at zero. The angle is then
-/// proportional to t^4, so that t = 4 angle / rate. All of t is assigned to the move, because this makes the rest only
-/// slightly shorter.
+/// Value that replaces [`CUBIC`] for a slow move. In a slow move, not only the angular acceleration but also the jerk
+/// may start at zero. The angle is then proportional to t^4, so that t = 4 angle / rate. All of t is assigned to the
+/// move, because this makes the rest only slightly shorter.
 const QUARTIC: f64 = 4.0;
 
 /// Detection of a move: the instant at which the rotation angle reaches ten times the noise of the angle.

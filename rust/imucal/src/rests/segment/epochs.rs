@@ -20,10 +20,11 @@ pub(crate) const LONG_REST_S: f64 = 120.0;
 const EPOCH_S: f64 = 60.0;
 /// Maximum change of the temperature within an epoch, K. A fit averages the temperature effects over the temperatures
 /// within an epoch. For linear and quadratic effects, this average is exact for any change of temperature. Other
-/// effects must be nearly linear over the change. The bias of a MEMS sensor is nearly linear over 2 K.
+/// effects must be nearly linear over the change. The bias of a MEMS sensor is a nearly linear function of temperature
+/// over 2 K.
 const EPOCH_K: f64 = 2.0;
 /// Minimum duration of an epoch, s. It applies even if the temperature changes fast. Typical rests in calibration runs
-/// have this duration, and a mean over it determines the gravity direction with little noise.
+/// take 10 s, and a mean over 10 s determines the gravity direction with little noise.
 const MIN_EPOCH_S: f64 = 10.0;
 /// Maximum number of epochs of one rest. It limits the time of a fit, which grows with the third power of this number.
 const MAX_EPOCHS: usize = 120;

@@ -15,8 +15,8 @@ use super::threshold::{Choice, choose_threshold, statistic_of, still, window_sta
 /// and 2.2 in the remaining recording.
 const CLEAR: f64 = 2.0;
 
-/// Detects the intervals at rest at all levels of tremor. Returns the chosen threshold of the last level, in units of
-/// the noise variances `floor`, and the intervals as ranges of blocks.
+/// Detects the intervals at rest at all levels of tremor. Returns the chosen threshold of the last level, as a multiple
+/// of the noise variances `floor`, and the intervals as ranges of blocks.
 ///
 /// The statistic and the threshold of the first level refer to the noise of the sensors, which is estimated from the
 /// quietest windows. The variance of hand-held rests may be a thousand times larger, so that it is nearer to the
@@ -119,8 +119,8 @@ mod tests {
         }
     }
 
-    /// With the threshold of the hand, a slow turn on the table counts as a rest. The table rests before and after the
-    /// turn must nevertheless remain two rests.
+    /// With the threshold of the hand-held rests, a slow turn on the table is detected as a rest. The table rests
+    /// before and after the turn must nevertheless remain two rests.
     #[test]
     fn rests_on_a_table_are_not_joined_by_the_threshold_of_a_hand() {
         let hand = table_then_hand(1);

@@ -85,7 +85,8 @@ impl Steadiness {
         Self { steady_colour: steady.factor(), held_colour: held.factor() }
     }
 
-    /// The factors c of the six channels for this rest: the factors of steady rests or the factors of hand-held rests.
+    /// Returns the factors c of the six channels for a rest: the factors for steady rests if the rest is steady,
+    /// otherwise the factors for hand-held rests.
     pub(super) fn colour(&self, rest: &Stretch) -> &Vector6<f64> {
         if rest.is_steady() { &self.steady_colour } else { &self.held_colour }
     }

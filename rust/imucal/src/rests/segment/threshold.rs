@@ -124,7 +124,8 @@ pub(super) struct Choice {
 }
 
 impl Choice {
-    /// The same choice with thresholds in another unit of variance. `ratio` is (present unit) / (new unit).
+    /// Converts the thresholds, which are multiples of one variance, to multiples of another variance. `ratio` is
+    /// (present variance) / (new variance).
     pub(super) fn scaled(self, ratio: f64) -> Self {
         Self { factor: self.factor * ratio, from: self.from * ratio, to: self.to * ratio, rests: self.rests }
     }
@@ -132,7 +133,7 @@ impl Choice {
 
 /// Chooses the threshold. The thresholds are divided into ranges, and all thresholds in a range give the same number n
 /// of rests. The range with the largest weighted width ln(upper end / lower end) x ln(n + 0.1) is selected. The chosen
-/// threshold is in this range.
+/// threshold is near the lower end of this range.
 pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> Choice {
     // Lowest threshold that is tried, a ratio of variances. Most windows at rest have a statistic near 1, which is
     // below this threshold.
