@@ -173,7 +173,7 @@ def require_noise(node: Node) -> dict[str, float]:
         )
         if parts is None or NOISE_UNITS[parts[1], parts[2]] != parts[4]:
             raise FormatError(
-                f"{node.file}: {node.path}.{name} is no noise figure: its name is like "
+                f"{node.file}: {node.path}.{name} is not the name of a noise figure. Names are, for example, "
                 "gyro_noise_density_x_radps_per_sqrt_hz or accel_noise_density_x_mps2_per_sqrt_hz"
             )
         if not 0.0 <= value <= NOISE[parts[4]]:

@@ -167,9 +167,7 @@ class CaptureFile:
 def _require_same(path: Path, marker: Path, document: Mapping[str, Any]) -> None:
     """Raises InputError unless `path` is an unfinished recording whose marker has the fields `document`."""
     if not marker.exists():
-        raise InputError(
-            f"{path} exists: give another file; only an unfinished recording can be continued"
-        )
+        raise InputError(f"{path} exists: give another file; only an unfinished recording can be continued")
     try:
         before = json.loads(marker.read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -109,8 +109,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
                 "and not the times of sampling."
             ),
             cure=(
-                "Use the time stamps of the sensor, or omit them and give `--rate-hz` if no sample is "
-                "missing."
+                "Record the time stamps of the sensor. If no sample is missing, leave the times out and give "
+                "`--rate-hz`."
             ),
         ),
         "samples_missing": Code(
@@ -244,7 +244,10 @@ CODES: Final[dict[str, dict[str, Code]]] = {
                 "The calibration is evaluated on a recording with temperatures that its recordings did not "
                 "reach, so its temperature effects are extrapolated."
             ),
-            cure="Evaluate within the range of the calibration, or calibrate with recordings that cover it.",
+            cure=(
+                "Evaluate on a recording within the temperatures of the calibration, or calibrate with "
+                "recordings that cover the temperatures of this one."
+            ),
         ),
         "seen_by_the_fit": Code(
             cause="The calibration is evaluated on a file from which it was made.",

@@ -31,7 +31,7 @@ def pasteable(text: str | None) -> str | None:
 
 
 def _broken(example: str) -> str:
-    """Break an example into lines, with each option and its value on one line."""
+    """Break an example into lines of at most WIDTH characters, never between an option and its value."""
     pieces: list[str] = []
     for word in WORD.findall(example):
         if pieces and pieces[-1].startswith("-") and " " not in pieces[-1] and not word.startswith("-"):

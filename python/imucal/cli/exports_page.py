@@ -208,8 +208,8 @@ EXPORTS: Final = (
         choose="blackbox_decode --unit-rotation deg/s --unit-acceleration g LOG00001.BFL",
         command="imucal convert LOG00001.01.csv -o rec.csv",
         remarks=(
-            "all data are read; Betaflight has filtered both sensors and rotated their axes; a log itself (.BFL, "
-            ".BBL) is not read, and the error message names blackbox_decode"
+            "all data are read; Betaflight has filtered both sensors and rotated their axes; a log itself "
+            "(.BFL, .BBL) is not read, and the error message names blackbox_decode"
         ),
     ),
     Export(

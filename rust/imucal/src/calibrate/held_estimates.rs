@@ -136,9 +136,8 @@ fn directions() -> Vec<Vector3<f64>> {
 }
 
 /// Lists the names of the parameters in `held` for a message. `all` contains all held parameters. A group such as
-/// `accel_scale` contains the parameters whose names have this beginning, for example `accel_scale_x`. If `all`
-/// contains at least two parameters of a group, and `held` contains all of these, the list names the group instead of
-/// the parameters.
+/// `accel_scale` contains the parameters whose names have this beginning, for example `accel_scale_x`. A group
+/// is listed by its name if `all` contains at least two of its parameters and `held` contains the same parameters.
 pub(super) fn listed(held: &[&HeldEstimate], all: &[HeldEstimate]) -> String {
     let mut names = Vec::new();
     for group in GROUPS {

@@ -327,9 +327,9 @@ impl LeaveOut {
         (dot(&self.residuals, &self.residuals), self.residuals.len().saturating_sub(self.basis.len()))
     }
 
-    /// Computes the decrease d of chi2 if the residuals may change freely along these columns of A (error patterns).
-    /// The second value is the number of degrees of freedom of d. Directions along which the fit reproduces any error
-    /// (leverage near one) cannot be tested and are not counted.
+    /// Computes by how much chi2 decreases if the error patterns of these columns (how an error changes the residuals)
+    /// are fitted with free amplitudes. The second value is the number of degrees of freedom. Directions along which
+    /// the fit reproduces any error (leverage near one) cannot be tested and are not counted.
     pub(super) fn misfit(&self, columns: &[usize]) -> (f64, usize) {
         let n = columns.len();
         if n == 0 {

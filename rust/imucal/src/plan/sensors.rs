@@ -127,8 +127,8 @@ impl Sensors {
         BASE + self.effects.iter().map(|effect| effect.plain).sum::<usize>()
     }
 
-    /// Name and SI unit of each parameter of the effects. In all lists of parameters, these parameters follow the 21
-    /// parameters of the triads (three-axis sensors) in this order.
+    /// Name and SI unit of each parameter of the effects. All lists of parameters begin with the 21 parameters of the
+    /// triads (three-axis sensors). The parameters of the effects follow, in the order that is returned here.
     pub fn effect_parameters(&self) -> Vec<(String, &'static str)> {
         let named = |effect: &&'static Effect<f64>| {
             let name = effect.name;

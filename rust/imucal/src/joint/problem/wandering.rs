@@ -206,10 +206,11 @@ impl Joint<'_> {
     /// Otherwise, if rounding is the dominant error, the two factors would hardly change the whitened residuals and
     /// would not converge. The rounding errors must be multiplied by the same factor in all residuals. If one axis is
     /// quantised much more coarsely than the other axes, the whitening estimates the rounding error of a rest from one
-    /// residual and subtracts it from the other residuals. With different factors, the whitening would subtract a wrong
-    /// multiple of the error. The residuals would then exceed their noise, their factor would increase, and the
-    /// multiple would be even more wrong: the factor would grow without bound. The rounding errors of the rates have no
-    /// factor, because the mean rates, which contain the same errors, have none.
+    /// residual and subtracts it from the other residuals. If the factors of these residuals differed, the whitening
+    /// would subtract too much or too little. The other residuals would then exceed their noise, and the fit would
+    /// increase their factor. The factors would differ even more, and the increased factor would grow without bound.
+    /// The rounding errors of the rates have no factor, because the mean rates, which contain the same errors, have
+    /// none.
     fn by_rounding(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let rows = linear.head_rows();
         let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());
