@@ -1,0 +1,149 @@
+"""A copy of the Rust workspace with the switches of a sample, and its test programs and extension module."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import re
+import subprocess
+from pathlib import Path
+
+from mutants.rust_sites import PATTERN, constants_of, rust_sites
+from mutants.sites import SWITCH, Site, applied
+
+__all__ = ["RustCopy"]
+
+CRATES = ("rust/imucal/src", "rust/imucal-core/src")
+# Left out: tests, and the simulation, whose recordings take the place of measurements in tests.
+LEFT_OUT = ("tests", "simulate")
+MODULE = f"""//! Switch of deliberate errors.
+
+static NUMBER: std::sync::OnceLock<u32> = std::sync::OnceLock::new();
+
+/// Whether the error with this number is on.
+#[inline]
+pub fn is_on(number: u32) -> bool {{
+    let text = || std::env::var("{SWITCH}").ok();
+    *NUMBER.get_or_init(|| text().and_then(|text| text.parse().ok()).unwrap_or(0)) == number
+}}
+"""
+END = re.compile(r"/\*(\d+)\*/\)")
+
+
+class RustCopy:
+    """The copy in `folder` of the workspace in `root`; `sites` are the errors that compile, by number."""
+
+    def __init__(self, root: Path, folder: Path) -> None:
+        self.root, self.folder = root, folder
+        self.sites: dict[int, Site] = {}
+
+    def compile(self, seed: int, count: int) -> None:
+        """Draw `count` errors that compile, and compile them."""
+        drawn = self._all_sites(random.Random(seed))
+        random.Random(seed).shuffle(drawn)
+        reserve = dict(enumerate(drawn, 1))
+        while True:
+            while len(self.sites) < count:
+                number = min(reserve)
+                self.sites[number] = reserve.pop(number)
+            self._write()
+            failed = self._failed()
+            if not failed:
+                return
+            for number in failed:
+                del self.sites[number]
+
+    def test_programs(self) -> list[Path]:
+        """The unit tests of both crates, compiled."""
+        done = self._cargo("test", "--no-run", "--lib", "--package", "imucal", "--package", "imucal-core")
+        messages = [json.loads(line) for line in done.stdout.splitlines()]
+        return [Path(m["executable"]) for m in messages if m.get("executable") and m["profile"]["test"]]
+
+    def extension(self) -> Path:
+        """The extension module of Python, compiled."""
+        self._cargo("build", "--package", "imucal-py")
+        return Path(os.environ["CARGO_TARGET_DIR"]) / "release" / "lib_core.so"
+
+    def _sources(self) -> list[Path]:
+        return [
+            path
+            for crate in CRATES
+            for path in sorted((self.root / crate).rglob("*.rs"))
+            if not {*path.relative_to(self.root).parts, path.stem}.intersection(LEFT_OUT)
+        ]
+
+    def _all_sites(self, chance: random.Random) -> list[Site]:
+        sources = {path: path.read_bytes() for path in self._sources()}
+        constants: dict[str, str] = {}
+        for source in sources.values():
+            constants |= constants_of(source)
+        return [
+            site
+            for path, source in sources.items()
+            for site in rust_sites(path.relative_to(self.root).as_posix(), source, constants, chance)
+        ]
+
+    def _write(self) -> None:
+        for name in ("Cargo.toml", "Cargo.lock"):
+            _replace(self.folder / name, (self.root / name).read_text())
+        for folder in ("rust", "benches"):
+            for path in (self.root / folder).rglob("*"):
+                if path.suffix in (".rs", ".toml", ".md") and path.is_file():
+                    name = path.relative_to(self.root).as_posix()
+                    sites = {n: site for n, site in self.sites.items() if site.path == name}
+                    text = applied(path.read_bytes(), sites, PATTERN)
+                    _replace(self.folder / name, _with_module(name, text))
+        _replace(self.folder / "rust/imucal-core/src/mutant.rs", MODULE)
+
+    def _failed(self) -> set[int]:
+        """Numbers of the errors that the compiler refuses."""
+        done = self._cargo("check", "--lib", "--package", "imucal", check=False)
+        failed = set()
+        others = []
+        for line in done.stdout.splitlines():
+            message = json.loads(line).get("message") or {}
+            if message.get("level") == "error" and message.get("spans"):
+                found = {n for span in message["spans"] if span["is_primary"] for n in [self._at(span)] if n}
+                failed |= found
+                if not found:
+                    others.append(message["rendered"])
+        if done.returncode and not failed:
+            raise SystemExit("\n".join(others) or done.stderr)
+        return failed
+
+    def _at(self, span: dict) -> int | None:
+        """The number of the innermost switch around a place."""
+        path = self.folder / span["file_name"]
+        data = path.read_bytes()
+        text, at = data.decode(), len(data[: span["byte_start"]].decode())
+        last = len(data[: span["byte_end"]].decode())
+        for end in END.finditer(text):
+            start = text.rfind(f"(if imucal_core::mutant::is_on({end[1]})", 0, end.start())
+            if start <= at and last <= end.end():
+                return int(end[1])
+        return None
+
+    def _cargo(self, *arguments: str, check: bool = True) -> subprocess.CompletedProcess:
+        command = ["cargo", *arguments, "--release", "--message-format", "json"]
+        # An error that the compiler foresees, such as an overflow, is left to the tests.
+        environment = {**os.environ, "RUSTFLAGS": "--cap-lints warn"}
+        done = subprocess.run(command, cwd=self.folder, env=environment, capture_output=True, text=True)
+        if check and done.returncode:
+            raise SystemExit(done.stderr)
+        return done
+
+
+def _with_module(name: str, text: str) -> str:
+    if name == "rust/imucal-core/src/lib.rs":
+        text = text.replace("#[cfg(test)]\nextern crate std;", "extern crate std;")
+        return text.replace("\npub mod calibration;", "\npub mod mutant;\npub mod calibration;", 1)
+    is_core = name.startswith("rust/imucal-core/src/")
+    return text.replace("imucal_core::mutant", "crate::mutant") if is_core else text
+
+
+def _replace(path: Path, text: str) -> None:
+    """Write a file if its text changes, so that cargo compiles only what changed."""
+    if not path.exists() or path.read_text() != text:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
