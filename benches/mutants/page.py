@@ -32,8 +32,8 @@ def write_language(language: str, seed: int, trials: list[Trial]) -> None:
     share = len(found) / len(trials)
     verdict = "met" if share >= LEAST_FOUND else "missed"
     rows = [
-        f"| {trial.site.path}:{trial.site.line} | `{_cell(trial.site.before)}` | `{_cell(trial.site.after)}` "
-        f"| {REASONS.get(trial.site.name, '')} |"
+        f"| {trial.site.path} | `{_cell(trial.site.text)}` | `{_cell(trial.site.before)}` "
+        f"| `{_cell(trial.site.after)}` | {REASONS.get(trial.site.name, '')} |"
         for trial in trials
         if trial.test is None
     ]
@@ -44,8 +44,8 @@ def write_language(language: str, seed: int, trials: list[Trial]) -> None:
 
 The errors that the tests do not find:
 
-| place | instead of | stands | why it is harmless |
-|---|---|---|---|
+| file | line | instead of | error | why it is harmless |
+|---|---|---|---|---|
 {chr(10).join(rows)}
 """
     write_section(PAGE, "Tests against deliberate errors", HEADINGS[language], body)

@@ -109,7 +109,8 @@ class _Finder:
         self, node: ast.expr, operands: list[ast.expr], pieces: list[str], before: str, after: str
     ) -> Site:
         edit = Edit(*self._bytes(node), tuple(self._bytes(each) for each in operands), tuple(pieces))
-        return Site(self.path, node.lineno, before, after or "(nothing)", edit)
+        text = self.source.splitlines()[node.lineno - 1].decode().strip()
+        return Site(self.path, node.lineno, text, before, after or "(nothing)", edit)
 
     def _bytes(self, node: ast.expr) -> tuple[int, int]:
         return (

@@ -1,5 +1,5 @@
-"""Why an error that no test finds is harmless, by the name of the error."""
+"""Why an error that no test finds is harmless, by file, line and change (`Site.name`)."""
 
 __all__ = ["REASONS"]
 
-REASONS: dict[str, str] = {}
+REASONS: dict[tuple[str, str, str], str] = {}

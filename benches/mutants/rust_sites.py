@@ -65,12 +65,13 @@ def rust_sites(path: str, source: bytes, constants: dict[str, str], chance: rand
     constants  types of the constants that the source may use; a use of one changes by 5 %, or by one
     """
     root = Parser(Language(tree_sitter_rust.language())).parse(source).root_node
-    return list(_Finder(path, constants, chance).found(root, False))
+    return list(_Finder(path, source, constants, chance).found(root, False))
 
 
 class _Finder:
-    def __init__(self, path: str, constants: dict[str, str], chance: random.Random) -> None:
+    def __init__(self, path: str, source: bytes, constants: dict[str, str], chance: random.Random) -> None:
         self.path, self.constants, self.chance = path, constants, chance
+        self.lines = source.decode().splitlines()
 
     def found(self, node: Node, is_in_function: bool) -> Iterator[Site]:
         is_test = False
@@ -123,7 +124,8 @@ class _Finder:
     def _replaced(self, node: Node, operands: list[Node], pieces: list[str], before: str, after: str) -> Site:
         parts = tuple((each.start_byte, each.end_byte) for each in operands)
         edit = Edit(node.start_byte, node.end_byte, parts, tuple(pieces))
-        return Site(self.path, node.start_point[0] + 1, before, after or "(nothing)", edit)
+        line = node.start_point[0]
+        return Site(self.path, line + 1, self.lines[line].strip(), before, after or "(nothing)", edit)
 
 
 def _text(node: Node) -> str:

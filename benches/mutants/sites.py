@@ -31,18 +31,24 @@ class Edit:
 
 @dataclass(frozen=True)
 class Site:
-    """One deliberate error: the line of a file, what stands there, and what the error makes of it."""
+    """One deliberate error.
+
+    path, line     where it is
+    text           the line
+    before, after  what the error changes in the line, and into what
+    """
 
     path: str
     line: int
+    text: str
     before: str
     after: str
     edit: Edit
 
     @property
-    def name(self) -> str:
-        """The error as one line of text."""
-        return f"{self.path}:{self.line}: {self.before} -> {self.after}"
+    def name(self) -> tuple[str, str, str]:
+        """Path, text and change, which stay the same if lines are added above."""
+        return self.path, self.text, f"{self.before} -> {self.after}"
 
 
 def applied(source: bytes, sites: Mapping[int, Site], pattern: tuple[str, str, str]) -> str:

@@ -1,0 +1,74 @@
+"""Deliberate errors of `make mutants`: each is in the copy of the sources, and none is on without its number."""
+
+import random
+
+from mutants.python_sites import PATTERN as IN_PYTHON
+from mutants.python_sites import python_sites, with_switch
+from mutants.rust_sites import PATTERN as IN_RUST
+from mutants.rust_sites import constants_of, rust_sites
+from mutants.sites import applied
+
+PYTHON = b'''"""Docstring."""
+
+from __future__ import annotations
+
+
+def value(a: int, b: float = 2.0) -> float:
+    """An annotation, `1`, and text are no errors."""
+    return (a + b * 3) if a > 0 and not b < 0.5 else -a
+'''
+RUST = b"""
+const LIMIT: f64 = 2.0;
+
+/// A comment: 1 + 1.
+fn above(values: [f64; 3], k: usize) -> bool {
+    assert!(k < 3);
+    values[k] - 1.0 > LIMIT
+}
+
+#[cfg(test)]
+mod tests {
+    fn none() -> i32 { 1 + 1 }
+}
+"""
+
+
+def test_each_python_error_changes_the_value_of_some_arguments():
+    sites = dict(enumerate(python_sites("value.py", PYTHON, random.Random(1)), 1))
+    assert sorted(site.before for site in sites.values()) == sorted(
+        ["2.0", "+", "*", "3", "and", ">", "0", "not", "<", "0.5", "-"]
+    )
+    text = with_switch(applied(PYTHON, sites, IN_PYTHON))
+    assert text.index("from __future__") < text.index("_imucal_mutant")
+    body = text.replace("from imucal._mutant import is_on as _imucal_mutant\n", "")
+
+    def values(number):
+        names = {"_imucal_mutant": lambda own: own == number}
+        exec(compile(body, "value.py", "exec"), names)
+        cases = [(a, b) for a in (-1, 0, 1, 2) for b in (0.4, 0.5, 0.51, 7.0)]
+        return [names["value"](*case) for case in cases] + [names["value"](1)]
+
+    without = {}
+    exec(compile(PYTHON, "value.py", "exec"), without)
+    assert values(0)[-1] == without["value"](1) == 7.0
+    assert all(values(number) != values(0) for number in sites)
+
+
+def test_rust_errors_stand_only_where_code_runs():
+    sites = rust_sites("above.rs", RUST, constants_of(RUST), random.Random(1))
+    assert sorted((site.before, site.after) for site in sites if site.before != ">") == [
+        ("-", "+"),
+        ("1.0", "1.05"),
+        ("LIMIT", "LIMIT * 1.05"),
+    ]
+    numbered = dict(enumerate(sites, 1))
+    text = applied(RUST, numbered, IN_RUST)
+    for number, site in numbered.items():
+        assert f"is_on({number})" in text and f"/*{number}*/)" in text, site
+    assert text.endswith(RUST.decode().partition("#[cfg(test)]")[2])
+    # The difference stands in the changed and in the present comparison, each time changed and as it is.
+    assert text.count("values[k]") == 4
+
+
+def test_without_errors_the_text_is_unchanged():
+    assert applied(RUST, {}, IN_RUST) == RUST.decode()
