@@ -1,11 +1,9 @@
-"""Deliberate errors of `make mutants`: each is in the copy of the sources, and none is on without its number."""
+"""Deliberate errors of `make mutants`: all are in the copy of the sources, and one at a time is on."""
 
 import random
 
-from mutants.python_sites import PATTERN as IN_PYTHON
-from mutants.python_sites import python_sites, with_switch
-from mutants.rust_sites import PATTERN as IN_RUST
-from mutants.rust_sites import constants_of, rust_sites
+from mutants.python_sites import PATTERN as IN_PYTHON, python_sites, with_switch
+from mutants.rust_sites import PATTERN as IN_RUST, constants_of, rust_sites
 from mutants.sites import applied
 
 PYTHON = b'''"""Docstring."""
