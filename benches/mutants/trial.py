@@ -25,7 +25,7 @@ NO_TESTS = 5
 # Folders of tests of each folder of the package, near ones first.
 NEAR_PYTHON = {
     "calibration": ("calibration", "estimation", "cli", "export", "importing"),
-    "cli": ("cli", "cases", "document", "advice"),
+    "cli": ("cli", "docs/test_codes.py", "cases", "document", "advice"),
     "document": ("document", "calibration", "stand", "cli"),
     "effects": ("effects", "export", "gap"),
     "estimation": ("estimation", "advice", "cases", "cli"),

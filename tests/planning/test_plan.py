@@ -329,6 +329,15 @@ def test_the_card_shows_every_pose_and_loads_nothing(tmp_path, monkeypatch):
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
     # The first pose: all motors at zero, z up.
     assert "z up" in page
+    # Each visible face of the box is a parallelogram; the page has three decimals.
+    faces = re.findall(r'<polygon points="([^"]+)"', page)
+    corners = np.array([[point.split(",") for point in face.split()] for face in faces], dtype=float)
+    assert len(corners) >= 2 * len(program.steps)
+    first, second, third, fourth = np.moveaxis(corners, 1, 0)
+    assert np.abs(second - first - (third - fourth)).max() < 3e-3
+    assert (
+        min(np.linalg.norm(second - first, axis=1).min(), np.linalg.norm(third - second, axis=1).min()) > 0.1
+    )
     # A hand that trembles reaches what was predicted for it.
     plan = json.loads(Path("plan.json").read_text())
     held = imucal.Program(program.steps, imucal.Stand(tremor_deg=0.05, tremor_seed=3))
@@ -339,6 +348,18 @@ def test_the_card_shows_every_pose_and_loads_nothing(tmp_path, monkeypatch):
         for found, planned in zip(result.parameters, plan["parameters"], strict=True)
     ]
     assert 0.8 < np.exp(np.log(ratio).mean()) < 1.25
+
+
+@pytest.mark.parametrize(
+    ("instability", "walk", "is_said"), [(0.0, 0.0, False), (1e-5, 0.0, True), (0.0, 1e-6, True)]
+)
+def test_a_plan_says_that_a_bias_varies(instability, walk, is_said):
+    paper = unit_of("paper")
+    gyroscope = dataclasses.replace(
+        paper.gyroscope, bias_instability=instability, random_walk=np.full(3, walk)
+    )
+    notes = quick("random", unit=dataclasses.replace(paper, gyroscope=gyroscope)).notes
+    assert any("bias of the gyroscope varies" in note for note in notes) == is_said
 
 
 def test_a_group_has_no_parameters_of_an_effect_that_begins_like_it():
