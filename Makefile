@@ -17,7 +17,7 @@
 #   make thermal-benchmark  sensors that remember the temperature, to docs/results/thermal.md
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
 #   make traps     inputs that easily give a wrong result, and 500 clean runs, to docs/results/traps.md
-#   make mutants   deliberate errors in the sources, which tests should find, to docs/results/mutants.md; hours
+#   make mutants   deliberate errors that tests should find, to docs/results/mutants.md; ONLY=rust; takes hours
 #   make copies    altered copies of a recording as its control, to docs/results/copies.md
 #   make signals   time from Ctrl-C to the end of each long command, to docs/results/signals.md
 #   make firmware  the C code on Cortex-M4F, M0+ and RV32 under QEMU, to docs/results/firmware.md
@@ -309,7 +309,7 @@ traps: $(VENV)/.installed
 # The tests need the clone, and the folder of shared recordings beside it.
 mutants: $(VENV)/.installed rust-components
 	$(call say,Deliberate errors)
-	PYTHONPATH=benches $(PY) -m mutants $(if $(LANGUAGE),--language $(LANGUAGE))
+	PYTHONPATH=benches $(PY) -m mutants $(if $(ONLY),--language $(ONLY))
 
 copies: $(VENV)/.installed
 	$(call say,Copies as control recordings)

@@ -2,8 +2,8 @@
 
 A sample of operators and constants of the sources is changed, one at a time, and the tests should fail. The
 Python tests run with each error in Python. The unit tests run with each error in Rust, and then, if they
-pass, Python tests of the same subject. The page docs/results/mutants.md lists the errors that no test finds.
-Each answer is kept in target/benches as soon as it is there, so a killed run goes on.
+pass, Python tests of the same subject. The page docs/results/mutants.md lists the errors that these tests do
+not find. Each answer is kept in target/benches as soon as it is there, so a killed run goes on.
 """
 
 from __future__ import annotations
@@ -13,8 +13,10 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
@@ -23,7 +25,7 @@ from rich.progress import track
 from mutants.page import Trial, write_language
 from mutants.python_copy import PythonCopy, installed_copy
 from mutants.rust_copy import RustCopy
-from mutants.trial import NEAR_FIT, NEAR_PYTHON, NEAR_RUST, Answer, python_answer, rust_answer
+from mutants.trial import ALL, NEAR_FIT, NEAR_PYTHON, NEAR_RUST, Answer, python_answer, rust_answer, stop
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "target" / "mutants"
@@ -37,6 +39,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=120, help="errors of each language")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     for language, run in {"python": in_python, "rust": in_rust}.items():
         if given.language in (None, language):
             trials = run(given.seed, given.count, given.processes)
@@ -50,11 +53,13 @@ def in_python(seed: int, count: int, processes: int) -> list[Trial]:
 
     def answer(number: int) -> Answer:
         area = Path(copy.sites[number].path).parts[1]
-        return python_answer(copy.package, number, NEAR_PYTHON[area], TESTS)
+        return python_answer(copy.package, number, [*NEAR_PYTHON[area], ALL], TESTS)
 
     areas = {Path(site.path).parts[1] for site in copy.sites.values()}
     folders = sorted({folder for area in areas for folder in NEAR_PYTHON[area]})
-    without = [lambda folder=folder: python_answer(copy.package, 0, [folder], TESTS) for folder in folders]
+    without = [
+        lambda folder=folder: python_answer(copy.package, 0, [folder], TESTS) for folder in [*folders, ALL]
+    ]
     return _trials("python", copy, answer, without, processes)
 
 
@@ -102,16 +107,17 @@ def _trials(
     def kept(number: int) -> Answer:
         if number not in known:
             found = answer(number) if number > 0 else without[-number]()
+            if number <= 0 and found.test is not None:
+                raise SystemExit(f"without an error: {found.test}")
             with log.open("a") as file:
                 file.write(json.dumps({"number": number, **asdict(found)}) + "\n")
             known[number] = found
         return known[number]
 
-    with ThreadPoolExecutor(processes) as pool:
+    with ThreadPoolExecutor(processes) as pool, stopped_at_the_end():
         clean = [-n for n in range(len(without))]
-        for found in track(pool.map(kept, clean), f"{language}, without an error", len(clean)):
-            if found.test is not None:
-                raise SystemExit(f"without an error: {found.test}")
+        for _ in track(pool.map(kept, clean), f"{language}, without an error", len(clean)):
+            pass
         numbers = sorted(copy.sites)
         answers = track(pool.map(kept, numbers), f"{language}, errors", len(numbers))
         return [
@@ -119,13 +125,23 @@ def _trials(
         ]
 
 
+@contextmanager
+def stopped_at_the_end() -> Iterator[None]:
+    """End the tests that still run if the program is interrupted or fails."""
+    try:
+        yield
+    except BaseException:
+        stop()
+        raise
+
+
 def _hash(copy: PythonCopy | RustCopy) -> str:
     """Of the errors, the sources around them, and the tests."""
     digest = hashlib.sha256(repr(sorted(copy.sites.items())).encode())
-    for folder in ("python", "rust", "tests"):
+    for folder in ("python", "rust", "tests", "docs", "benches/mutants"):
         for path in sorted((ROOT / folder).rglob("*")):
             # Tests write sources into folders `target`.
-            if path.suffix in (".py", ".rs") and "target" not in path.parts[len(ROOT.parts) :]:
+            if path.suffix in (".py", ".rs", ".md") and "target" not in path.parts[len(ROOT.parts) :]:
                 digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 

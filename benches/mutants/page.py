@@ -42,9 +42,9 @@ def write_language(language: str, seed: int, trials: list[Trial]) -> None:
 `make mutants` (seed {seed}): {len(found)} of {len(trials)} errors are found, {share:.0%}; the aim is
 {LEAST_FOUND:.0%}: {verdict}. The tests of all errors took {hours:.1f} h of one processor.
 
-The errors that the tests do not find:
+The errors that these tests do not find:
 
-| file | line | instead of | error | why it is harmless |
+| file | line | instead of | error | why it is harmless, if it is |
 |---|---|---|---|---|
 {chr(10).join(rows)}
 """

@@ -28,6 +28,8 @@ pub fn is_on(number: u32) -> bool {{
     *NUMBER.get_or_init(|| text().and_then(|text| text.parse().ok()).unwrap_or(0)) == number
 }}
 """
+# Modules that are compiled only for tests.
+ONLY_IN_TESTS = re.compile(r"#\[cfg\(test\)\]\s+(?:pub(?:\([^)]*\))? )?mod (\w+);")
 END = re.compile(r"/\*(\d+)\*/\)")
 
 
@@ -66,11 +68,12 @@ class RustCopy:
         return Path(os.environ["CARGO_TARGET_DIR"]) / "release" / "lib_core.so"
 
     def _sources(self) -> list[Path]:
+        paths = [path for crate in CRATES for path in sorted((self.root / crate).rglob("*.rs"))]
+        of_tests = {own for path in paths for own in ONLY_IN_TESTS.findall(path.read_text())}
         return [
             path
-            for crate in CRATES
-            for path in sorted((self.root / crate).rglob("*.rs"))
-            if not {*path.relative_to(self.root).parts, path.stem}.intersection(LEFT_OUT)
+            for path in paths
+            if not {*path.relative_to(self.root).parts, path.stem}.intersection(LEFT_OUT, of_tests)
         ]
 
     def _all_sites(self, chance: random.Random) -> list[Site]:
@@ -119,8 +122,8 @@ class RustCopy:
         text, at = data.decode(), len(data[: span["byte_start"]].decode())
         last = len(data[: span["byte_end"]].decode())
         for end in END.finditer(text):
-            start = text.rfind(f"(if imucal_core::mutant::is_on({end[1]})", 0, end.start())
-            if start <= at and last <= end.end():
+            start = text.rfind(f"mutant::is_on({end[1]})", 0, end.start())
+            if 0 <= start <= at and last <= end.end():
                 return int(end[1])
         return None
 

@@ -77,7 +77,7 @@ class _Finder:
         is_test = False
         for child in node.children:
             if child.type == "attribute_item":
-                is_test = "test" in _text(child)
+                is_test = is_test or "test" in _text(child)
                 continue
             if child.type.endswith("comment"):
                 continue
@@ -100,7 +100,9 @@ class _Finder:
                 sign = _text(node.child_by_field_name("operator"))
                 if sign in OPERATORS:
                     other = self.chance.choice(OPERATORS[sign])
-                    return self._replaced(node, [left, right], ["", f" {other} ", ""], sign, other)
+                    # The operators of the operands may bind less tightly than the other operator.
+                    pieces = ["(", f") {other} (", ")"] if sign[-1] in "+-*/&|" else ["", f" {other} ", ""]
+                    return self._replaced(node, [left, right], pieces, sign, other)
             case "unary_expression" if text[0] in "!-":
                 return self._replaced(node, [node.children[1]], ["", ""], text[0], "")
             case "float_literal":

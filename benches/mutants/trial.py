@@ -12,14 +12,17 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from mutants.sites import SWITCH
 
-__all__ = ["NEAR_PYTHON", "NEAR_RUST", "Answer", "python_answer", "rust_answer"]
+__all__ = ["ALL", "NEAR_PYTHON", "NEAR_RUST", "Answer", "python_answer", "rust_answer", "stop"]
 
 ROOT = Path(__file__).resolve().parents[2]
 # Largest time of one run of tests, s; an error that takes longer, as by a loop without end, is found.
 LONGEST_S = 1200.0
+# All tests that are not slow, after those of the folders.
+ALL: Final = ""
 # Exit code of pytest if no test is selected.
 NO_TESTS = 5
 # Folders of tests of each folder of the package, near ones first.
@@ -50,6 +53,22 @@ NEAR_RUST = {
 NEAR_FIT = ("estimation", "calibration", "advice")
 
 
+# Running tests, and whether they are to end.
+RUNNING: Final[set[subprocess.Popen]] = set()
+STOPPED: Final = threading.Event()
+
+
+class Stopped(Exception):
+    """The tests have no answer, because the program ends."""
+
+
+def stop() -> None:
+    """End all running tests, and begin no others."""
+    STOPPED.set()
+    for child in list(RUNNING):
+        _kill(child)
+
+
 @dataclass(frozen=True)
 class Answer:
     """The test that found an error, or None, and the time that it took, s."""
@@ -77,7 +96,7 @@ def python_answer(package: Path, number: int, folders: Sequence[str], tests: Pat
     start_s = time.monotonic()
     environment = {"PYTHONPATH": str(package.parent)}
     for folder in folders:
-        for marks in ("not slow", "slow"):
+        for marks in ("not slow", "slow") if folder != ALL else ("not slow",):
             command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", marks]
             command.append(str(tests / folder))
             found = _failing(command, number, environment, lambda line: line.startswith(("FAILED", "ERROR")))
@@ -90,6 +109,8 @@ def _failing(
     command: list[str], number: int, environment: dict[str, str], is_failure: Callable[[str], bool]
 ) -> str | None:
     """The first line of the output that names a failing test, or how else the tests fail."""
+    if STOPPED.is_set():
+        raise Stopped
     variables = {**os.environ, **environment, SWITCH: str(number)}
     child = subprocess.Popen(
         command,
@@ -102,13 +123,14 @@ def _failing(
         cwd=ROOT,
         start_new_session=True,
     )
+    RUNNING.add(child)
     is_late = threading.Event()
 
-    def stop() -> None:
+    def end_late() -> None:
         is_late.set()
         _kill(child)
 
-    timer = threading.Timer(LONGEST_S, stop)
+    timer = threading.Timer(LONGEST_S, end_late)
     timer.start()
     try:
         for line in child.stdout or ():
@@ -118,8 +140,13 @@ def _failing(
     finally:
         timer.cancel()
         _kill(child)
+        RUNNING.discard(child)
+    if STOPPED.is_set():
+        raise Stopped
     if is_late.is_set():
         return f"no end within {LONGEST_S:.0f} s"
+    if code == -signal.SIGKILL:
+        raise RuntimeError(f"{' '.join(command)} was killed, perhaps for lack of memory")
     return None if code in (0, NO_TESTS) else f"exit code {code}"
 
 
