@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import imucal
 from imucal.fleet.measurements import Measurements
@@ -141,6 +142,19 @@ def test_stated_standard_deviations_are_tested(understated, honest):
     assert study.sigma.is_honest is honest
     assert study.sigma.factor == pytest.approx(understated, rel=0.15)
     assert study.sigma.low < study.sigma.factor < study.sigma.high
+
+
+def test_the_test_of_stated_standard_deviations_is_chi_square():
+    random = np.random.default_rng(7)
+    sigmas = np.broadcast_to(random.uniform(0.5, 2.0, size=(8, 3, 1)), (8, 3, 4))
+    y = random.normal(size=(8, 1, 1)) * 10 + sigmas * random.normal(size=sigmas.shape)
+    test = gauge_study(y, sigmas=sigmas).sigma
+    chi2 = ((y - y.mean(axis=2, keepdims=True)) ** 2 / sigmas**2).sum()
+    law = stats.chi2(8 * 3 * 3)
+    assert test.factor == pytest.approx(np.sqrt(chi2 / 72), rel=1e-9)
+    assert (test.low, test.high) == pytest.approx(tuple(np.sqrt(chi2 / law.ppf([0.975, 0.025]))), rel=1e-9)
+    assert test.p_value == pytest.approx(2 * min(law.cdf(chi2), law.sf(chi2)), rel=1e-9)
+    assert test.stated == pytest.approx(np.sqrt((sigmas**2).mean()), rel=1e-12)
 
 
 def measurements_of(y, sigma=0.2):
