@@ -14,7 +14,14 @@ __all__ = ["PATTERN", "python_sites", "with_switch"]
 PATTERN = ("(", " if _imucal_mutant(NUMBER) else ", ")")
 IMPORT = "from imucal._mutant import is_on as _imucal_mutant\n"
 
-BINARY = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.FloorDiv: "*", ast.Pow: "*"}
+BINARY = {
+    ast.Add: ("+", "-"),
+    ast.Sub: ("-", "+"),
+    ast.Mult: ("*", "/"),
+    ast.Div: ("/", "*"),
+    ast.FloorDiv: ("//", "*"),
+    ast.Pow: ("**", "*"),
+}
 COMPARISONS = {
     ast.Lt: ("<", ("<=", ">")),
     ast.LtE: ("<=", ("<", ">")),
@@ -27,7 +34,6 @@ COMPARISONS = {
     ast.In: ("in", ("not in",)),
     ast.NotIn: ("not in", ("in",)),
 }
-SIGNS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.FloorDiv: "//", ast.Pow: "**"}
 
 
 def python_sites(path: str, source: bytes, chance: random.Random) -> list[Site]:
@@ -81,10 +87,8 @@ class _Finder:
         match node:
             case ast.BinOp(left, operator, right) if type(operator) in BINARY:
                 if not any(isinstance(each, ast.JoinedStr) or _is_text(each) for each in (left, right)):
-                    sign = BINARY[type(operator)]
-                    return self._replaced(
-                        node, [left, right], ["(", f") {sign} (", ")"], SIGNS[type(operator)], sign
-                    )
+                    sign, other = BINARY[type(operator)]
+                    return self._replaced(node, [left, right], ["(", f") {other} (", ")"], sign, other)
             case ast.Compare(left, [operator], [right]):
                 sign, others = COMPARISONS[type(operator)]
                 other = self.chance.choice(others)
