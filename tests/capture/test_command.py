@@ -8,6 +8,7 @@ import functools
 import json
 import os
 import re
+import select
 import signal
 import subprocess
 import sys
@@ -44,6 +45,7 @@ class Port:
     def plug_in(self):
         self.master, self.slave = pty.openpty()
         tty.setraw(self.slave)
+        os.set_blocking(self.master, False)
         self.path.unlink(missing_ok=True)
         self.path.symlink_to(os.ttyname(self.slave))
 
@@ -53,10 +55,14 @@ class Port:
         os.close(self.master)
         self.master = self.slave = -1
 
-    def send(self, data):
+    def send(self, data, said):
+        """Send bytes to the process; the rest is dropped once it has ended, because nothing makes room for it."""
         view = memoryview(data)
         while view:
-            view = view[os.write(self.master, view) :]
+            if select.select([], [self.master], [], 0.01)[1]:
+                view = view[os.write(self.master, view) :]
+            elif not said.goes_on:
+                return
 
 
 class Recorded:
@@ -185,7 +191,7 @@ def test_ten_mistakes_are_said_and_the_result_is_that_of_calibrate(port, tmp_pat
     try:
         for number, line in enumerate(sent):
             if number == at["garbage"]:
-                port.send(b"\xff\x00 garbage \x81\n3,4\n")
+                port.send(b"\xff\x00 garbage \x81\n3,4\n", said)
             if number == at["unplugs"]:
                 wait_until(functools.partial(said.has, "pose 11 of"))
                 port.unplug()
@@ -195,9 +201,9 @@ def test_ten_mistakes_are_said_and_the_result_is_that_of_calibrate(port, tmp_pat
             if at["drops"] <= number < at["drops"] + 60:
                 continue
             recorded.wait_for(arrived - AHEAD)
-            if process.poll() is not None:
+            if not said.goes_on:
                 break
-            port.send(line)
+            port.send(line, said)
             arrived += 1
     except OSError:
         # The command has ended, and has closed its side.
@@ -243,7 +249,7 @@ def test_wrong_units_are_said_and_an_interrupt_leaves_a_recording(port, tmp_path
     said = Said(process)
     wait_until(functools.partial(said.has, LISTENS))
     for line in lines(rows):
-        port.send(line)
+        port.send(line, said)
     wait_until(functools.partial(said.has, "pose 2 of 18 is taken"))
     process.send_signal(signal.SIGINT)
     text = said.wait()
@@ -275,10 +281,10 @@ def test_a_killed_capture_loses_at_most_the_last_second_and_goes_on(kills, poses
         for number in range(first, moment):
             # It would wait for ever if more than the last second were not on disk.
             recorded.wait_for(kept + number - first - AHEAD)
-            if process.poll() is not None:
+            if not said.goes_on:
                 break
             with contextlib.suppress(OSError):
-                port.send(sent[number])
+                port.send(sent[number], said)
         if moment < len(sent):
             process.kill()
             process.wait(HANGS_S)

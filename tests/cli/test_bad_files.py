@@ -1,8 +1,10 @@
 """Damaged, wrong and unusual files: message and exit code of a command, and the error of the same call."""
 
+import atexit
 import functools
 import json
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -30,6 +32,7 @@ COMMAND = Path(sys.executable).with_name("imucal")
 def folder():
     """Good files, and bad ones made of them."""
     place = Path(tempfile.mkdtemp(prefix="imucal-"))
+    atexit.register(shutil.rmtree, place, ignore_errors=True)
     good, control = changed(stand_run().recording), stand_run(2).recording
     imucal.write(good, place / "good.parquet")
     imucal.write(good, place / "good.csv")
