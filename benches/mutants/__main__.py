@@ -1,9 +1,9 @@
 """Tests against deliberate errors: `make mutants`.
 
-A sample of operators and constants of the sources is changed, one at a time, and the tests should fail. The
-Python tests run with each error in Python. The unit tests run with each error in Rust, and then, if they
-pass, Python tests of the same subject. The page docs/results/mutants.md lists the errors that these tests do
-not find. Each answer is kept in target/benches as soon as it is there, so a killed run goes on.
+A sample of operators and constants of the sources is changed, one at a time, and a test should fail. All tests
+run once without an error, which shows the errors that each of them reaches. Then the tests that reach an error
+run with it, cheap ones first: for an error in Rust those in Rust before those in Python. The page
+docs/results/mutants.md lists the errors that no test finds. A killed run goes on.
 """
 
 from __future__ import annotations
@@ -11,25 +11,18 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import os
 import shutil
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
-from rich.progress import track
-
-from mutants.page import Trial, write_language
+from engine import Engine, add_arguments, engine_of
+from mutants.page import write_language
 from mutants.python_copy import PythonCopy, installed_copy
 from mutants.rust_copy import RustCopy
-from mutants.trial import ALL, NEAR_FIT, NEAR_PYTHON, NEAR_RUST, Answer, python_answer, rust_answer, stop
+from mutants.trial import PythonTest, Trial, python_run, reached_by, runs_of
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "target" / "mutants"
-TESTS = ROOT / "tests"
 
 
 def main() -> None:
@@ -37,102 +30,68 @@ def main() -> None:
     parser.add_argument("--language", choices=("python", "rust"), help="only errors in one language")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=120, help="errors of each language")
-    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    add_arguments(parser)
     given = parser.parse_args()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    for language, run in {"python": in_python, "rust": in_rust}.items():
-        if given.language in (None, language):
-            trials = run(given.seed, given.count, given.processes)
-            write_language(language, given.seed, trials)
+    with engine_of(given, "mutants") as engine:
+        for language, copied in {"python": python_copy, "rust": rust_copy}.items():
+            if given.language in (None, language):
+                judge(engine, language, given, *copied(given.seed, given.count))
 
 
-def in_python(seed: int, count: int, processes: int) -> list[Trial]:
-    """The answers to errors in Python."""
+def python_copy(seed: int, count: int) -> tuple[PythonCopy, list[Path]]:
+    """A copy of the package with errors in Python; no programs in Rust run with them."""
     copy = PythonCopy(FOLDER / "python")
     copy.write(seed, count)
-
-    def answer(number: int) -> Answer:
-        area = Path(copy.sites[number].path).parts[1]
-        return python_answer(copy.package, number, [*NEAR_PYTHON[area], ALL], TESTS)
-
-    areas = {Path(site.path).parts[1] for site in copy.sites.values()}
-    folders = sorted({folder for area in areas for folder in NEAR_PYTHON[area]})
-    without = [
-        lambda folder=folder: python_answer(copy.package, 0, [folder], TESTS) for folder in [*folders, ALL]
-    ]
-    return _trials("python", copy, answer, without, processes)
+    return copy, []
 
 
-def in_rust(seed: int, count: int, processes: int) -> list[Trial]:
-    """The answers to errors in Rust."""
-    copy = RustCopy(ROOT, FOLDER / "rust")
+def rust_copy(seed: int, count: int) -> tuple[RustCopy, list[Path]]:
+    """A copy of the package with errors in Rust, and the programs of the tests in Rust."""
+    copy = RustCopy(ROOT, FOLDER / "rust", installed_copy(FOLDER / "extension"))
     copy.compile(seed, count)
-    programs = copy.test_programs()
-    package = installed_copy(FOLDER / "extension")
-    shutil.copy(copy.extension(), next(package.glob("_core*.so")))
-
-    def folders(path: str) -> Sequence[str]:
-        parts = Path(path).parts
-        return NEAR_RUST.get(parts[1] if parts[1] in NEAR_RUST else Path(parts[3]).stem, NEAR_FIT)
-
-    def answer(number: int) -> Answer:
-        path = copy.sites[number].path
-        found = rust_answer(programs, number, path)
-        if found.test is not None:
-            return found
-        near = python_answer(package, number, folders(path), TESTS)
-        return Answer(near.test, found.seconds + near.seconds)
-
-    names = sorted({folder for site in copy.sites.values() for folder in folders(site.path)})
-    without = [lambda: rust_answer(programs, 0, "rust/imucal/src/gap.rs")]
-    without += [lambda name=name: python_answer(package, 0, [name], TESTS) for name in names]
-    return _trials("rust", copy, answer, without, processes)
+    shutil.copy(copy.extension(), next(copy.package.glob("_core*.so")))
+    return copy, copy.test_programs()
 
 
-def _trials(
+def judge(
+    engine: Engine,
     language: str,
+    given: argparse.Namespace,
     copy: PythonCopy | RustCopy,
-    answer: Callable[[int], Answer],
-    without: Sequence[Callable[[], Answer]],
-    processes: int,
-) -> list[Trial]:
-    """Answers of all errors of a copy, after the same tests passed without an error."""
-    log = ROOT / "target" / "benches" / f"mutants-{language}-{_hash(copy)}.jsonl"
-    log.parent.mkdir(parents=True, exist_ok=True)
-    known = {}
-    for line in log.read_text().splitlines() if log.exists() else ():
-        entry = json.loads(line)
-        known[entry["number"]] = Answer(entry["test"], entry["seconds"])
-
-    def kept(number: int) -> Answer:
-        if number not in known:
-            found = answer(number) if number > 0 else without[-number]()
-            if number <= 0 and found.test is not None:
-                raise SystemExit(f"without an error: {found.test}")
-            with log.open("a") as file:
-                file.write(json.dumps({"number": number, **asdict(found)}) + "\n")
-            known[number] = found
-        return known[number]
-
-    with ThreadPoolExecutor(processes) as pool, stopped_at_the_end():
-        clean = [-n for n in range(len(without))]
-        for _ in track(pool.map(kept, clean), f"{language}, without an error", len(clean)):
-            pass
-        numbers = sorted(copy.sites)
-        answers = track(pool.map(kept, numbers), f"{language}, errors", len(numbers))
-        return [
-            Trial(copy.sites[n], found.test, found.seconds) for n, found in zip(numbers, answers, strict=True)
-        ]
+    programs: list[Path],
+) -> None:
+    """Look for a test of each error, and write the section of the language."""
+    state, folder = _hash(copy), FOLDER / "runs" / language
+    tests = _tests(copy.package, folder / state, given.processes)
+    sound = [each for each in tests if not each.failed]
+    (folder / "programs").mkdir(exist_ok=True)
+    trial = Trial(
+        copy.package,
+        folder,
+        {each: reached_by(each, folder / "programs") for each in programs},
+        {number: runs_of(number, sound) for number in copy.sites},
+        {number: Path(site.path).with_suffix("").parts[3] for number, site in copy.sites.items()}
+        if programs
+        else {},
+    )
+    numbers = sorted(copy.sites)
+    answers = engine.map(trial, numbers, name=f"{language} {state}", per_task=1)
+    found = []
+    for number, answer in zip(numbers, answers, strict=True):
+        print(f"{len(found) + 1} of {len(numbers)}: {answer.test or 'not found'}", flush=True)
+        found.append((copy.sites[number], answer))
+    write_language(language, given.seed, found, [each.test for each in tests if each.failed])
 
 
-@contextmanager
-def stopped_at_the_end() -> Iterator[None]:
-    """End the tests that still run if the program is interrupted or fails."""
-    try:
-        yield
-    except BaseException:
-        stop()
-        raise
+def _tests(package: Path, folder: Path, processes: int) -> list[PythonTest]:
+    """All Python tests without an error, which run once and are kept in the folder."""
+    kept = folder / "tests.json"
+    if not kept.exists():
+        print("all Python tests without an error, which takes as long as `make test`", flush=True)
+        arguments = ["--numprocesses", str(processes), "--dist", "loadfile", str(ROOT / "tests")]
+        _, tests = python_run(package, folder, 0, arguments, 7200.0)
+        kept.write_text(json.dumps([asdict(each) for each in tests]))
+    return [PythonTest(**each) for each in json.loads(kept.read_text())]
 
 
 def _hash(copy: PythonCopy | RustCopy) -> str:

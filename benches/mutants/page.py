@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 from mutants.reasons import REASONS
 from mutants.sites import Site
+from mutants.trial import LONGEST_S, Answer
 from sections import write_section
 
-__all__ = ["Trial", "write_language"]
+__all__ = ["write_language"]
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/results/mutants.md"
 HEADINGS = {"python": "Python", "rust": "Rust"}
@@ -17,31 +18,27 @@ HEADINGS = {"python": "Python", "rust": "Rust"}
 LEAST_FOUND = 0.85
 
 
-@dataclass(frozen=True)
-class Trial:
-    """One error, the test that found it, or None, and the time of its tests, s."""
+def write_language(
+    language: str, seed: int, answers: Sequence[tuple[Site, Answer]], left_out: Sequence[str]
+) -> None:
+    """Replace the section of a language.
 
-    site: Site
-    test: str | None
-    seconds: float
-
-
-def write_language(language: str, seed: int, trials: list[Trial]) -> None:
-    """Replace the section of a language."""
-    found = [trial for trial in trials if trial.test is not None]
-    share = len(found) / len(trials)
+    left_out  Python tests that fail on the copy without an error, and did not run with errors
+    """
+    share = sum(answer.test is not None for _, answer in answers) / len(answers)
     verdict = "met" if share >= LEAST_FOUND else "missed"
     rows = [
-        f"| {trial.site.path} | `{_cell(trial.site.text)}` | `{_cell(trial.site.before)}` "
-        f"| `{_cell(trial.site.after)}` | {REASONS.get(trial.site.name, '')} |"
-        for trial in trials
-        if trial.test is None
+        f"| {site.path} | `{_cell(site.text)}` | `{_cell(site.before)}` | `{_cell(site.after)}` "
+        f"| {REASONS.get(site.name, '')} |"
+        for site, answer in answers
+        if answer.test is None
     ]
-    hours = sum(trial.seconds for trial in trials) / 3600
+    hours = sum(answer.seconds for _, answer in answers) / 3600
     body = f"""
-`make mutants` (seed {seed}): {len(found)} of {len(trials)} errors are found, {share:.0%}; the aim is
-{LEAST_FOUND:.0%}: {verdict}. The tests of all errors took {hours:.1f} h of one processor.
-
+`make mutants` (seed {seed}): {len(answers) - len(rows)} of {len(answers)} errors are found, {share:.0%}; the
+aim is {LEAST_FOUND:.0%}: {verdict}. With each error, the tests that reach it run, cheap ones first, up to
+{LONGEST_S / 60:.0f} minutes of Python tests. This took {hours:.1f} h of one processor.
+{_left_out(left_out)}
 The errors that these tests do not find:
 
 | file | line | instead of | error | why it is harmless, if it is |
@@ -49,6 +46,13 @@ The errors that these tests do not find:
 {chr(10).join(rows)}
 """
     write_section(PAGE, "Tests against deliberate errors", HEADINGS[language], body)
+
+
+def _left_out(tests: Sequence[str]) -> str:
+    if not tests:
+        return ""
+    names = ", ".join(f"`{_cell(test)}`" for test in tests)
+    return f"\nThese tests fail on a copy of the sources without an error, and are left out: {names}.\n"
 
 
 def _cell(text: str) -> str:

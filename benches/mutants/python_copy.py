@@ -8,7 +8,7 @@ from pathlib import Path
 
 import imucal
 from mutants.python_sites import PATTERN, python_sites, with_switch
-from mutants.sites import SWITCH, Site, applied
+from mutants.sites import MOST, REACHED, SWITCH, Site, applied
 
 __all__ = ["AREAS", "PythonCopy", "installed_copy"]
 
@@ -30,13 +30,19 @@ AREAS = (
 )
 MODULE = f'''"""Switch of deliberate errors."""
 
+import mmap
 import os
 
 _NUMBER = int(os.environ.get("{SWITCH}") or 0)
+_REACHED = bytearray({MOST})
+if os.environ.get("{REACHED}"):
+    with open(os.environ["{REACHED}"], "r+b") as _file:
+        _REACHED = mmap.mmap(_file.fileno(), 0)
 
 
 def is_on(number):
     """Whether the error with this number is on."""
+    _REACHED[number] = 1
     return number == _NUMBER
 '''
 
@@ -60,7 +66,8 @@ class PythonCopy:
         self.sites = dict(enumerate(random.Random(seed).sample(drawn, count), 1))
         for name in {site.path for site in self.sites.values()}:
             within = {n: site for n, site in self.sites.items() if site.path == name}
-            text = with_switch(applied(sources[name], within, PATTERN))
+            at_import = [n for n, site in within.items() if site.at_import]
+            text = with_switch(applied(sources[name], within, PATTERN), at_import)
             compile(text, name, "exec")
             (self.package.parent / name).write_text(text)
         (self.package / "_mutant.py").write_text(MODULE)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ast
 import random
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from mutants.sites import Edit, Site
 
@@ -38,19 +39,40 @@ COMPARISONS = {
 
 def python_sites(path: str, source: bytes, chance: random.Random) -> list[Site]:
     """All places of a source where an operator or a constant can change, each with one change."""
-    return list(_Finder(path, source, chance).found(ast.parse(source)))
+    return list(_Finder(path, source, chance).found(ast.parse(source), True))
 
 
-def with_switch(text: str) -> str:
-    """The text of a module that can call the switch: the import follows docstring and `from __future__`."""
-    line = 0
-    for node in ast.parse(text).body:
-        is_docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-        if not is_docstring and not (isinstance(node, ast.ImportFrom) and node.module == "__future__"):
+def with_switch(text: str, at_import: Iterable[int] = ()) -> str:
+    """The text of a module that can call the switch: the import follows docstring and `from __future__`.
+
+    at_import  errors that are evaluated when the module is imported; each function of it says that it reaches
+               them
+    """
+    tree, line = ast.parse(text), 0
+    for node in tree.body:
+        if not _is_docstring(node) and not (isinstance(node, ast.ImportFrom) and node.module == "__future__"):
             break
         line = node.end_lineno or line
     lines = text.splitlines(keepends=True)
-    return "".join([*lines[:line], IMPORT, *lines[line:]])
+    calls = "; ".join(f"_imucal_mutant({number})" for number in at_import)
+    added = {line: IMPORT}
+    for node in ast.walk(tree) if calls else ():
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            first = next((each for each in node.body if not _is_docstring(each)), None)
+            if first is not None and first.lineno > node.lineno:
+                above = (
+                    min([first.lineno, *(each.lineno for each in getattr(first, "decorator_list", ()))]) - 1
+                )
+                added[above] = " " * first.col_offset + calls + "\n"
+    return added.get(0, "") + "".join(each + added.get(n, "") for n, each in enumerate(lines, 1))
+
+
+def _is_docstring(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+
+
+def _is_in(node: ast.AST, body: ast.expr | list[ast.stmt]) -> bool:
+    return node in body if isinstance(body, list) else node is body
 
 
 class _Finder:
@@ -61,12 +83,15 @@ class _Finder:
             self.starts.append(self.starts[-1] + len(line))
         self.source = source
 
-    def found(self, node: ast.AST) -> Iterator[Site]:
+    def found(self, node: ast.AST, at_import: bool) -> Iterator[Site]:
+        is_function = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
         for child in self._children(node):
+            # The default values of arguments belong to the import.
+            now = at_import and not (is_function and _is_in(child, node.body))
             site = self._site(child)
             if site is not None:
-                yield site
-            yield from self.found(child)
+                yield replace(site, at_import=now)
+            yield from self.found(child, now)
 
     def _children(self, node: ast.AST) -> Iterator[ast.AST]:
         """Without annotations, decorators, text, patterns and what only type checkers read."""

@@ -10,7 +10,7 @@ import subprocess
 from pathlib import Path
 
 from mutants.rust_sites import PATTERN, constants_of, rust_sites
-from mutants.sites import SWITCH, Site, applied
+from mutants.sites import MOST, REACHED, SWITCH, Site, applied
 
 __all__ = ["RustCopy"]
 
@@ -19,13 +19,31 @@ CRATES = ("rust/imucal/src", "rust/imucal-core/src")
 LEFT_OUT = ("tests", "simulate")
 MODULE = f"""//! Switch of deliberate errors.
 
-static NUMBER: std::sync::OnceLock<u32> = std::sync::OnceLock::new();
+use std::{{env::var, fs::OpenOptions, os::fd::AsRawFd, ptr::null_mut, sync::OnceLock}};
+
+static SWITCH: OnceLock<(usize, Option<usize>)> = OnceLock::new();
+
+unsafe extern "C" {{
+    fn mmap(at: *mut u8, bytes: usize, protection: i32, flags: i32, file: i32, offset: i64) -> *mut u8;
+}}
 
 /// Whether the error with this number is on.
 #[inline]
-pub fn is_on(number: u32) -> bool {{
-    let text = || std::env::var("{SWITCH}").ok();
-    *NUMBER.get_or_init(|| text().and_then(|text| text.parse().ok()).unwrap_or(0)) == number
+pub fn is_on(number: usize) -> bool {{
+    let (own, reached) = *SWITCH.get_or_init(switch);
+    if let Some(bytes) = reached {{
+        unsafe {{ ((bytes + number) as *mut u8).write_volatile(1) }};
+    }}
+    own == number
+}}
+
+/// The number of the error that is on, and the address of the bytes of reached errors.
+fn switch() -> (usize, Option<usize>) {{
+    let number = var("{SWITCH}").ok().and_then(|text| text.parse().ok()).unwrap_or(0);
+    let file = var("{REACHED}").ok().map(|path| OpenOptions::new().read(true).write(true).open(path).unwrap());
+    // Read and write, shared.
+    let bytes = file.map(|file| unsafe {{ mmap(null_mut(), {MOST}, 3, 1, file.as_raw_fd(), 0) }} as usize);
+    (number, bytes)
 }}
 """
 # Modules that are compiled only for tests.
@@ -34,10 +52,13 @@ END = re.compile(r"/\*(\d+)\*/\)")
 
 
 class RustCopy:
-    """The copy in `folder` of the workspace in `root`; `sites` are the errors that compile, by number."""
+    """The copy in `folder` of the workspace in `root`; `sites` are the errors that compile, by number.
 
-    def __init__(self, root: Path, folder: Path) -> None:
-        self.root, self.folder = root, folder
+    package  a copy of the Python package, whose extension module is that of this copy
+    """
+
+    def __init__(self, root: Path, folder: Path, package: Path) -> None:
+        self.root, self.folder, self.package = root, folder, package
         self.sites: dict[int, Site] = {}
 
     def compile(self, seed: int, count: int) -> None:
@@ -57,8 +78,9 @@ class RustCopy:
                 del self.sites[number]
 
     def test_programs(self) -> list[Path]:
-        """The unit tests of both crates, compiled."""
-        done = self._cargo("test", "--no-run", "--lib", "--package", "imucal", "--package", "imucal-core")
+        """The tests of both crates, compiled."""
+        which = ["--lib", "--tests", "--package", "imucal", "--package", "imucal-core"]
+        done = self._cargo("test", "--no-run", *which)
         messages = [json.loads(line) for line in done.stdout.splitlines()]
         return [Path(m["executable"]) for m in messages if m.get("executable") and m["profile"]["test"]]
 

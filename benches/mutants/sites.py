@@ -9,10 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-__all__ = ["SWITCH", "Edit", "Site", "applied"]
+__all__ = ["MOST", "REACHED", "REACHED_IN", "SWITCH", "Edit", "Site", "applied"]
 
 # Environment variable with the number of the error that is on; none is without it.
 SWITCH = "IMUCAL_MUTANT"
+# Environment variable with a file of MOST bytes, in which each error that is reached sets its byte.
+REACHED = "IMUCAL_REACHED"
+MOST = 4096
+# Environment variable with the folder of the files that the plugin of pytest makes.
+REACHED_IN = "IMUCAL_REACHED_IN"
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,7 @@ class Site:
     path, line     where it is
     text           the line
     before, after  what the error changes in the line, and into what
+    at_import      whether Python evaluates it when the module is imported
     """
 
     path: str
@@ -44,6 +50,7 @@ class Site:
     before: str
     after: str
     edit: Edit
+    at_import: bool = False
 
     @property
     def name(self) -> tuple[str, str, str]:

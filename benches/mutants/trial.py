@@ -1,157 +1,176 @@
-"""The tests of one deliberate error: near ones first, and the first that fails ends them."""
+"""The tests of one deliberate error: those that reach it, cheap ones first, until one fails."""
 
 from __future__ import annotations
 
+import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
-from mutants.sites import SWITCH
+from mutants.sites import MOST, REACHED, REACHED_IN, SWITCH
 
-__all__ = ["ALL", "NEAR_PYTHON", "NEAR_RUST", "Answer", "python_answer", "rust_answer", "stop"]
+__all__ = ["Answer", "PythonTest", "Trial", "python_run", "reached_by", "runs_of"]
 
 ROOT = Path(__file__).resolve().parents[2]
-# Largest time of one run of tests, s; an error that takes longer, as by a loop without end, is found.
-LONGEST_S = 1200.0
-# All tests that are not slow, after those of the folders.
-ALL: Final = ""
-# Exit code of pytest if no test is selected.
-NO_TESTS = 5
-# Folders of tests of each folder of the package, near ones first.
-NEAR_PYTHON = {
-    "calibration": ("calibration", "estimation", "cli", "export", "importing"),
-    "cli": ("cli", "docs/test_codes.py", "cases", "document", "advice"),
-    "document": ("document", "calibration", "stand", "cli"),
-    "effects": ("effects", "export", "gap"),
-    "estimation": ("estimation", "advice", "cases", "cli"),
-    "exporting": ("export", "importing", "effects"),
-    "fleet": ("fleet",),
-    "gap": ("gap", "advice"),
-    "importing": ("importing", "export"),
-    "limits": ("limits", "fleet", "stand"),
-    "noise_analysis": ("noise", "cli"),
-    "planning": ("planning", "stand"),
-    "recording": ("recording", "io", "estimation"),
-}
-# Folders of Python tests of each module of the crate `imucal`, and of `imucal-core`.
-NEAR_RUST = {
-    "gap": ("gap",),
-    "noise": ("noise",),
-    "plan": ("planning",),
-    "number_columns": ("io",),
-    "check": ("advice", "estimation", "cases"),
-    "imucal-core": ("effects", "export", "estimation"),
-}
-NEAR_FIT = ("estimation", "calibration", "advice")
+# Largest time of the Python tests of one error, s, by the time that they take without an error.
+LONGEST_S = 300.0
+# Times after which a run of tests ends and the next begins, s: a run takes seconds to start.
+RUNS_S = (4.0, 40.0, LONGEST_S)
+# A run of tests hangs if it takes this time and ten times its own, s.
+HANGS_S = 120.0
 
 
-# Running tests, and whether they are to end.
-RUNNING: Final[set[subprocess.Popen]] = set()
-STOPPED: Final = threading.Event()
+@dataclass(frozen=True)
+class PythonTest:
+    """A test that has ended: its name, its time, s, the errors that it reached, and whether it failed."""
 
-
-class Stopped(Exception):
-    """The tests have no answer, because the program ends."""
-
-
-def stop() -> None:
-    """End all running tests, and begin no others."""
-    STOPPED.set()
-    for child in list(RUNNING):
-        _kill(child)
+    test: str
+    seconds: float
+    reached: Sequence[int]
+    failed: bool
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The test that found an error, or None, and the time that it took, s."""
+    """The test that found an error, or None, and the time that the tests took, s."""
 
     test: str | None
     seconds: float
 
 
-def rust_answer(programs: Sequence[Path], number: int, path: str) -> Answer:
-    """Unit tests: first those of the module of `path`, then all others."""
-    start_s = time.monotonic()
-    parts = Path(path).parts
-    module = parts[3].removesuffix(".rs")
-    for program in programs:
-        for selection in ([f"{module}::"], ["--skip", f"{module}::"]):
-            command = [str(program), "--test-threads", "1", *selection]
-            found = _failing(command, number, {}, lambda line: line.endswith(" ... FAILED"))
-            if found:
-                return Answer(found, time.monotonic() - start_s)
-    return Answer(None, time.monotonic() - start_s)
+@dataclass(frozen=True)
+class Trial:
+    """Looks for a test that finds an error.
+
+    package   the copy of the package
+    folder    for files of the runs
+    programs  tests in Rust, and the errors that each program reaches
+    runs      names and time of the Python tests of each run, by error
+    modules   the module of each error in Rust, whose tests are the first
+    """
+
+    package: Path
+    folder: Path
+    programs: Mapping[Path, frozenset[int]]
+    runs: Mapping[int, Sequence[tuple[Sequence[str], float]]]
+    modules: Mapping[int, str]
+
+    def __call__(self, number: int) -> Answer:
+        start_s = time.monotonic()
+        found = self._rust_test(number) or self._python_test(number)
+        return Answer(found, time.monotonic() - start_s)
+
+    def _rust_test(self, number: int) -> str | None:
+        for program, reached in self.programs.items():
+            if number in reached:
+                module = f"{self.modules[number]}::"
+                for selection in ([module], ["--skip", module]):
+                    command = [str(program), "--test-threads", "1", *selection]
+                    output = self.folder / f"{number}.txt"
+                    code = _exit_code(command, {SWITCH: str(number)}, output, 10 * HANGS_S)
+                    if code != 0:
+                        lines = output.read_text(errors="replace").splitlines()
+                        failed = [line for line in lines if line.endswith(" ... FAILED")]
+                        return failed[0] if failed else _ending(code)
+        return None
+
+    def _python_test(self, number: int) -> str | None:
+        for tests, seconds in self.runs[number]:
+            longest_s = HANGS_S + 10 * seconds
+            code, done = self._run(number, ["-x", *tests], longest_s)
+            failed = next((each.test for each in done if each.failed), None)
+            if failed is None and code not in (0, None):
+                # Errors of the tests' own modules, or the end of pytest itself.
+                return _ending(code)
+            if failed is not None and self._run(0, [failed], longest_s)[0] == 0:
+                return failed
+            if code is None:
+                return _ending(code)
+        return None
+
+    def _run(
+        self, number: int, arguments: Sequence[str], longest_s: float
+    ) -> tuple[int | None, list[PythonTest]]:
+        return python_run(
+            self.package, self.folder / str(number or os.getpid()), number, arguments, longest_s
+        )
 
 
-def python_answer(package: Path, number: int, folders: Sequence[str], tests: Path) -> Answer:
-    """Python tests of `folders` on the copy of the package, fast ones first."""
-    start_s = time.monotonic()
-    environment = {"PYTHONPATH": str(package.parent)}
-    for folder in folders:
-        for marks in ("not slow", "slow") if folder != ALL else ("not slow",):
-            command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", marks]
-            command.append(str(tests / folder))
-            found = _failing(command, number, environment, lambda line: line.startswith(("FAILED", "ERROR")))
-            if found:
-                return Answer(found, time.monotonic() - start_s)
-    return Answer(None, time.monotonic() - start_s)
+def python_run(
+    package: Path, folder: Path, number: int, arguments: Sequence[str], longest_s: float
+) -> tuple[int | None, list[PythonTest]]:
+    """The exit code of pytest with an error, None if it hangs, and the tests that have ended."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    (folder / "arguments.txt").write_text("\n".join(arguments))
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "mutants.reached"]
+    command.append(f"@{folder / 'arguments.txt'}")
+    paths = os.pathsep.join([str(package.parent), str(ROOT / "benches")])
+    variables = {"PYTHONPATH": paths, REACHED_IN: str(folder), SWITCH: str(number)}
+    code = _exit_code(command, variables, folder / "output.txt", longest_s)
+    lines = [line for path in folder.glob("*.jsonl") for line in path.read_text().splitlines()]
+    return code, [PythonTest(**json.loads(line)) for line in lines]
 
 
-def _failing(
-    command: list[str], number: int, environment: dict[str, str], is_failure: Callable[[str], bool]
-) -> str | None:
-    """The first line of the output that names a failing test, or how else the tests fail."""
-    if STOPPED.is_set():
-        raise Stopped
-    variables = {**os.environ, **environment, SWITCH: str(number)}
-    child = subprocess.Popen(
-        command,
-        env=variables,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        errors="replace",
-        cwd=ROOT,
-        start_new_session=True,
-    )
-    RUNNING.add(child)
-    is_late = threading.Event()
+def reached_by(program: Path, folder: Path) -> frozenset[int]:
+    """The errors that the tests of a program in Rust reach; none if they fail without an error."""
+    reached = folder / f"{program.name}.bytes"
+    reached.write_bytes(bytes(MOST))
+    code = _exit_code([str(program)], {REACHED: str(reached)}, folder / f"{program.name}.txt", 3600.0)
+    found = {number for number, byte in enumerate(reached.read_bytes()) if byte}
+    return frozenset(found) if code == 0 else frozenset()
 
-    def end_late() -> None:
-        is_late.set()
-        _kill(child)
 
-    timer = threading.Timer(LONGEST_S, end_late)
-    timer.start()
+def runs_of(number: int, tests: Sequence[PythonTest]) -> list[tuple[list[str], float]]:
+    """Names and time of the tests of each run: those that reach the error, then others of the same files."""
+    own = {each.test: number in each.reached for each in tests}
+    files = {each.test.partition("::")[0] for each in tests if number in each.reached}
+    near = [each for each in tests if each.test.partition("::")[0] in files]
+    near.sort(key=lambda each: (not own[each.test], each.seconds))
+    runs: list[tuple[list[str], float]] = [([], 0.0) for _ in RUNS_S]
+    total_s = 0.0
+    for each in near:
+        total_s += each.seconds
+        at = next((k for k, end_s in enumerate(RUNS_S) if total_s <= end_s), None)
+        if at is None:
+            break
+        runs[at] = ([*runs[at][0], each.test], runs[at][1] + each.seconds)
+    return [run for run in runs if run[0]]
+
+
+def _exit_code(
+    command: Sequence[str], variables: Mapping[str, str], output: Path, longest_s: float
+) -> int | None:
+    """The exit code of a program, or None after `longest_s`; what it started ends with it."""
+    with output.open("w") as file:
+        child = subprocess.Popen(
+            command,
+            env={**os.environ, **variables},
+            stdin=subprocess.DEVNULL,
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            cwd=ROOT,
+            start_new_session=True,
+        )
     try:
-        for line in child.stdout or ():
-            if is_failure(line.rstrip()):
-                return line.strip()
-        code = child.wait()
+        code = child.wait(longest_s)
+    except subprocess.TimeoutExpired:
+        return None
     finally:
-        timer.cancel()
-        _kill(child)
-        RUNNING.discard(child)
-    if STOPPED.is_set():
-        raise Stopped
-    if is_late.is_set():
-        return f"no end within {LONGEST_S:.0f} s"
+        with suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGKILL)
+        child.wait()
     if code == -signal.SIGKILL:
-        raise RuntimeError(f"{' '.join(command)} was killed, perhaps for lack of memory")
-    return None if code in (0, NO_TESTS) else f"exit code {code}"
+        raise RuntimeError(f"{command} was killed, perhaps for lack of memory")
+    return code
 
 
-def _kill(child: subprocess.Popen) -> None:
-    """End a program and those that it started."""
-    with suppress(ProcessLookupError):
-        os.killpg(child.pid, signal.SIGKILL)
-    child.wait()
+def _ending(code: int | None) -> str:
+    return "no end" if code is None else f"exit code {code}"

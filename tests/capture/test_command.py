@@ -56,7 +56,7 @@ class Port:
         self.master = self.slave = -1
 
     def send(self, data, said):
-        """Send bytes to the process; the rest is dropped once it has ended, because nothing makes room for it."""
+        """Send bytes to the process; the rest is dropped once it has ended: nothing makes room for it."""
         view = memoryview(data)
         while view:
             if select.select([], [self.master], [], 0.01)[1]:
