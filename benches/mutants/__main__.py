@@ -1,8 +1,8 @@
 """Tests against deliberate errors: `make mutants`.
 
-A sample of operators and constants of the sources is changed, one at a time, and a test should fail. All tests
-run once without an error, which shows the errors that each of them reaches. Then the tests that reach an error
-run with it, cheap ones first: for an error in Rust those in Rust before those in Python. The page
+A sample of operators and constants of the sources is changed, one at a time, and a test should fail. All
+tests run once without an error, which shows the errors that each of them reaches. Then the tests that reach
+an error run with it, cheap ones first: for an error in Rust those in Rust before those in Python. The page
 docs/results/mutants.md lists the errors that no test finds. A killed run goes on.
 """
 

@@ -75,7 +75,7 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 
 
 def forget() -> None:
-    """Forget what functions of the tests keep (`functools.cache`), so that each file of tests makes it anew."""
+    """Forget what functions of the tests keep (`functools.cache`), because each file of tests needs it."""
     for module in list(sys.modules.values()):
         if str(getattr(module, "__file__", None) or "").startswith(TESTS):
             for value in list(vars(module).values()):

@@ -40,7 +40,8 @@ pub fn is_on(number: usize) -> bool {{
 /// The number of the error that is on, and the address of the bytes of reached errors.
 fn switch() -> (usize, Option<usize>) {{
     let number = var("{SWITCH}").ok().and_then(|text| text.parse().ok()).unwrap_or(0);
-    let file = var("{REACHED}").ok().map(|path| OpenOptions::new().read(true).write(true).open(path).unwrap());
+    let open = |path| OpenOptions::new().read(true).write(true).open(path).unwrap();
+    let file = var("{REACHED}").ok().map(open);
     // Read and write, shared.
     let bytes = file.map(|file| unsafe {{ mmap(null_mut(), {MOST}, 3, 1, file.as_raw_fd(), 0) }} as usize);
     (number, bytes)
