@@ -1,6 +1,5 @@
 """A small part of `make accuracy`: the bound, the fit beside it, and that its scoring can fail."""
 
-import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,7 +12,7 @@ import pytest
 import accuracy.contaminated
 import accuracy.page
 import imucal
-from children import HANGS_S
+from children import HANGS_S, with_path
 
 pytestmark = pytest.mark.slow
 
@@ -253,7 +252,7 @@ def test_the_program_runs(tmp_path):
     page = tmp_path / "page.md"
     done = subprocess.run(
         [sys.executable, "-m", "accuracy", "paper", "contaminated", "--runs", "2", "--output", page],
-        env={**os.environ, "PYTHONPATH": str(BENCHES)},
+        env=with_path(BENCHES),
         capture_output=True,
         text=True,
         timeout=HANGS_S,

@@ -1,6 +1,5 @@
 """A small part of the blind benchmark: it runs, it is repeatable, and its seals hold."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +12,7 @@ import gap.judge
 import gap.limits
 import gap.said
 import gap.suite
-from children import HANGS_S
+from children import HANGS_S, with_path
 
 # The constant is internal: users read it only as a probability within a sentence.
 from imucal.gap.translation import NAMED_AT_LIMIT
@@ -71,7 +70,7 @@ def test_the_probability_of_a_name_at_the_detection_limit_is_that_of_the_page():
 def test_the_quick_benchmark_runs():
     done = subprocess.run(
         [sys.executable, "-m", "gap", "--quick", "--no-baselines"],
-        env={**os.environ, "PYTHONPATH": str(BENCHES)},
+        env=with_path(BENCHES),
         capture_output=True,
         text=True,
         timeout=HANGS_S,

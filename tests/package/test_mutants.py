@@ -5,7 +5,18 @@ import random
 from mutants.python_sites import PATTERN as IN_PYTHON, python_sites, with_switch
 from mutants.rust_sites import PATTERN as IN_RUST, constants_of, rust_sites
 from mutants.sites import applied
+from mutants.trial import PythonTest, runs_of
 
+AT_IMPORT = b'''LIMIT = 3.0
+
+
+def above(a, least=2.0):
+    """Docstring."""
+    for value in a:
+        if value > LIMIT + least:
+            return True
+    return False
+'''
 PYTHON = b'''"""Docstring."""
 
 from __future__ import annotations
@@ -50,6 +61,36 @@ def test_each_python_error_changes_the_value_of_some_arguments():
     exec(compile(PYTHON, "value.py", "exec"), without)
     assert values(0)[-1] == without["value"](1) == 7.0
     assert all(values(number) != values(0) for number in sites)
+
+
+def test_functions_of_a_module_reach_the_errors_that_its_import_evaluates():
+    sites = dict(enumerate(python_sites("above.py", AT_IMPORT, random.Random(1)), 1))
+    at_import = [number for number, site in sites.items() if site.at_import]
+    assert [sites[number].before for number in at_import] == ["3.0", "2.0"]
+    text = with_switch(applied(AT_IMPORT, sites, IN_PYTHON), at_import)
+    reached = set()
+    names = {"_imucal_mutant": reached.add}
+    exec(compile(text.replace("from imucal._mutant import", "# from"), "above.py", "exec"), names)
+    assert reached == set(at_import)
+    reached.clear()
+    assert names["above"]([]) is False
+    assert set(at_import) <= reached < set(sites)
+
+
+def test_cheap_tests_that_reach_an_error_run_first_and_no_others_than_those_of_their_files():
+    tests = [
+        PythonTest("tests/a.py::slow", 30.0, [1], False),
+        PythonTest("tests/a.py::fast", 1.0, [1, 2], False),
+        PythonTest("tests/a.py::near", 0.5, [2], False),
+        PythonTest("tests/b.py::other", 0.1, [2], False),
+        PythonTest("tests/a.py::endless", 1000.0, [1], False),
+    ]
+    assert runs_of(1, tests) == [(["tests/a.py::fast"], 1.0), (["tests/a.py::slow"], 30.0)]
+    assert runs_of(1, tests[:4]) == [
+        (["tests/a.py::fast"], 1.0),
+        (["tests/a.py::slow", "tests/a.py::near"], 30.5),
+    ]
+    assert runs_of(3, tests) == []
 
 
 def test_rust_errors_stand_only_where_code_runs():

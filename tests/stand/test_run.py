@@ -20,7 +20,7 @@ import pytest
 
 import imucal
 import virtual_clock
-from children import heed_signals, wait_until
+from children import heed_signals, wait_until, with_path
 from imucal import Program, Step
 from imucal.cli import main
 from imucal.stand.faults import SimulatedUnit
@@ -414,7 +414,7 @@ def test_killed_at_fifty_moments_every_acknowledged_sample_is_recovered(tmp_path
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": str(Path(virtual_clock.__file__).parent)},
+        env=with_path(Path(virtual_clock.__file__).parent),
     )
     for moment in range(50):
         output, limit = tmp_path / f"{moment}.csv", draw.randrange(1, 60)

@@ -175,8 +175,8 @@ def change(gap: Gap) -> Iterator[Shown | str]:
             "that each effect closes.",
         )
     *unseen, seen = figure_sets(gap)
-    but = f", but not the sets {' or '.join(unseen)}" if unseen else ""
-    words = f"Figures without and with the found effects. The fits used the set {seen}{but}."
+    but = f", but not the rows “{'” or “'.join(unseen)}”" if unseen else ""
+    words = f"Figures without and with the found effects. The fits used the rows “{seen}”{but}."
     yield Shown("change", plot.before_and_after(gap), words)
     yield gap_figures_table(gap)
     error = gap.corrected_error
