@@ -13,8 +13,8 @@ import allantools
 import numpy as np
 
 import imucal
-from compare import ROOT, machine_name, medians_ms
-from sections import write_section
+from compare import ROOT, medians_ms
+from sections import machine_name, write_section
 
 REPORT = ROOT / "docs" / "results" / "noise.md"
 SECTION = "Speed of the Allan deviation"

@@ -24,7 +24,7 @@ import imucal
 import imucal._core as _core
 import scipy_peer
 from kernels import kernel_lines
-from sections import write_section
+from sections import machine_name, write_section
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared"
@@ -203,19 +203,6 @@ def integration_lines() -> list[str]:
         "",
         f"The two rotations are {apart:.0e} rad apart.",
     ]
-
-
-def machine_name() -> str:
-    """Name of the processor, and number of its cores."""
-    model = platform.processor() or platform.machine()
-    try:
-        info = Path("/proc/cpuinfo").read_text(encoding="utf-8")
-        model = next(
-            line.split(":", 1)[1].strip() for line in info.splitlines() if line.startswith("model name")
-        )
-    except (OSError, StopIteration):
-        pass
-    return f"{model}, {os.cpu_count()} cores"
 
 
 def machine() -> str:

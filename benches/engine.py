@@ -2,7 +2,7 @@
 
 Each answer is kept in target/benches/NAME.sqlite as soon as it is there, so a killed benchmark goes on when
 it is started again. The key of an answer contains a hash of all code, so changed code computes everything
-again.
+again. `publish` keeps the answers behind a page.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ import imucal
 import imucal._core as _core
 from imucal.fleet.cluster import DaskPool
 from imucal.fleet.local import Ended, LocalPool, Pool
+from rows import Row, plain, publish
 
 __all__ = ["Engine", "add_arguments", "engine_of"]
 
@@ -60,7 +61,8 @@ class Engine:
     """Runs calls and keeps their answers; use it in a `with` block."""
 
     def __init__(self, make_pool: Callable[[], Pool], log: Path | None) -> None:
-        self._make_pool, self._pool = make_pool, None
+        self._rows: list[Row] = []
+        self._make_pool, self._pool, self._name = make_pool, None, log.stem if log else ""
         self._code = _code_hash()
         self._waiting: deque[Calls] = deque()
         self._in_pool = 0
@@ -97,12 +99,21 @@ class Engine:
             of_task = new[first : first + per_task]
             self._waiting.append(Calls(payload, tuple(v for _, v in of_task), tuple(k for k, _ in of_task)))
         self._fill()
-        return (self._answer(key) for key in keys)
+        return (self._kept(name, argument, key) for argument, key in zip(given, keys, strict=True))
 
     def call(self, function: Callable[[], Any], *, name: str) -> Callable[[], Any]:
         """Begin one call; the returned function waits for its answer."""
         answers = self.map(_Alone(function), [name], name="call")
         return lambda: next(answers)
+
+    def publish(self, page: Path) -> None:
+        """Keep all answers that `map` gave, and say so on the page that shows them."""
+        publish(page, self._name, self._rows)
+
+    def _kept(self, name: str, argument: Any, key: str) -> Any:
+        answer = self._answer(key)
+        self._rows.append(Row(name, plain(argument), plain(answer)))
+        return answer
 
     def _answer(self, key: str) -> Any:
         while key not in self._found:

@@ -9,7 +9,7 @@ Every run has another unit, with misalignments of several degrees.
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -231,6 +231,11 @@ def _refusal(scene: Scene, trial: Trial) -> str:
 SCENES = tuple(Scene(rests, by_hand) for by_hand in (False, True) for rests in (12, 14, 19))
 
 
+def calls() -> dict[str, Callable[[int], Trial]]:
+    """The function of each condition, which takes a seed."""
+    return {scene.name: partial(trial, scene) for scene in SCENES}
+
+
 def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--runs", type=int, default=RUNS, help="seeds of each condition")
@@ -239,12 +244,14 @@ def main() -> int:
     scenes = []
     with engine_of(given, "faces") as engine:
         for scene in SCENES:
-            done = list(engine.map(partial(trial, scene), range(1, given.runs + 1), name=scene.name))
+            seeds = range(1, given.runs + 1)
+            done = list(engine.map(calls()[scene.name], seeds, name=scene.name))
             scenes.append(SceneFigures(scene, done))
     text = page(scenes)
     print(text)
     if given.runs == RUNS:
         REPORT.write_text(text, encoding="utf-8")
+        engine.publish(REPORT)
         print(f"written to {REPORT}")
     return 0
 

@@ -32,13 +32,13 @@ import numpy as np
 import gap.scene
 import imucal
 import scipy_peer
-from compare import OTHERS, REPORT, machine_name, program_of_others
+from compare import OTHERS, REPORT, program_of_others
 from gap.case import generator
 from gap.outside import magnetic_coupling
 from gap.scene import Scene, record
 from gap.sizes import SIZES, drawn
 from kernels import rust_program
-from sections import write_section
+from sections import machine_name, write_section
 
 RATE_HZ: Final = 200.0
 HOLD_S, MOVE_S = 5.26, 2.03

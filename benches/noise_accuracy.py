@@ -12,6 +12,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import argparse
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -132,6 +133,11 @@ class Judge:
         self.rows.append("| " + " | ".join([name, *cells]) + " |")
 
 
+def calls() -> dict[str, Callable[[int], list[list[list[imucal.NoiseFigure]]]]]:
+    """The function of each kind of unit, which takes a seed."""
+    return {repr(case): partial(trial, case) for case in CASES}
+
+
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--runs", type=int, default=100)
@@ -142,7 +148,8 @@ def main() -> None:
         for case in track(CASES, "identifying"):
             # Each case has its own seeds, so that the errors of the cases are independent.
             first = 1 + 1000 * CASES.index(case)
-            runs = list(engine.map(partial(trial, case), range(first, first + given.runs), name=repr(case)))
+            seeds = range(first, first + given.runs)
+            runs = list(engine.map(calls()[repr(case)], seeds, name=repr(case)))
             for s, (sensor, of_sensor) in enumerate(zip(SENSORS, truths(case), strict=True)):
                 for k, (figure, truth) in enumerate(zip(FIGURES, of_sensor, strict=True)):
                     found = [axis[k] for run in runs for axis in run[s]]
@@ -174,6 +181,7 @@ random walk are those of the table. Each unit has three axes per sensor.
 all {judge.bands} bands of processes that are present, {share:.2f} % contain the truth.
 """
     write_section(REPORT, "Noise", SECTION, body)
+    engine.publish(REPORT)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -78,6 +79,11 @@ def trial(case: Case, seed: int) -> tuple[str, float | None]:
     return answer, error_s
 
 
+def calls() -> dict[str, Callable[[int], tuple[str, float | None]]]:
+    """The function of each kind of unit, which takes a seed."""
+    return {case.name: partial(trial, case) for case in CASES}
+
+
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--runs", type=int, default=200)
@@ -88,7 +94,8 @@ def main() -> None:
         for number, case in enumerate(track(CASES, "identifying")):
             # Each case has its own seeds, so that the errors of the cases are independent.
             first = 1 + 10_000 * (number + 1)
-            found = list(engine.map(partial(trial, case), range(first, first + given.runs), name=case.name))
+            seeds = range(first, first + given.runs)
+            found = list(engine.map(calls()[case.name], seeds, name=case.name))
             counts = Counter(answer for answer, _ in found)
             cells = [
                 f"**{counts[answer]}**" if answer == case.expected else str(counts[answer])
@@ -109,6 +116,7 @@ of the six axes counts.
 {chr(10).join(rows)}
 """
     write_section(REPORT, "Noise", SECTION, body)
+    engine.publish(REPORT)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ with misalignments of several degrees, and the noise of the paper's unit.
 
 import argparse
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -143,6 +144,15 @@ class Figures:
         )
 
 
+def calls() -> dict[str, Callable[[int], Trial | str]]:
+    """The function of each condition, which takes a seed."""
+    return {
+        f"{sensor}, {moves} moves": partial(trial, moves)
+        for sensor, trial in TRIALS.items()
+        for moves in MOVES[sensor]
+    }
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=RUNS)
@@ -150,10 +160,10 @@ def main() -> int:
     given = parser.parse_args()
     rows = []
     with engine_of(given, "one-sensor") as engine:
-        for sensor, trial in TRIALS.items():
+        for sensor in TRIALS:
             for moves in MOVES[sensor]:
                 seeds, name = range(1, given.runs + 1), f"{sensor}, {moves} moves"
-                found = list(engine.map(partial(trial, moves), seeds, name=name))
+                found = list(engine.map(calls()[name], seeds, name=name))
                 figures = Figures.of(found)
                 low, high = figures.of_one
                 rows.append(
@@ -178,6 +188,8 @@ both sensors, with the calibration of the accelerometer from 46 rests of another
 |---|{"---:|" * 8}
 """ + "\n".join(rows)
     write_section(REPORT, "One sensor", "Coverage and errors", body)
+    if given.runs == RUNS:
+        engine.publish(REPORT)
     return 0
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv
 
-from compare import REPORT, machine_name
-from sections import write_section
+from compare import REPORT
+from sections import machine_name, write_section
 
 RATE_HZ = 200.0
 # Rows of the files: an hour, and a minute.

@@ -14,6 +14,7 @@ import argparse
 import dataclasses
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -130,6 +131,11 @@ def row(case: Case, results: list[Result]) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
+def calls() -> dict[str, Callable[[tuple[int, bool]], Result | None]]:
+    """The function of each kind of unit, which takes a seed, and whether `find_gap` judges it."""
+    return {case.name: partial(trial, case) for case in CASES}
+
+
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--runs", type=int, default=200)
@@ -143,7 +149,7 @@ def main() -> None:
         for case in CASES:
             seeds = range(given.first, given.first + given.runs)
             asked = [(seed, seed < given.first + given.gaps) for seed in seeds]
-            runs = engine.map(partial(trial, case), asked, name=case.name)
+            runs = engine.map(calls()[case.name], asked, name=case.name)
             tried = list(track(runs, case.name, total=given.runs))
             results = [result for result in tried if result is not None]
             rows.append(row(case, results))
@@ -173,6 +179,7 @@ Conclusions of `find_gap`: {conclusions}. {named} of {sum(gaps.values())} name a
     write_section(
         REPORT, "Rounding", "Intervals and named effects with noise below the step of the converter", body
     )
+    engine.publish(REPORT)
 
 
 if __name__ == "__main__":

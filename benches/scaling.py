@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from compare import REPORT, machine_name
+from compare import REPORT
 from peak_memory import peak_bytes, reset_peak
-from sections import write_section
+from sections import machine_name, write_section
 
 # Samples, rate in Hz, moves: each row has ten times the motion, the last one the same motion at a higher
 # rate.

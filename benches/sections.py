@@ -1,8 +1,10 @@
-"""Sections of the reports in docs/results: each program replaces its own section and keeps the others."""
+"""What the pages in docs/results share: sections, each of which its own program replaces, and the machine."""
 
+import os
+import platform
 from pathlib import Path
 
-__all__ = ["write_section"]
+__all__ = ["machine_name", "write_section"]
 
 
 def write_section(report: Path, title: str, heading: str, body: str) -> None:
@@ -14,3 +16,16 @@ def write_section(report: Path, title: str, heading: str, body: str) -> None:
     report.parent.mkdir(parents=True, exist_ok=True)
     report.write_text("\n\n## ".join([start.strip(), *kept.values()]) + "\n", encoding="utf-8")
     print(f"## {heading}\n\n{body.strip()}\n\nwritten to {report}\n")
+
+
+def machine_name() -> str:
+    """Name of the processor, and number of its cores."""
+    model = platform.processor() or platform.machine()
+    try:
+        info = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+        model = next(
+            line.split(":", 1)[1].strip() for line in info.splitlines() if line.startswith("model name")
+        )
+    except (OSError, StopIteration):
+        pass
+    return f"{model}, {os.cpu_count()} cores"

@@ -3,8 +3,8 @@
 import numpy as np
 
 import imucal
-from compare import REPORT, machine_name, medians_ms
-from sections import write_section
+from compare import REPORT, medians_ms
+from sections import machine_name, write_section
 
 SECTION = "Simulation"
 ROUNDS = 5

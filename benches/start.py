@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 import comparison
-from compare import OTHERS, REPORT, XSENS, machine_name
-from sections import write_section
+from compare import OTHERS, REPORT, XSENS
+from sections import machine_name, write_section
 
 ROUNDS = 11
 # Processor time of imu_tk on the Xsens files, s; it is not built by this benchmark.

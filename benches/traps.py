@@ -119,10 +119,15 @@ def clean(condition, seed):
     return str(result.verdict), [abs(p.value - truth[p.name]) / p.std for p in parameters]
 
 
+def calls():
+    """The function of each condition without a trap, which takes a seed, and of the traps, by number."""
+    return {**{condition: partial(clean, condition) for condition in CONDITIONS}, "rows": asked}
+
+
 def clean_table(engine):
     rows = []
     for condition in CONDITIONS:
-        runs = engine.map(partial(clean, condition), range(CLEAN_RUNS), name=condition)
+        runs = engine.map(calls()[condition], range(CLEAN_RUNS), name=condition)
         found = list(track(runs, condition, total=CLEAN_RUNS))
         verdicts = Counter(verdict for verdict, _ in found)
         errors = np.array([error for _, errors in found for error in errors])
@@ -178,6 +183,8 @@ imu-calib gets them, too, if they are in SI units, g or deg/s. It states no stan
 results are right up to an error of {MOST_FORCE_MG:g} mg at rest and of {MOST_RATE_DPS:g} deg/s at 100 deg/s
 (rms per axis).""",
     )
+    if given.only is None:
+        engine.publish(PAGE)
 
 
 if __name__ == "__main__":

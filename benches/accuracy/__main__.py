@@ -30,10 +30,17 @@ SEEDS = {"paper": 4000, "hand-held": 1000, "conditions": 1000, "contaminated": 1
 SCENES = {"paper": (PAPER,), "hand-held": (HELD,), "conditions": CONDITIONS}
 
 
-def many(engine: Engine, work: Callable[[int], Any], runs: int, words: str) -> list[Any]:
-    """The work for the seeds 1 to `runs`."""
-    done = engine.map(work, range(1, runs + 1), name=words)
-    return list(track(done, words, total=runs, disable=not sys.stderr.isatty()))
+def many(engine: Engine, runs: int, name: str) -> list[Any]:
+    """The answers of a condition for the seeds 1 to `runs`."""
+    done = engine.map(calls()[name], range(1, runs + 1), name=name)
+    return list(track(done, name, total=runs, disable=not sys.stderr.isatty()))
+
+
+def calls() -> dict[str, Callable[[int], Any]]:
+    """The function of each condition, which takes a seed."""
+    scenes = [scene for of_part in SCENES.values() for scene in of_part]
+    trials = {scene.name: partial(trial, scene) for scene in scenes}
+    return {**trials, **{name: partial(spoilt, name) for name in FAULTS}}
 
 
 def main() -> int:
@@ -53,10 +60,10 @@ def main() -> int:
         for part in parts:
             runs = given.runs or SEEDS[part]
             for scene in SCENES.get(part, ()):
-                trials = many(engine, partial(trial, scene), runs, scene.name)
+                trials = many(engine, runs, scene.name)
                 scenes.append(SceneFigures(scene, trials))
             for name in FAULTS if part == "contaminated" else ():
-                done = many(engine, partial(spoilt, name), runs, name)
+                done = many(engine, runs, name)
                 contaminations.append(Contamination.of(name, done))
     text = page(scenes, contaminations, time.monotonic() - start_s)
     print(text)
@@ -64,6 +71,8 @@ def main() -> int:
     if output is not None:
         output.parent.mkdir(parents=True, exist_ok=True)
         output.write_text(text, encoding="utf-8")
+        if output == REPORT:
+            engine.publish(REPORT)
         print(f"written to {output}")
     return 0
 

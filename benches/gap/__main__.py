@@ -10,6 +10,7 @@ import argparse
 import json
 import sys
 import traceback
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -64,6 +65,16 @@ def _few(share: float, group: str, count: int = 1) -> list[int]:
     return mine[:: max(1, len(mine) // count)][:count]
 
 
+def calls() -> dict[str, Callable[[int], list[Mark]]]:
+    """The function of all cases, which takes the number of a case."""
+    return {name_of(with_baselines): partial(job, 1.0, with_baselines) for with_baselines in (True, False)}
+
+
+def name_of(with_baselines: bool, share: float = 1.0) -> str:
+    """The name of the calls."""
+    return f"share {share}, baselines {with_baselines}"
+
+
 def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument(
@@ -96,7 +107,7 @@ def main() -> int:
     known = {mark.key for mark in marks}
     numbers = [number for number in numbers if suite(share)[number].key not in known][: given.most]
     with engine_of(given, "gap") as engine:
-        name = f"share {share}, baselines {not given.no_baselines}"
+        name = name_of(not given.no_baselines, share)
         # A case takes seconds, so each is a task of its own.
         found = engine.map(work, numbers, name=name, per_task=1)
         for done in track(found, "asking", total=len(numbers), disable=given.quick):
@@ -113,6 +124,9 @@ def main() -> int:
         given.output.write_text(text, encoding="utf-8")
         table = given.output.with_suffix(".json")
         table.write_text(json.dumps(record(marks), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        # A part, or a run that goes on from a log, does not have all answers.
+        if given.output == REPORT and len(numbers) == len(suite(1.0)):
+            engine.publish(REPORT)
         print(f"written to {given.output} and {table.name}")
     # The page prints what is missed; only a tool that answers nothing is a failure of the run.
     return 0 if any(gate.of for gate in gates([m for m in marks if m.tool == TOOL])) else 1

@@ -14,7 +14,7 @@ import argparse
 import re
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -198,6 +198,15 @@ The gates compare the found shares themselves; the intervals (95 %) show how muc
 """
 
 
+def calls() -> dict[str, Callable[[tuple[str, int, bool]], Any]]:
+    """The function of all cases, which takes the arguments of `asked`."""
+    return {"laws": _of_arguments}
+
+
+def _of_arguments(case: tuple[str, int, bool]) -> Any:
+    return asked(*case)
+
+
 def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--cases", type=int, default=40, help="cases of each family")
@@ -215,12 +224,14 @@ def main() -> int:
         if index < FIRST + (given.clean if family in CLEAN else given.cases)
     ]
     with engine_of(given, "laws") as engine:
-        answers = engine.map(lambda case: asked(*case), cases, name="laws", per_task=1)
+        answers = engine.map(_of_arguments, cases, name="laws", per_task=1)
         rows = list(track(answers, "laws", total=len(cases), disable=not sys.stderr.isatty()))
     rows.sort(key=lambda row: (order.index(row["family"]), row["index"]))
     text = page(rows)
     print(text)
     given.output.write_text(text, encoding="utf-8")
+    if given.output == REPORT:
+        engine.publish(REPORT)
     return 0
 
 

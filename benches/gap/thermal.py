@@ -11,7 +11,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import argparse
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -166,6 +166,15 @@ fitted, of 25 times the noncentrality 27.
 """
 
 
+def calls() -> dict[str, Callable[[tuple[str, int]], Any]]:
+    """The function of all cases, which takes the arguments of `asked`."""
+    return {"thermal": _of_arguments}
+
+
+def _of_arguments(case: tuple[str, int]) -> Any:
+    return asked(*case)
+
+
 def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--cases", type=int, default=40, help="cases of each family with a memory")
@@ -182,12 +191,14 @@ def main() -> int:
         if index < FIRST + (given.clean if family in CLEAN else given.cases)
     ]
     with engine_of(given, "thermal") as engine:
-        answers = engine.map(lambda case: asked(*case), cases, name="thermal", per_task=1)
+        answers = engine.map(_of_arguments, cases, name="thermal", per_task=1)
         rows = list(track(answers, "thermal", total=len(cases), disable=not sys.stderr.isatty()))
     rows.sort(key=lambda row: (order.index(row["family"]), row["index"]))
     text = page(rows)
     print(text)
     given.output.write_text(text, encoding="utf-8")
+    if given.output == REPORT:
+        engine.publish(REPORT)
     return 0
 
 

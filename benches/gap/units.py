@@ -11,7 +11,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import argparse
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -181,6 +181,15 @@ The gates compare the found shares themselves; the intervals (95 %) show how muc
 """
 
 
+def calls() -> dict[str, Callable[[tuple[str, int]], Any]]:
+    """The function of all cases, which takes the arguments of `asked`."""
+    return {"units": _of_arguments}
+
+
+def _of_arguments(case: tuple[str, int]) -> Any:
+    return asked(*case)
+
+
 def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--cases", type=int, default=40, help="cases of each family")
@@ -191,13 +200,15 @@ def main() -> int:
     # All families advance together, so that a run that is broken off has seen each of them.
     cases = [(family, index) for index in range(given.cases) for family in given.family or FAMILIES]
     with engine_of(given, "units") as engine:
-        answers = engine.map(lambda case: asked(*case), cases, name="units", per_task=1)
+        answers = engine.map(_of_arguments, cases, name="units", per_task=1)
         rows = list(track(answers, "units", total=len(cases), disable=not sys.stderr.isatty()))
     order = list(FAMILIES)
     rows.sort(key=lambda row: (order.index(row["family"]), row["index"]))
     text = "\n".join(page(rows))
     print(text)
     given.output.write_text(text, encoding="utf-8")
+    if given.output == REPORT:
+        engine.publish(REPORT)
     return 0
 
 

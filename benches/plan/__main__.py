@@ -8,7 +8,9 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from rich.progress import track
 
@@ -19,6 +21,11 @@ from plan.page import figure, gates, page
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 RUNS = 1000
+
+
+def calls() -> dict[str, Callable[[int], Any]]:
+    """The function of each program, which takes a seed."""
+    return {case.name: case.errors for case in cases()}
 
 
 def main() -> int:
@@ -33,13 +40,16 @@ def main() -> int:
         agreements = []
         for case in track(cases(), "calibrations", disable=not sys.stderr.isatty()):
             minutes = sum(planned(motion).minutes for motion in case.motions)
-            found = list(engine.map(case.errors, range(1, given.runs + 1), name=case.name))
+            seeds = range(1, given.runs + 1)
+            found = list(engine.map(case.errors, seeds, name=case.name))
             agreements.append(Agreement.of(case, minutes, found))
             print(f"{case.name}: worst {agreements[-1].worst:.3f}", file=sys.stderr, flush=True)
         found_durations, found_points = searched(), points()
     text = page(agreements, found_durations, found_points, visible(found_durations))
     (given.output / "plan.md").write_text(text, encoding="utf-8")
     (given.output / "plan.svg").write_text(figure(found_points), encoding="utf-8")
+    if given.runs == RUNS and given.output == RESULTS:
+        engine.publish(RESULTS / "plan.md")
     print(text)
     return 0 if all(met for *_, met in gates(agreements, found_durations)) else 1
 
