@@ -17,6 +17,7 @@
 #   make thermal-benchmark  sensors that remember the temperature, to docs/results/thermal.md
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
 #   make traps     inputs that easily give a wrong result, and 500 clean runs, to docs/results/traps.md
+#   make results   all pages of results that need no other tools than this Makefile installs; takes hours
 #   make mutants   deliberate errors that tests should find, to docs/results/mutants.md; ONLY=rust; takes hours
 #   make copies    altered copies of a recording as its control, to docs/results/copies.md
 #   make signals   time from Ctrl-C to the end of each long command, to docs/results/signals.md
@@ -234,8 +235,12 @@ docs: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy rounding faces six-positions one-sensor gap-benchmark laws-benchmark units-benchmark thermal-benchmark plan traps copies signals stand first-steps mutants
+.PHONY: demo bench accuracy rounding faces six-positions one-sensor gap-benchmark laws-benchmark units-benchmark thermal-benchmark plan traps copies signals stand first-steps mutants results
 .PHONY: docs-figures docs-pictures fleet stand-driver stand-firmware firmware comparison
+# Stops with the last page that could not be made; what is finished is not computed again.
+results: accuracy six-positions one-sensor rounding faces gap-benchmark laws-benchmark units-benchmark
+results: thermal-benchmark plan traps copies stand fleet signals bench docs-figures
+
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo

@@ -20,11 +20,13 @@ from scipy.spatial.transform import Rotation
 
 import imucal
 import imucal._core as _core
+from engine import add_arguments, engine_of
 
 GRAVITY_MPS2 = 9.80665
 MIN_REST_S = 1.0
 # The seeds of the control runs are the seeds of the calibration runs plus this number.
 CONTROL_SEEDS = 100_000
+SEEDS, PAIRS = 20, 100
 PAGE = Path(__file__).parents[1] / "docs/results/copies.md"
 # Conditions of the copies, of those in `conditions`.
 COPIED = (
@@ -237,21 +239,51 @@ def rests(recording: imucal.Recording) -> list[tuple[int, int]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--pairs", type=int, default=100)
+    parser.add_argument("--seeds", type=int, default=SEEDS)
+    parser.add_argument("--pairs", type=int, default=PAIRS)
+    add_arguments(parser)
     given = parser.parse_args()
-    made = conditions()
-    pairs, copies = {}, {}
-    for name, make in track(made.items(), "independent pairs"):
-        refused = [common_noise(make(seed), make(seed + CONTROL_SEEDS)) for seed in range(given.pairs)]
-        pairs[name] = Refused.among(refused)
-    for name in COPIED:
-        for alteration in track(ALTERATIONS, f"copies, {name}"):
-            runs = [(made[name](seed), seed) for seed in range(given.seeds)]
-            refused = [common_noise(run, altered(run, alteration, seed)) for run, seed in runs]
-            copies[name, alteration] = Refused.among(refused)
-    PAGE.write_text(page(pairs, copies), encoding="utf-8")
+    of_pairs = [(name, seed) for name in conditions() for seed in range(given.pairs)]
+    of_copies = [
+        (name, alteration, seed)
+        for name in COPIED
+        for alteration in ALTERATIONS
+        for seed in range(given.seeds)
+    ]
+    pairs: dict[str, list[float | None]] = {}
+    copies: dict[tuple[str, str], list[float | None]] = {}
+    with engine_of(given, "copies") as engine:
+        found = engine.map(of_pair, of_pairs, name="pairs")
+        for (name, _), sigmas in zip(of_pairs, track(found, "independent pairs", len(of_pairs)), strict=True):
+            pairs.setdefault(name, []).append(sigmas)
+        found = engine.map(of_copy, of_copies, name="copies")
+        for (*key, _), sigmas in zip(of_copies, track(found, "copies", len(of_copies)), strict=True):
+            copies.setdefault(tuple(key), []).append(sigmas)
+    judged = {name: Refused.among(found) for name, found in pairs.items()}
+    of_each = {key: Refused.among(found) for key, found in copies.items()}
+    PAGE.write_text(page(judged, of_each), encoding="utf-8")
+    if (given.seeds, given.pairs) == (SEEDS, PAIRS):
+        engine.publish(PAGE)
     print(f"written to {PAGE}")
+
+
+def calls() -> dict[str, Callable[..., float | None]]:
+    """The functions of independent pairs and of altered copies, which take their names and a seed."""
+    return {"pairs": of_pair, "copies": of_copy}
+
+
+def of_pair(asked: tuple[str, int]) -> float | None:
+    """`common_noise` of two independent recordings of a condition."""
+    name, seed = asked
+    make = conditions()[name]
+    return common_noise(make(seed), make(seed + CONTROL_SEEDS))
+
+
+def of_copy(asked: tuple[str, str, int]) -> float | None:
+    """`common_noise` of a recording and its altered copy."""
+    name, alteration, seed = asked
+    run = conditions()[name](seed)
+    return common_noise(run, altered(run, alteration, seed))
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 import imucal
+from engine import add_arguments, engine_of
 from sections import write_section
 
 REPORT: Final = Path(__file__).parents[1] / "docs/results/six-positions.md"
@@ -28,6 +30,8 @@ TILT_DEG = 1.0
 # Turns of the three motors from each face to the next one, deg, about all axes: z, y, x, -z, -y and -x up.
 FACES = ((0, 0, 0), (90, 0, 0), (0, 0, 90), (90, 0, 0), (0, 90, 0), (0, 0, 90))
 HALF_WIDTH_95 = 1.96
+SEEDS = 200
+NAME = "units"
 GROUPS = ("accel_bias", "accel_scale", "gyro_bias", "gyro_scale", "accel_misalignment", "gyro_misalignment")
 
 
@@ -35,17 +39,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seeds", type=int, default=200)
-    seeds = parser.parse_args().seeds
+    parser.add_argument("--seeds", type=int, default=SEEDS)
+    add_arguments(parser)
+    given = parser.parse_args()
+    seeds = given.seeds
     scores: dict[str, list[float]] = {group: [] for group in GROUPS}
     refused = 0
-    for seed in range(1, seeds + 1):
-        try:
-            for group, values in scores_of(seed).items():
+    with engine_of(given, "six-positions") as engine:
+        for seed, found in enumerate(engine.map(scores_of, range(1, seeds + 1), name=NAME), 1):
+            if isinstance(found, str):
+                refused += 1
+                print(f"seed {seed}: {found}")
+                continue
+            for group, values in found.items():
                 scores[group] += values
-        except imucal.ImucalError as error:
-            refused += 1
-            print(f"seed {seed}: {error}")
     rows = ["| parameters | within 1.96 sigma, % | rms of error / sigma |", "|---|---|---|"]
     for group in GROUPS:
         values = np.array(scores[group])
@@ -60,13 +67,23 @@ def main() -> None:
         "covariance contains this second-order term (docs/model.md, (40)).\n\n"
     )
     write_section(REPORT, "Six positions", "Coverage of the intervals", body + "\n".join(rows))
+    if seeds == SEEDS:
+        engine.publish(REPORT)
 
 
-def scores_of(seed: int) -> dict[str, list[float]]:
-    """Errors in standard deviations by group of parameters."""
+def calls() -> dict[str, Callable[[int], dict[str, list[float]] | str]]:
+    """The function of all units, which takes a seed."""
+    return {NAME: scores_of}
+
+
+def scores_of(seed: int) -> dict[str, list[float]] | str:
+    """Errors in standard deviations by group of parameters, or why the recording is refused."""
     unit = unit_of(seed)
     run = imucal.simulate(program_of(seed), unit=unit, seed=seed, rate_hz=100.0).recording
-    result = imucal.calibrate(run, model="orthogonal")
+    try:
+        result = imucal.calibrate(run, model="orthogonal")
+    except imucal.ImucalError as error:
+        return str(error)
     truth = {parameter.name: parameter.value for parameter in truth_of(unit).parameters}
     found: dict[str, list[float]] = {group: [] for group in GROUPS}
     for parameter in result.parameters:

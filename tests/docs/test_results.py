@@ -16,6 +16,7 @@ ROWS_PER_PAGE = 2
 # The program of each file of answers.
 MODULES = {
     "accuracy": "accuracy.__main__",
+    "copies": "copies",
     "faces": "faces",
     "gap": "gap.__main__",
     "laws": "gap.laws",
@@ -24,6 +25,7 @@ MODULES = {
     "one-sensor": "one_sensor",
     "plan": "plan.__main__",
     "rounding": "rounding",
+    "six-positions": "six_positions",
     "thermal": "gap.thermal",
     "traps": "traps",
     "units": "gap.units",
