@@ -23,9 +23,9 @@ import cloudpickle
 
 import imucal
 import imucal._core as _core
+from answers import KeptAnswer, plain, publish
 from imucal.fleet.cluster import DaskPool
 from imucal.fleet.local import Ended, LocalPool, Pool
-from rows import Row, plain, publish
 
 __all__ = ["Engine", "add_arguments", "engine_of"]
 
@@ -61,7 +61,7 @@ class Engine:
     """Runs calls and keeps their answers; use it in a `with` block."""
 
     def __init__(self, make_pool: Callable[[], Pool], log: Path | None) -> None:
-        self._rows: list[Row] = []
+        self._rows: list[KeptAnswer] = []
         self._make_pool, self._pool, self._name = make_pool, None, log.stem if log else ""
         self._code = _code_hash()
         self._waiting: deque[Calls] = deque()
@@ -112,7 +112,7 @@ class Engine:
 
     def _kept(self, name: str, argument: Any, key: str) -> Any:
         answer = self._answer(key)
-        self._rows.append(Row(name, plain(argument), plain(answer)))
+        self._rows.append(KeptAnswer(name, plain(argument), plain(answer)))
         return answer
 
     def _answer(self, key: str) -> Any:

@@ -10,7 +10,7 @@ import random
 import numpy as np
 import pytest
 
-from rows import DATA, Row, differs, plain, publish, read
+from answers import DATA, KeptAnswer, differs, plain, publish, read
 
 ROWS_PER_PAGE = 2
 # The program of each file of answers.
@@ -49,15 +49,17 @@ def test_the_answers_of_a_page_are_those_of_this_code(name):
 
 
 def test_a_page_says_where_its_answers_are(tmp_path, monkeypatch):
-    monkeypatch.setattr("rows.DATA", tmp_path / "data")
+    monkeypatch.setattr("answers.DATA", tmp_path / "data")
     page = tmp_path / "page.md"
     page.write_text("# Page\n\nText.\n")
     answer = {"angle": np.array([1.0, 2.0 / 3.0]), "name": "x", "none": None, "nan": float("nan")}
-    publish(page, "first", [Row("a", 1, plain(answer))])
-    publish(page, "second", [Row("b", [1, True], plain((1, 2.5)))])
-    publish(page, "first", [Row("a", 2, plain(answer))])
+    publish(page, "first", [KeptAnswer("a", 1, plain(answer))])
+    publish(page, "second", [KeptAnswer("b", [1, True], plain((1, 2.5)))])
+    publish(page, "first", [KeptAnswer("a", 2, plain(answer))])
     origin, rows = read("first")
-    assert list(rows) == [Row("a", 2, {"angle": [1.0, 0.666667], "name": "x", "none": None, "nan": "nan"})]
+    assert list(rows) == [
+        KeptAnswer("a", 2, {"angle": [1.0, 0.666667], "name": "x", "none": None, "nan": "nan"})
+    ]
     text = page.read_text()
     assert text.startswith("# Page\n\nText.\n\n## Origin\n\n* [first](data/first.jsonl.xz): 1 answers.")
     assert text.count("[first]") == 1 and "* [second](data/second.jsonl.xz)" in text

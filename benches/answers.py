@@ -24,7 +24,7 @@ import numpy as np
 
 from sections import machine_name, write_section
 
-__all__ = ["DATA", "Row", "differs", "plain", "publish", "read"]
+__all__ = ["DATA", "KeptAnswer", "differs", "plain", "publish", "read"]
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 DATA: Final = ROOT / "docs/results/data"
@@ -36,7 +36,7 @@ TIMES: Final = frozenset({"seconds"})
 
 
 @dataclass(frozen=True)
-class Row:
+class KeptAnswer:
     """One call of a benchmark: the name of its function, its argument, and its answer as JSON has it."""
 
     name: str
@@ -83,7 +83,7 @@ def differs(kept: Any, now: Any) -> str | None:
     return None if kept == now else f"{kept!r}, not {now!r}"
 
 
-def publish(page: Path, name: str, rows: Iterable[Row]) -> None:
+def publish(page: Path, name: str, rows: Iterable[KeptAnswer]) -> None:
     """Keep the rows of a benchmark, and say on the page where they are and where they come from."""
     origin = {
         "commit": _git("rev-parse", "--short=10", "HEAD") + (" with changes" if _git("status", "-s") else ""),
@@ -105,11 +105,11 @@ def publish(page: Path, name: str, rows: Iterable[Row]) -> None:
     write_section(page, page.stem, "Origin", "\n".join(sorted([*others, said])))
 
 
-def read(name: str) -> tuple[dict[str, str], Iterator[Row]]:
+def read(name: str) -> tuple[dict[str, str], Iterator[KeptAnswer]]:
     """The origin and the rows of a benchmark."""
     with lzma.open(DATA / f"{name}.jsonl.xz", "rt", encoding="utf-8") as file:
         origin, *rows = map(json.loads, file)
-    return origin, (Row(*row) for row in rows)
+    return origin, (KeptAnswer(*row) for row in rows)
 
 
 def _is_number(value: Any) -> bool:
