@@ -85,8 +85,10 @@ def differs(kept: Any, now: Any) -> str | None:
 
 def publish(page: Path, name: str, rows: Iterable[KeptAnswer]) -> None:
     """Keep the rows of a benchmark, and say on the page where they are and where they come from."""
+    # Pages that were made before are no changes.
+    changes = _git("status", "--short", "--", ".", ":!docs/results")
     origin = {
-        "commit": _git("rev-parse", "--short=10", "HEAD") + (" with changes" if _git("status", "-s") else ""),
+        "commit": _git("rev-parse", "--short=10", "HEAD") + (" with changes" if changes else ""),
         "date": datetime.date.today().isoformat(),
         "command": " ".join([Path(sys.orig_argv[0]).name, *sys.orig_argv[1:]]),
         "machine": f"{machine_name()}, Python {platform.python_version()}",
