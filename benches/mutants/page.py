@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from mutants.given import IN_PYTHON, IN_RUST
 from mutants.reasons import REASONS
 from mutants.sites import Site
 from mutants.trial import LONGEST_S, Answer
@@ -14,6 +15,7 @@ __all__ = ["write_language"]
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/results/mutants.md"
 HEADINGS = {"python": "Python", "rust": "Rust"}
+GIVEN = {"python": IN_PYTHON, "rust": IN_RUST}
 # Smallest share of errors that tests should find.
 LEAST_FOUND = 0.85
 
@@ -25,6 +27,7 @@ def write_language(
 
     left_out  Python tests that fail on the copy without an error, and did not run with errors
     """
+    answers, given = answers[: -len(GIVEN[language])], answers[-len(GIVEN[language]) :]
     share = sum(answer.test is not None for _, answer in answers) / len(answers)
     verdict = "met" if share >= LEAST_FOUND else "missed"
     rows = [
@@ -33,12 +36,22 @@ def write_language(
         for site, answer in answers
         if answer.test is None
     ]
+    rows_given = [
+        f"| {site.path} | `{_cell(site.before)}` | `{_cell(site.after)}` | {_found_by(answer)} |"
+        for site, answer in given
+    ]
     hours = sum(answer.seconds for _, answer in answers) / 3600
     body = f"""
 `make mutants` (seed {seed}): {len(answers) - len(rows)} of {len(answers)} errors are found, {share:.0%}; the
 aim is {LEAST_FOUND:.0%}: {verdict}. With each error, the tests that reach it run, cheap ones first, up to
 {LONGEST_S / 60:.0f} minutes of Python tests. This took {hours:.1f} h of one processor.
 {_left_out(left_out)}
+Errors that are not drawn, which earlier tests passed:
+
+| file | instead of | error | found by |
+|---|---|---|---|
+{chr(10).join(rows_given)}
+
 The errors that these tests do not find:
 
 | file | line | instead of | error | why it is harmless, if it is |
@@ -46,6 +59,10 @@ The errors that these tests do not find:
 {chr(10).join(rows)}
 """
     write_section(PAGE, "Tests against deliberate errors", HEADINGS[language], body)
+
+
+def _found_by(answer: Answer) -> str:
+    return "**no test**" if answer.test is None else f"`{_cell(answer.test.partition('[')[0])}`"
 
 
 def _left_out(tests: Sequence[str]) -> str:

@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 import imucal
+from mutants.given import IN_PYTHON, given_sites
 from mutants.python_sites import PATTERN, python_sites, with_switch
 from mutants.sites import MOST, REACHED, SWITCH, Site, applied
 
@@ -15,6 +16,7 @@ __all__ = ["AREAS", "PythonCopy", "installed_copy"]
 # Folders whose code decides about results, files of a calibration or exit codes.
 AREAS = (
     "calibration",
+    "capture",
     "cli",
     "document",
     "effects",
@@ -23,6 +25,7 @@ AREAS = (
     "fleet",
     "gap",
     "importing",
+    "io",
     "limits",
     "noise_analysis",
     "planning",
@@ -64,6 +67,7 @@ class PythonCopy:
         }
         drawn = [site for name, source in sources.items() for site in python_sites(name, source, chance)]
         self.sites = dict(enumerate(random.Random(seed).sample(drawn, count), 1))
+        self.sites |= given_sites(IN_PYTHON, sources)
         for name in {site.path for site in self.sites.values()}:
             within = {n: site for n, site in self.sites.items() if site.path == name}
             at_import = [n for n, site in within.items() if site.at_import]

@@ -7,8 +7,10 @@ import os
 import random
 import re
 import subprocess
+from collections.abc import Mapping
 from pathlib import Path
 
+from mutants.given import FIRST, IN_RUST, given_sites
 from mutants.rust_sites import PATTERN, constants_of, rust_sites
 from mutants.sites import MOST, REACHED, SWITCH, Site, applied
 
@@ -64,7 +66,10 @@ class RustCopy:
 
     def compile(self, seed: int, count: int) -> None:
         """Draw `count` errors that compile, and compile them."""
-        drawn = self._all_sites(random.Random(seed))
+        sources = {path.relative_to(self.root).as_posix(): path.read_bytes() for path in self._sources()}
+        drawn = _all_sites(sources, random.Random(seed))
+        self.sites = given_sites(IN_RUST, sources)
+        count += len(self.sites)
         random.Random(seed).shuffle(drawn)
         reserve = dict(enumerate(drawn, 1))
         while True:
@@ -76,6 +81,8 @@ class RustCopy:
             if not failed:
                 return
             for number in failed:
+                if number >= FIRST:
+                    raise SystemExit(f"does not compile: {self.sites[number]}")
                 del self.sites[number]
 
     def test_programs(self) -> list[Path]:
@@ -97,17 +104,6 @@ class RustCopy:
             path
             for path in paths
             if not {*path.relative_to(self.root).parts, path.stem}.intersection(LEFT_OUT, of_tests)
-        ]
-
-    def _all_sites(self, chance: random.Random) -> list[Site]:
-        sources = {path: path.read_bytes() for path in self._sources()}
-        constants: dict[str, str] = {}
-        for source in sources.values():
-            constants |= constants_of(source)
-        return [
-            site
-            for path, source in sources.items()
-            for site in rust_sites(path.relative_to(self.root).as_posix(), source, constants, chance)
         ]
 
     def _write(self) -> None:
@@ -158,6 +154,13 @@ class RustCopy:
         if check and done.returncode:
             raise SystemExit(done.stderr)
         return done
+
+
+def _all_sites(sources: Mapping[str, bytes], chance: random.Random) -> list[Site]:
+    constants: dict[str, str] = {}
+    for source in sources.values():
+        constants |= constants_of(source)
+    return [site for path, source in sources.items() for site in rust_sites(path, source, constants, chance)]
 
 
 def _with_module(name: str, text: str) -> str:
