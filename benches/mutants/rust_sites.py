@@ -118,7 +118,10 @@ class _Finder:
             case "boolean_literal":
                 other = "false" if text == "true" else "true"
                 return self._replaced(node, [], [other], text, other)
-            case "identifier" if text in self.constants and node.parent.type != "scoped_identifier":
+            case "identifier" if text in self.constants and node.parent.type not in (
+                "scoped_identifier",
+                "array_expression",
+            ):
                 other = text + (" * 1.05" if self.constants[text] == "f64" else " + 1")
                 return self._replaced(node, [], [other], text, other)
         return None
