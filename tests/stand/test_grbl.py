@@ -5,6 +5,7 @@ pseudo-terminals of the operating system is tested in real time, with deadlines 
 driver is constructed here, and not by the command, because the command has no option for the clock.
 """
 
+import math
 import signal
 import subprocess
 import sys
@@ -147,9 +148,9 @@ def assert_every_intact_sample_once(unit, read, numbers):
 
 def assert_poses_were_held(stand):
     """Each pose of the program was held for its time, in the program's order."""
-    found, since_s = 0, None
+    found, since_s, poses = 0, None, POSES.tolist()
     for at_s, position in stand.truth:
-        if found < len(POSES) and np.allclose(position, POSES[found], atol=0.03):
+        if found < len(POSES) and math.dist(position, poses[found]) < 0.03:
             since_s = at_s if since_s is None else since_s
             if at_s - since_s >= 0.95 / stand.scale:
                 found, since_s = found + 1, None
