@@ -316,7 +316,7 @@ def test_effects_of_an_own_kind_and_of_the_catalogue_together():
     run = imucal.simulate(
         imucal.Program.random(seed=1),
         unit=quiet(),
-        rate_hz=500,
+        rate_hz=200,
         effects=true,
         user_effects=[supply],
         auxiliary={"supply_v": lambda time_s: 3.3 + 0.2 * np.sin(time_s / 20.0)},
