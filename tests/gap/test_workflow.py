@@ -433,7 +433,13 @@ def test_what_helps_a_control_run_that_does_not_fit_stays_named_and_it_is_said()
 
 
 def test_a_delay_beyond_the_search_is_not_nothing():
-    run, control = pair(effects={"gyro_time_offset": [0.06]})
+    # Twelve moves with residuals of degrees: with more moves, the search for laws takes twice as long.
+    run, control = (
+        simulated(
+            seed, imucal.Program.random(seed=seed, moves=12), effects={"gyro_time_offset": [0.06]}
+        ).recording
+        for seed in (RUN_SEED, CONTROL_SEED)
+    )
     assert imucal.find_gap(run, control=control).verdict == "unknown"
     assert imucal.find_gap(run).verdict == "unknown"
 

@@ -366,6 +366,8 @@ from virtual_clock import VirtualClock
 
 # More frequent acknowledgements than in production, so that an error in them is likely to show.
 recorder.SYNC_S = 0.005
+# The predicted standard deviations are not needed, and would take most of the time.
+recorder.Progress.update = lambda *_, **__: None
 program = Program(tuple(Step((40.0, 20.0, 10.0), 0.5, 1.0) for _ in range(50)))
 clock = VirtualClock()
 stand = SimulatedStand(program, SimulatedUnit(), seed=1, speed=100.0, clock=clock)
