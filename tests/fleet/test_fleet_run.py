@@ -26,8 +26,8 @@ pytestmark = [
 ]
 
 
-# Longest time of a unit, s, also on a computer with much other work: the first unit of a process takes 0.3 s.
-LIMIT_S = 10.0
+# Longest time of a unit, s, also on a computer with much other work.
+LIMIT_S = 30.0
 
 
 def counts(store):
@@ -105,7 +105,7 @@ def test_a_recording_that_hangs_costs_its_own_row_alone(small_fleet, tmp_path):
     assert run.wait() == 0, run.output.read_text()
     assert counts(store) == {"good": UNITS - 2, "failed": 2}
     rows = dict(imucal.Fleet(store).rows(("code", "message"), serial="00017")[1])
-    assert "longer than the time limit of 10 s" in rows["time_limit"]
+    assert "longer than the time limit of 30 s" in rows["time_limit"]
     # The limit is not part of a job's key, so another limit computes nothing.
     again = imucal.Fleet(store).run(small_fleet / "hanging.csv", workers=1, time_limit_s=60.0)
     assert (again.done, again.skipped) == (0, UNITS)

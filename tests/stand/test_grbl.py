@@ -39,7 +39,7 @@ TURNS = ((0, 0, 0), (40, 0, 0), (0, 60, -30), (-20, 0, 90), (35, -20, 10))
 PROGRAM = Program(tuple(Step(turn, 1.0 if any(turn) else 0.0, 1.0) for turn in TURNS))
 POSES = np.cumsum(TURNS, axis=0)
 # Longer than any delay on a busy computer, s. The driver is silent for a quarter of `answer_s` at its start.
-ENDLESS = Timeouts(answer_s=12.0, stall_s=60.0, reconnect_s=600.0)
+ENDLESS = Timeouts(answer_s=60.0, stall_s=60.0, reconnect_s=600.0)
 UNIT_BAUD, UNIT_HZ = 921600, 500.0
 NAMES = (*(f"accel_{axis}_lsb" for axis in "xyz"), *(f"gyro_{axis}_lsb" for axis in "xyz"))
 PACKET = PacketFormat(
