@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import ast
 import difflib
+import functools
 import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
@@ -102,7 +103,7 @@ class Formula:
         """The prefix that stands for the sensor in names of effects and parameters."""
         return "gyro" if self.sensor == "gyroscope" else "accel"
 
-    @property
+    @functools.cached_property
     def inputs(self) -> frozenset[str]:
         """The inputs and columns of the recordings that the expression depends on."""
         return frozenset(
