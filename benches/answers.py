@@ -12,6 +12,7 @@ import datetime
 import json
 import lzma
 import math
+import os
 import platform
 import subprocess
 import sys
@@ -24,7 +25,7 @@ import numpy as np
 
 from sections import machine_name, write_section
 
-__all__ = ["DATA", "KeptAnswer", "differs", "plain", "publish", "read"]
+__all__ = ["DATA", "KeptAnswer", "commit", "differs", "plain", "publish", "read"]
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 DATA: Final = ROOT / "docs/results/data"
@@ -83,14 +84,25 @@ def differs(kept: Any, now: Any) -> str | None:
     return None if kept == now else f"{kept!r}, not {now!r}"
 
 
-def publish(page: Path, name: str, rows: Iterable[KeptAnswer]) -> None:
-    """Keep the rows of a benchmark, and say on the page where they are and where they come from."""
+def commit() -> str:
+    """The commit of the code, and whether it has changes."""
     # Pages that were made before are no changes.
     changes = _git("status", "--short", "--", ".", ":!docs/results")
+    return _git("rev-parse", "--short=10", "HEAD") + (" with changes" if changes else "")
+
+
+def publish(page: Path, name: str, rows: Iterable[KeptAnswer], commit: str) -> None:
+    """Keep the rows of a benchmark, and say on the page where they are and where they come from.
+
+    commit  of the code when the benchmark began
+    """
+    paths = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+    path = os.pathsep.join(os.path.relpath(each, ROOT) for each in paths)
+    words = [f"PYTHONPATH={path}"] if path else []
     origin = {
-        "commit": _git("rev-parse", "--short=10", "HEAD") + (" with changes" if changes else ""),
+        "commit": commit,
         "date": datetime.date.today().isoformat(),
-        "command": " ".join([Path(sys.orig_argv[0]).name, *sys.orig_argv[1:]]),
+        "command": " ".join([*words, Path(sys.orig_argv[0]).name, *sys.orig_argv[1:]]),
         "machine": f"{machine_name()}, Python {platform.python_version()}",
     }
     DATA.mkdir(parents=True, exist_ok=True)
@@ -102,7 +114,7 @@ def publish(page: Path, name: str, rows: Iterable[KeptAnswer]) -> None:
         f"* [{name}](data/{name}.jsonl.xz): {len(lines) - 1} answers. `{origin['command']}` at commit "
         f"{origin['commit']}, {origin['date']}; {origin['machine']}."
     )
-    text = page.read_text(encoding="utf-8").partition("\n## Origin\n")[2]
+    text = page.read_text(encoding="utf-8").partition("\n## Origin\n")[2].partition("\n## ")[0]
     others = [line for line in text.splitlines() if line.startswith("* [") and f"[{name}]" not in line]
     write_section(page, page.stem, "Origin", "\n".join(sorted([*others, said])))
 

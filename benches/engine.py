@@ -23,7 +23,7 @@ import cloudpickle
 
 import imucal
 import imucal._core as _core
-from answers import KeptAnswer, plain, publish
+from answers import KeptAnswer, commit, plain, publish
 from imucal.fleet.cluster import DaskPool
 from imucal.fleet.local import Ended, LocalPool, Pool
 
@@ -62,6 +62,7 @@ class Engine:
 
     def __init__(self, make_pool: Callable[[], Pool], log: Path | None) -> None:
         self._rows: list[KeptAnswer] = []
+        self._commit = commit()
         self._make_pool, self._pool, self._name = make_pool, None, log.stem if log else ""
         self._code = _code_hash()
         self._waiting: deque[Calls] = deque()
@@ -108,7 +109,7 @@ class Engine:
 
     def publish(self, page: Path) -> None:
         """Keep all answers that `map` gave, and say so on the page that shows them."""
-        publish(page, self._name, self._rows)
+        publish(page, self._name, self._rows, self._commit)
 
     def _kept(self, name: str, argument: Any, key: str) -> Any:
         answer = self._answer(key)

@@ -120,8 +120,8 @@ def clean(condition, seed):
 
 
 def calls():
-    """The function of each condition without a trap, which takes a seed, and of the traps, by number."""
-    return {**{condition: partial(clean, condition) for condition in CONDITIONS}, "rows": asked}
+    """The function of each condition without a trap, which takes a seed."""
+    return {condition: partial(clean, condition) for condition in CONDITIONS}
 
 
 def clean_table(engine):

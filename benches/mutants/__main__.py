@@ -89,7 +89,10 @@ def _tests(package: Path, folder: Path, processes: int) -> list[PythonTest]:
     if not kept.exists():
         print("all Python tests without an error, which takes as long as `make test`", flush=True)
         arguments = ["--numprocesses", str(processes), "--dist", "loadfile", str(ROOT / "tests")]
-        _, tests = python_run(package, folder, 0, arguments, 7200.0)
+        code, tests = python_run(package, folder, 0, arguments, 7200.0)
+        output = (folder / "output.txt").read_text(errors="replace")
+        if code not in (0, 1) or "crashed while running" in output:
+            raise SystemExit(f"the tests without an error end with {code}:\n{output[-2000:]}")
         kept.write_text(json.dumps([asdict(each) for each in tests]))
     return [PythonTest(**each) for each in json.loads(kept.read_text())]
 
@@ -99,8 +102,9 @@ def _hash(copy: PythonCopy | RustCopy) -> str:
     digest = hashlib.sha256(repr(sorted(copy.sites.items())).encode())
     for folder in ("python", "rust", "tests", "docs", "benches/mutants"):
         for path in sorted((ROOT / folder).rglob("*")):
-            # Tests write sources into folders `target`.
-            if path.suffix in (".py", ".rs", ".md") and "target" not in path.parts[len(ROOT.parts) :]:
+            # Tests write sources into folders `target`, and this program writes a page of results.
+            is_output = {"target", "results"}.intersection(path.parts[len(ROOT.parts) :])
+            if path.suffix in (".py", ".rs", ".md") and not is_output:
                 digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 

@@ -48,9 +48,9 @@ def given_sites(errors: tuple[tuple[str, str, str], ...], sources: Mapping[str, 
 def _sites(errors: tuple[tuple[str, str, str], ...], sources: Mapping[str, bytes]) -> Iterator[Site]:
     for path, before, after in errors:
         text = sources[path].decode()
-        first = text.index(before)
         if text.count(before) != 1:
             raise SystemExit(f"{path}: {before!r} occurs {text.count(before)} times")
+        first = text.index(before)
         line = text.count("\n", 0, first)
         start = len(text[:first].encode())
         edit = Edit(start, start + len(before.encode()), (), (after,))

@@ -44,7 +44,7 @@ def write_language(
     body = f"""
 `make mutants` (seed {seed}): {len(answers) - len(rows)} of {len(answers)} errors are found, {share:.0%}; the
 aim is {LEAST_FOUND:.0%}: {verdict}. With each error, the tests that reach it run, cheap ones first, up to
-{LONGEST_S / 60:.0f} minutes of Python tests. This took {hours:.1f} h of one processor.
+{LONGEST_S / 60:.0f} minutes of Python tests. One after the other, these tests take {hours:.1f} h.
 {_left_out(left_out)}
 Errors that are not drawn, which earlier tests passed:
 

@@ -40,6 +40,13 @@ def taken() -> set[int]:
     return found
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[Any]) -> None:
+    """Tests run in the order in which they are given."""
+    order = {name: place for place, name in enumerate(config.args)}
+    items.sort(key=lambda item: order.get(item.nodeid, len(order)))
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_fixture_setup(fixturedef: Any) -> Iterator[None]:
     before = taken()

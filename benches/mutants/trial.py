@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import shutil
@@ -14,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from imucal.fleet.local import ONE_THREAD
 from mutants.sites import MOST, REACHED, REACHED_IN, SWITCH
 
 __all__ = ["Answer", "PythonTest", "Trial", "python_run", "reached_by", "runs_of"]
@@ -23,6 +25,9 @@ ROOT = Path(__file__).resolve().parents[2]
 LONGEST_S = 300.0
 # Times after which a run of tests ends and the next begins, s: a run takes seconds to start.
 RUNS_S = (4.0, 40.0, LONGEST_S)
+# Exit codes of pytest if a test is not there, or none is.
+NOT_FOUND = (4, 5)
+PR_SET_PDEATHSIG = 1
 # A run of tests hangs if it takes this time and ten times its own, s.
 HANGS_S = 120.0
 
@@ -85,22 +90,23 @@ class Trial:
         for tests, seconds in self.runs[number]:
             longest_s = HANGS_S + 10 * seconds
             code, done = self._run(number, ["-x", *tests], longest_s)
+            if code in NOT_FOUND:
+                # The error changes the names of tests.
+                files = sorted({test.partition("::")[0] for test in tests})
+                code, done = self._run(number, ["-x", *files], longest_s)
             failed = next((each.test for each in done if each.failed), None)
-            if failed is None and code not in (0, None):
-                # Errors of the tests' own modules, or the end of pytest itself.
-                return _ending(code)
             if failed is not None and self._run(0, [failed], longest_s)[0] == 0:
                 return failed
-            if code is None:
+            if failed is None and code != 0 and self._run(0, tests, longest_s)[0] == 0:
+                # The tests cannot be imported, pytest itself ends, or a test hangs.
                 return _ending(code)
         return None
 
     def _run(
         self, number: int, arguments: Sequence[str], longest_s: float
     ) -> tuple[int | None, list[PythonTest]]:
-        return python_run(
-            self.package, self.folder / str(number or os.getpid()), number, arguments, longest_s
-        )
+        name = str(number) if number else f"without-{os.getpid()}"
+        return python_run(self.package, self.folder / name, number, arguments, longest_s)
 
 
 def python_run(
@@ -120,12 +126,13 @@ def python_run(
 
 
 def reached_by(program: Path, folder: Path) -> frozenset[int]:
-    """The errors that the tests of a program in Rust reach; none if they fail without an error."""
+    """The errors that the tests of a program in Rust reach."""
     reached = folder / f"{program.name}.bytes"
     reached.write_bytes(bytes(MOST))
-    code = _exit_code([str(program)], {REACHED: str(reached)}, folder / f"{program.name}.txt", 3600.0)
-    found = {number for number, byte in enumerate(reached.read_bytes()) if byte}
-    return frozenset(found) if code == 0 else frozenset()
+    output = folder / f"{program.name}.txt"
+    if _exit_code([str(program)], {REACHED: str(reached)}, output, 3600.0) != 0:
+        raise SystemExit(f"{program} fails without an error: {output}")
+    return frozenset(number for number, byte in enumerate(reached.read_bytes()) if byte)
 
 
 def runs_of(number: int, tests: Sequence[PythonTest]) -> list[tuple[list[str], float]]:
@@ -152,7 +159,10 @@ def _exit_code(
     with output.open("w") as file:
         child = subprocess.Popen(
             command,
-            env={**os.environ, **variables},
+            # As without an error: all processors, and libraries choose their threads.
+            env={name: value for name, value in os.environ.items() if name not in ONE_THREAD}
+            | dict(variables),
+            preexec_fn=_free,
             stdin=subprocess.DEVNULL,
             stdout=file,
             stderr=subprocess.STDOUT,
@@ -170,6 +180,12 @@ def _exit_code(
     if code == -signal.SIGKILL:
         raise RuntimeError(f"{command} was killed, perhaps for lack of memory")
     return code
+
+
+def _free() -> None:
+    """In a new process: let it use all processors, and end it with its parent."""
+    os.sched_setaffinity(0, range(os.cpu_count() or 1))
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _ending(code: int | None) -> str:

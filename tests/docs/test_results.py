@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from answers import DATA, KeptAnswer, differs, plain, publish, read
+from sections import write_section
 
 ROWS_PER_PAGE = 2
 # The program of each file of answers.
@@ -53,9 +54,10 @@ def test_a_page_says_where_its_answers_are(tmp_path, monkeypatch):
     page = tmp_path / "page.md"
     page.write_text("# Page\n\nText.\n")
     answer = {"angle": np.array([1.0, 2.0 / 3.0]), "name": "x", "none": None, "nan": float("nan")}
-    publish(page, "first", [KeptAnswer("a", 1, plain(answer))])
-    publish(page, "second", [KeptAnswer("b", [1, True], plain((1, 2.5)))])
-    publish(page, "first", [KeptAnswer("a", 2, plain(answer))])
+    publish(page, "first", [KeptAnswer("a", 1, plain(answer))], "abc")
+    publish(page, "second", [KeptAnswer("b", [1, True], plain((1, 2.5)))], "def")
+    write_section(page, "Page", "Last", "* [no answers](elsewhere)")
+    publish(page, "first", [KeptAnswer("a", 2, plain(answer))], "abc with changes")
     origin, rows = read("first")
     assert list(rows) == [
         KeptAnswer("a", 2, {"angle": [1.0, 0.666667], "name": "x", "none": None, "nan": "nan"})
@@ -63,7 +65,8 @@ def test_a_page_says_where_its_answers_are(tmp_path, monkeypatch):
     text = page.read_text()
     assert text.startswith("# Page\n\nText.\n\n## Origin\n\n* [first](data/first.jsonl.xz): 1 answers.")
     assert text.count("[first]") == 1 and "* [second](data/second.jsonl.xz)" in text
-    assert origin["commit"] in text and origin["machine"] in text
+    assert origin["commit"] == "abc with changes" and "at commit abc with changes, " in text
+    assert origin["machine"] in text and text.count("elsewhere") == 1
 
 
 def test_what_differs_is_found():
