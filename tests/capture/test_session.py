@@ -135,6 +135,19 @@ def test_a_wrong_unit_is_said(edit, code, by_s, words):
     assert said and said[0].time_s <= by_s and words in said[0].text
 
 
+@pytest.mark.parametrize("up", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0.6, 0, -0.8), (-0.48, 0.6, 0.64)])
+def test_an_attitude_with_another_up_is_the_nearest(up):
+    before = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    up = np.array(up, dtype=float)
+    found = attitude_with(up, before)
+    np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(found @ up, [0, 0, 1], atol=1e-12)
+    assert np.linalg.det(found) == pytest.approx(1.0)
+    # No rotation between the attitudes is smaller than the angle between the directions.
+    turned = np.arccos(np.clip((np.trace(found @ before.T) - 1) / 2, -1, 1))
+    assert np.degrees(turned) == pytest.approx(angle_deg(up, before[2]), abs=1e-6)
+
+
 def test_a_clipped_axis_is_not_said_to_tremble():
     hand = began(6)
     said = {event.code for event in session_of(clipped_at_rest(hand.rows()))[1]}

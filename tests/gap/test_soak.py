@@ -7,6 +7,7 @@ import pytest
 
 import imucal
 from imucal.cli.app import main
+from imucal.gap.temperature_history import TemperatureHistory
 
 DEG = np.pi / 180.0
 
@@ -31,6 +32,11 @@ def sweep(seed, rate=None, force=None, tau_s=60.0, span_k=(30.0, 10.0)):
         + random.normal(0, 1e-3, zeros.shape),
         temperature_degc=degc + random.normal(0, 0.02, len(degc)),
     )
+
+
+def test_the_duration_of_a_soak_does_not_depend_on_its_first_time():
+    time_s = np.linspace(700.0, 1900.0, 100)
+    assert TemperatureHistory(time_s, np.linspace(20.0, 60.0, 100)).duration_s == 1200.0
 
 
 def test_a_lag_is_found_with_its_time_constant():

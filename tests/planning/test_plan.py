@@ -325,6 +325,8 @@ def test_the_card_shows_every_pose_and_loads_nothing(tmp_path, monkeypatch):
     program = imucal.Program.read("poses.json")
     assert page.count("<svg") == len(program.steps) == json.loads(Path("plan.json").read_text())["rests"]
     assert not re.search(r"(src|href)=|url\(|@import", page)
+    seconds = sum(step.move_s + step.hold_s for step in program.steps)
+    assert f"<p>{len(program.steps)} poses, {seconds / 60.0:.1f} min." in page
     turns = np.array([step.turn_deg for step in program.steps]) / 45.0
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
     # The first pose: all motors at zero, z up.
