@@ -22,9 +22,9 @@ __all__ = ["Answer", "PythonTest", "Trial", "python_run", "reached_by", "runs_of
 
 ROOT = Path(__file__).resolve().parents[2]
 # Largest time of the Python tests of one error, s, by the time that they take without an error.
-LONGEST_S = 300.0
+LONGEST_S = 120.0
 # Times after which a run of tests ends and the next begins, s: a run takes seconds to start.
-RUNS_S = (4.0, 40.0, LONGEST_S)
+RUNS_S = (4.0, 30.0, LONGEST_S)
 # Exit codes of pytest if a test is not there, or none is.
 NOT_FOUND = (4, 5)
 PR_SET_PDEATHSIG = 1
