@@ -206,10 +206,10 @@ $(VENV)/.sdist: $(SOURCES) tests/package/sdist_smoke.py | $(VENV)/.tools
 	$(CARGO_TARGET_DIR)/sdist-venv/bin/python tests/package/sdist_smoke.py
 	@touch $@
 
-# Tests with a common costly fixture stay in one process (tests/conftest.py). One process more than processors, because
+# Tests with a common costly fixture stay in one process (tests/conftest.py). Two processes more than processors, because
 # tests wait for other programs. Compiled test files are kept, or each process would compile all of them.
 PYTEST = PYTHONDONTWRITEBYTECODE= $(PY) -m pytest --dist loadgroup --no-loadscope-reorder \
-	--numprocesses $$($(PY) -c 'import os; print(1 + (os.cpu_count() or 1))')
+	--numprocesses $$($(PY) -c 'import os; print(2 + (os.cpu_count() or 1))')
 test-python: $(VENV)/.installed
 	$(call say,Python: tests against the installed wheel)
 	$(PYTEST)
