@@ -111,9 +111,10 @@ class RustCopy:
     def _write(self) -> None:
         for name in ("Cargo.toml", "Cargo.lock"):
             _replace(self.folder / name, (self.root / name).read_text())
-        for folder in ("rust", "benches"):
+        # Tests in Rust read the profiles of units.
+        for folder in ("rust", "benches", "python"):
             for path in (self.root / folder).rglob("*"):
-                if path.suffix in (".rs", ".toml", ".md") and path.is_file():
+                if path.suffix in (".rs", ".toml", ".md", ".json") and path.is_file():
                     name = path.relative_to(self.root).as_posix()
                     sites = {n: site for n, site in self.sites.items() if site.path == name}
                     text = applied(path.read_bytes(), sites, PATTERN)
