@@ -237,7 +237,8 @@ docs: $(VENV)/.installed
 
 .PHONY: demo bench accuracy rounding faces six-positions one-sensor gap-benchmark laws-benchmark units-benchmark thermal-benchmark plan traps copies signals stand first-steps mutants results
 .PHONY: docs-figures docs-pictures fleet stand-driver stand-firmware firmware comparison
-# Stops at the first page that cannot be made. Answers of simulated cases that are finished are not computed again.
+# Stops at the first page that cannot be made, and after a plan that misses a gate. Finished answers of simulated cases
+# are not computed again.
 results: accuracy six-positions one-sensor rounding faces gap-benchmark laws-benchmark units-benchmark \
 		thermal-benchmark plan traps copies stand fleet signals bench docs-figures
 

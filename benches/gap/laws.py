@@ -56,8 +56,9 @@ def variables_of(name: str) -> set[str]:
     return next((own for key, own in VARIABLES.items() if key in name), {name})
 
 
-def asked(family: str, index: int, with_baselines: bool) -> dict[str, Any]:
+def asked(case: tuple[str, int, bool]) -> dict[str, Any]:
     """One case: what imucal and the other methods say."""
+    family, index, with_baselines = case
     measured, control, truth, clean = pose(family, index)
     start = time.perf_counter()
     gap = imucal.find_gap(measured, control=control)
@@ -199,12 +200,8 @@ The gates compare the found shares themselves; the intervals (95 %) show how muc
 
 
 def calls() -> dict[str, Callable[[tuple[str, int, bool]], Any]]:
-    """The function of all cases, which takes the arguments of `asked`."""
-    return {"laws": _of_arguments}
-
-
-def _of_arguments(case: tuple[str, int, bool]) -> Any:
-    return asked(*case)
+    """The function of all cases."""
+    return {"laws": asked}
 
 
 def main() -> int:
@@ -224,7 +221,7 @@ def main() -> int:
         if index < FIRST + (given.clean if family in CLEAN else given.cases)
     ]
     with engine_of(given, "laws") as engine:
-        answers = engine.map(_of_arguments, cases, name="laws", per_task=1)
+        answers = engine.map(asked, cases, name="laws", per_task=1)
         rows = list(track(answers, "laws", total=len(cases), disable=not sys.stderr.isatty()))
     rows.sort(key=lambda row: (order.index(row["family"]), row["index"]))
     text = page(rows)

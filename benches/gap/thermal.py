@@ -31,8 +31,9 @@ FIRST: Final = 300
 NEAR: Final = 0.1
 
 
-def asked(family: str, index: int) -> dict[str, Any]:
+def asked(case: tuple[str, int]) -> dict[str, Any]:
     """One case: the names, the time constant and the figures on the control recording."""
+    family, index = case
     measured, control, truth, clean = pose(family, index)
     start = time.perf_counter()
     gap = imucal.find_gap(measured, control=control)
@@ -167,12 +168,8 @@ fitted, of 25 times the noncentrality 27.
 
 
 def calls() -> dict[str, Callable[[tuple[str, int]], Any]]:
-    """The function of all cases, which takes the arguments of `asked`."""
-    return {"thermal": _of_arguments}
-
-
-def _of_arguments(case: tuple[str, int]) -> Any:
-    return asked(*case)
+    """The function of all cases."""
+    return {"thermal": asked}
 
 
 def main() -> int:
@@ -191,7 +188,7 @@ def main() -> int:
         if index < FIRST + (given.clean if family in CLEAN else given.cases)
     ]
     with engine_of(given, "thermal") as engine:
-        answers = engine.map(_of_arguments, cases, name="thermal", per_task=1)
+        answers = engine.map(asked, cases, name="thermal", per_task=1)
         rows = list(track(answers, "thermal", total=len(cases), disable=not sys.stderr.isatty()))
     rows.sort(key=lambda row: (order.index(row["family"]), row["index"]))
     text = page(rows)

@@ -31,8 +31,9 @@ NEAR: Final = 1.1
 Row = dict[str, Any]
 
 
-def asked(family: str, index: int) -> Row:
+def asked(case: tuple[str, int]) -> Row:
     """One case: what imucal says, beside the truth."""
+    family, index = case
     measured, control, truth = pose(family, index)
     start = time.perf_counter()
     gap = imucal.find_gap(measured, control=control)
@@ -182,12 +183,8 @@ The gates compare the found shares themselves; the intervals (95 %) show how muc
 
 
 def calls() -> dict[str, Callable[[tuple[str, int]], Any]]:
-    """The function of all cases, which takes the arguments of `asked`."""
-    return {"units": _of_arguments}
-
-
-def _of_arguments(case: tuple[str, int]) -> Any:
-    return asked(*case)
+    """The function of all cases."""
+    return {"units": asked}
 
 
 def main() -> int:
@@ -200,7 +197,7 @@ def main() -> int:
     # All families advance together, so that a run that is broken off has seen each of them.
     cases = [(family, index) for index in range(given.cases) for family in given.family or FAMILIES]
     with engine_of(given, "units") as engine:
-        answers = engine.map(_of_arguments, cases, name="units", per_task=1)
+        answers = engine.map(asked, cases, name="units", per_task=1)
         rows = list(track(answers, "units", total=len(cases), disable=not sys.stderr.isatty()))
     order = list(FAMILIES)
     rows.sort(key=lambda row: (order.index(row["family"]), row["index"]))

@@ -34,20 +34,20 @@ def test_relays_switch_behind_the_temperature():
 
 @pytest.mark.parametrize("family", ["lag", "lead"])
 def test_a_lag_is_named_with_its_time_constant(family):
-    row = asked(family, 0)
+    row = asked((family, 0))
     assert is_right(row), row
     assert error_of(row) < 0.25 and abs(row["found_tau_s"] - row["tau_s"]) < 4.0 * row["tau_std_s"]
     assert row["after"] < row["floor"] + 0.1 * (row["before"] - row["floor"])
 
 
 def test_hysteresis_is_named():
-    row = asked("hysteresis", 0)
+    row = asked(("hysteresis", 0))
     assert is_right(row), row
     assert "| hysteresis | 100.0 % (1/1;" in page([row])
 
 
 def test_a_lag_that_predicts_only_beside_the_temperature_is_named():
-    row = asked("lag", 64)
+    row = asked(("lag", 64))
     assert is_right(row), row
 
 
@@ -63,7 +63,7 @@ def test_a_lag_that_predicts_only_beside_the_temperature_is_named():
     ],
 )
 def test_a_sensor_without_memory_gets_none(family, index):
-    row = asked(family, index)
+    row = asked((family, index))
     assert has_degree(row, CLEAN[family]), row
 
 

@@ -46,7 +46,7 @@ def test_a_variation_in_time_is_random_only_if_its_increments_are(family, kind, 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", ["lever arm of 0.3 m", "gyroscope cubic", "gyroscope quadratic", "delay"])
 def test_a_strong_effect_is_named_and_taken_away(family):
-    row = asked(family, 0)
+    row = asked((family, 0))
     assert is_named(row) and is_taken_away(row), row
     assert not row["asks_for_more"]
 
