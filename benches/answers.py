@@ -25,7 +25,7 @@ import numpy as np
 
 from sections import machine_name, write_section
 
-__all__ = ["DATA", "KeptAnswer", "commit", "differs", "plain", "publish", "read"]
+__all__ = ["DATA", "KeptAnswer", "commit", "differs", "plain", "publish", "read", "say_origin"]
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 DATA: Final = ROOT / "docs/results/data"
@@ -110,8 +110,13 @@ def publish(page: Path, name: str, rows: Iterable[KeptAnswer], commit: str) -> N
     lines += [json.dumps([row.name, row.argument, row.answer], separators=(",", ":")) for row in rows]
     with lzma.open(DATA / f"{name}.jsonl.xz", "wt", encoding="utf-8", preset=9) as file:
         file.write("\n".join(lines) + "\n")
+    say_origin(page, name, origin, len(lines) - 1)
+
+
+def say_origin(page: Path, name: str, origin: Mapping[str, str], count: int) -> None:
+    """Say on a page where its answers are, and where they come from."""
     said = (
-        f"* [{name}](data/{name}.jsonl.xz): {len(lines) - 1} answers. `{origin['command']}` at commit "
+        f"* [{name}](data/{name}.jsonl.xz): {count} answers. `{origin['command']}` at commit "
         f"{origin['commit']}, {origin['date']}; {origin['machine']}."
     )
     text = page.read_text(encoding="utf-8").partition("\n## Origin\n")[2].partition("\n## ")[0]

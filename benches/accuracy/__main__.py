@@ -26,13 +26,16 @@ from engine import Engine, add_arguments, engine_of
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORT = ROOT / "docs" / "results" / "accuracy.md"
-SEEDS = {"paper": 4000, "hand-held": 1000, "conditions": 1000, "contaminated": 100}
+RUNS = {"paper": 4000, "hand-held": 1000, "conditions": 1000, "contaminated": 100}
+# Distance between the first seeds of two conditions.
+SEEDS_BETWEEN = 10_000
 SCENES = {"paper": (PAPER,), "hand-held": (HELD,), "conditions": CONDITIONS}
 
 
 def many(engine: Engine, runs: int, name: str) -> list[Any]:
-    """The answers of a condition for the seeds 1 to `runs`."""
-    done = engine.map(calls()[name], range(1, runs + 1), name=name)
+    """The answers of a condition for seeds of its own, so that the errors of conditions are independent."""
+    first = SEEDS_BETWEEN * (1 + list(calls()).index(name))
+    done = engine.map(calls()[name], range(first, first + runs), name=name)
     return list(track(done, name, total=runs, disable=not sys.stderr.isatty()))
 
 
@@ -45,20 +48,20 @@ def calls() -> dict[str, Callable[[int], Any]]:
 
 def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("parts", nargs="*", help=f"of {', '.join(SEEDS)}; all without any")
+    arguments.add_argument("parts", nargs="*", help=f"of {', '.join(RUNS)}; all without any")
     arguments.add_argument("--runs", type=int, help="seeds of each kind, instead of the full numbers")
     add_arguments(arguments)
     arguments.add_argument("--output", type=Path, help="the page; a part goes to standard output alone")
     given = arguments.parse_args()
-    parts = given.parts or list(SEEDS)
-    unknown = [part for part in parts if part not in SEEDS]
+    parts = given.parts or list(RUNS)
+    unknown = [part for part in parts if part not in RUNS]
     if unknown:
-        arguments.error(f"{unknown[0]!r} is no part: give one or more of {', '.join(SEEDS)}")
+        arguments.error(f"{unknown[0]!r} is no part: give one or more of {', '.join(RUNS)}")
     start_s = time.monotonic()
     scenes, contaminations = [], []
     with engine_of(given, "accuracy") as engine:
         for part in parts:
-            runs = given.runs or SEEDS[part]
+            runs = given.runs or RUNS[part]
             for scene in SCENES.get(part, ()):
                 trials = many(engine, runs, scene.name)
                 scenes.append(SceneFigures(scene, trials))

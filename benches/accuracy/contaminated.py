@@ -111,13 +111,13 @@ class Contamination:
             Gate(f"{self.name}: runs without a result", "0", str(refused), refused == 0),
             Gate(
                 f"{self.name}: RMSE / bound, all parameters",
-                f"at most {WITHIN}",
+                f"at most {together:.3f} ({WITHIN} and chance)",
                 f"{self.pooled:.3f} ± {self.pooled_error:.3f}",
                 self.pooled <= together,
             ),
             Gate(
                 f"{self.name}: RMSE / bound, each parameter",
-                f"at most {WITHIN}",
+                f"at most {each:.3f} ({WITHIN} and chance)",
                 f"worst {self.ratio[worst]:.3f} ± {self.ratio_error:.3f}",
                 bool(self.ratio[worst] <= each),
             ),

@@ -14,7 +14,7 @@ from gate import Gate
 INTRODUCTION = """# Accuracy
 
 Written by `make accuracy`. The runs are simulated with the paper's unit, the white noise and the counts
-of its datasheets. Each seed has its own moves and its own noise.
+of its datasheets. Each run has its own moves and its own noise, and each condition its own seeds.
 
 * paper: the paper's gyroscope program with 45 moves of 2 s, rests of 5 s, at 200 Hz. hand-held: 40 poses
   of 4 s and moves of 2 s within a cube of 30 cm, with a tremor of 0.05 deg about each axis throughout.
@@ -26,7 +26,8 @@ of its datasheets. Each seed has its own moves and its own noise.
 * 68 %, 95 %, 99.7 %: share of the runs in which the reported interval contains the truth. If the bias
   wanders (flicker), the truth is its mean over the record, and there is no bound.
 * bold: outside the range of 99 of 100 perfect estimators. The gates use the range of 999 of 1000, for all
-  figures of a table together (Bonferroni).
+  figures of a table together (Bonferroni): "1.05 and chance" is the limit that 1 of 1000 estimators misses
+  whose true figure is 1.05.
 """
 CONDITIONS = """Efficiency: squared bound divided by mean square error, over all parameters.
 (error / σ)²: mean over all parameters; 1 if the reported σ are correct. Reduced chi2: with the noise as

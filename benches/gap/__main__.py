@@ -10,14 +10,17 @@ import argparse
 import json
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rich.progress import track
 
+from answers import plain, read, say_origin
 from engine import add_arguments, engine_of
+from gap.case import SEED
 from gap.gates import gates
 from gap.judge import Mark
 from gap.page import page, record
@@ -28,9 +31,10 @@ REPORT = ROOT / "docs" / "results" / "gap.md"
 QUICK_SHARE = 0.0
 
 
-def job(share: float, with_baselines: bool, index: int) -> list[Mark]:
-    """One case by its number: cases hold functions, which do not travel between processes."""
-    case = suite(share)[index]
+def job(share: float, with_baselines: bool, asked: tuple[int, int]) -> list[Mark]:
+    """One case by seed and number: cases hold functions, which do not travel between processes."""
+    seed, index = asked
+    case = suite(share, seed)[index]
     try:
         return run(case, with_baselines)
     except Exception:
@@ -57,7 +61,28 @@ def answered(log: Path | None) -> list[Mark]:
     if log is None or not log.is_file():
         return []
     rows = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
-    return [Mark(**{**row, "scores": tuple(row["scores"])}) for row in rows]
+    return [mark_of(row) for row in rows]
+
+
+def write_again(path: Path) -> None:
+    """Write the page of the kept answers."""
+    origin, kept = read("gap")
+    rows = list(kept)
+    [seed] = {row.argument[0] for row in rows}
+    marks = in_order(mark_of(mark) for row in rows for mark in row.answer)
+    path.write_text(page(marks, seed), encoding="utf-8")
+    say_origin(path, "gap", origin, len(rows))
+
+
+def mark_of(row: dict[str, Any]) -> Mark:
+    """A mark as it is kept."""
+    return Mark(**{**row, "scores": tuple(row["scores"])})
+
+
+def in_order(marks: Iterable[Mark]) -> list[Mark]:
+    """By the order of their cases."""
+    order = {case.key: place for place, case in enumerate(suite(1.0))}
+    return sorted(marks, key=lambda mark: order[mark.key])
 
 
 def _few(share: float, group: str, count: int = 1) -> list[int]:
@@ -65,8 +90,8 @@ def _few(share: float, group: str, count: int = 1) -> list[int]:
     return mine[:: max(1, len(mine) // count)][:count]
 
 
-def calls() -> dict[str, Callable[[int], list[Mark]]]:
-    """The function of all cases, which takes the number of a case."""
+def calls() -> dict[str, Callable[[tuple[int, int]], list[Mark]]]:
+    """The function of all cases, which takes the seed and the number of a case."""
     return {name_of(with_baselines): partial(job, 1.0, with_baselines) for with_baselines in (True, False)}
 
 
@@ -87,6 +112,7 @@ def main() -> int:
         "--quick", action="store_true", help="a few cases of each group, to standard output"
     )
     arguments.add_argument("--no-baselines", action="store_true")
+    arguments.add_argument("--seed", type=int, default=SEED, help="of all cases")
     add_arguments(arguments)
     arguments.add_argument(
         "--log",
@@ -97,7 +123,11 @@ def main() -> int:
         "--most", type=int, help="ask so many at the most; the page says how many there are"
     )
     arguments.add_argument("--output", type=Path, default=REPORT)
+    arguments.add_argument("--kept", action="store_true", help="make the page again from its kept answers")
     given = arguments.parse_args()
+    if given.kept:
+        write_again(REPORT)
+        return 0
     share = QUICK_SHARE if given.quick else given.share
     only = {"group": given.group, "label": given.label, "level": given.level}
     # Mixed, so that a run that is broken off has seen a bit of everything.
@@ -108,16 +138,17 @@ def main() -> int:
     numbers = [number for number in numbers if suite(share)[number].key not in known][: given.most]
     with engine_of(given, "gap") as engine:
         name = name_of(not given.no_baselines, share)
+        asked = [(given.seed, number) for number in numbers]
         # A case takes seconds, so each is a task of its own.
-        found = engine.map(work, numbers, name=name, per_task=1)
+        found = engine.map(work, asked, name=name, per_task=1)
         for done in track(found, "asking", total=len(numbers), disable=given.quick):
             marks += done
             if given.log is not None:
                 with given.log.open("a", encoding="utf-8") as log:
                     log.writelines(json.dumps(asdict(mark)) + "\n" for mark in done)
-    order = {case.key: place for place, case in enumerate(suite(share))}
-    marks.sort(key=lambda mark: order[mark.key])
-    text = page(marks)
+    # With the digits that are kept, so that the page can be made again.
+    marks = in_order(mark_of(plain(mark)) for mark in marks)
+    text = page(marks, given.seed)
     print(text)
     if not given.quick:
         given.output.parent.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,9 @@
 """A hidden case: what the tool is given, and what is hidden in it under a seal."""
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -10,7 +12,19 @@ import numpy as np
 import imucal
 from gap.scene import Scene, cycle, record, simulated
 
-BENCHMARK_SEED: Final = 20240
+# Seed of all cases unless another is given.
+SEED: Final = 20240
+_SEED: ContextVar[int] = ContextVar("seed", default=SEED)
+
+
+@contextmanager
+def seeded(seed: int) -> Iterator[None]:
+    """Cases that are made inside belong to this seed."""
+    token = _SEED.set(seed)
+    try:
+        yield
+    finally:
+        _SEED.reset(token)
 
 
 @dataclass(frozen=True)
@@ -73,6 +87,7 @@ class Case:
     group       what it counts for
     label       what it is, for the table; it may give the answer away, so no tool sees it
     given       what a user would give besides the recordings: candidates, user_effects
+    base        seed of the benchmark
     """
 
     group: str
@@ -82,6 +97,7 @@ class Case:
     answer: Answer = field(repr=False)
     given: dict[str, object] = field(default_factory=dict, repr=False)
     level: str = ""
+    base: int = field(default_factory=_SEED.get, repr=False)
 
     @property
     def kind(self) -> str:
@@ -90,7 +106,7 @@ class Case:
     @property
     def seed(self) -> int:
         """Differs from case to case, and is the same in every run of the benchmark."""
-        return seed_of(self.group, self.label, self.level, self.index)
+        return seed_of(self.base, self.group, self.label, self.level, self.index)
 
     @property
     def control_seed(self) -> int:
@@ -113,15 +129,15 @@ class Case:
         return measured, control, Sealed(self.answer, self.scene)
 
 
-def seed_of(*names: object) -> int:
+def seed_of(base: int, *names: object) -> int:
     """A seed out of names, far from all others."""
     words = "/".join(map(str, names)).encode()
-    return (BENCHMARK_SEED << 33) + (zlib.crc32(words) << 1)
+    return (base << 33) + (zlib.crc32(words) << 1)
 
 
 def generator(*names: object) -> np.random.Generator:
     """The numbers that are drawn for a case; another stream than that of its noise."""
-    return np.random.default_rng([BENCHMARK_SEED, zlib.crc32("/".join(map(str, names)).encode())])
+    return np.random.default_rng([_SEED.get(), zlib.crc32("/".join(map(str, names)).encode())])
 
 
 def spread(cases: Sequence[Case], share: float) -> list[Case]:

@@ -1,4 +1,8 @@
-"""What has to be reached, and whether it was."""
+"""What has to be reached, and whether it was.
+
+A gate counts an answer only if its label says so. Where a weaker answer is right, too, a second gate counts
+it and says what it counts.
+"""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -7,6 +11,7 @@ import numpy as np
 from gap.judge import INTERVAL_95, Mark
 from gap.rates import Rate
 from gap.sizes import SIZES, typical
+from gap.suite import answers
 from gap.worth import is_held, is_near, judged
 from gate import Gate
 
@@ -16,24 +21,31 @@ CANCELLING = {"gyro_scale_quadratic", "gyro_scale_asymmetry"}
 def gates(marks: Sequence[Mark]) -> list[Gate]:
     """All gates of one tool; those without a case are not met."""
     singles = [m for m in marks if m.group == "single"]
+    pairs, own = ([m for m in marks if m.group == group] for group in ("pair", "own"))
     found = [
-        _least("first name right at 2 times the limit", 0.95, [m.first for m in singles if m.level == "2x"]),
-        _least("first name right at 5 times the limit", 0.99, [m.first for m in singles if m.level == "5x"]),
-        _least(
-            "first name right at 10 times the limit", 0.99, [m.first for m in singles if m.level == "10x"]
-        ),
-        _least("first name right at usual sizes of twice the limit or more", 0.99, usual(marks)),
-        _most("wrong name, one effect hidden", 0.01, [m.wrong for m in singles]),
-        _most("wrong name, anything hidden", 0.01, [m.wrong for m in marks if m.group != "clean"]),
+        *_first_names(singles),
+        _most("wrong name, one effect hidden", 0.01, map(has_wrong_name, singles)),
+        _most("wrong name, anything hidden", 0.01, [has_wrong_name(m) for m in marks if m.group != "clean"]),
         _most("false alarm on clean runs, white noise", 0.01, alarms(marks, lambda label: label == "white")),
         _most("false alarm on clean runs, other noise", 0.01, alarms(marks, lambda label: label != "white")),
         _least("unknown or stochastic outside the catalogue", 0.95, verdicts(marks, "outside")),
-        _least("the same in the right part of the model", 0.95, blocks(marks, "outside")),
-        _least("unknown in the right part, effect left out", 0.90, blocks(marks, "left out")),
+        _least("the same in the right part of the model", 0.95, in_part(marks, "outside")),
+        _least(
+            "unknown or stochastic in the right part, effect left out",
+            0.90,
+            in_part(marks, "left out"),
+        ),
+        _least("the same, or named as an effect that can be equal to it", 0.90, blocks(marks, "left out")),
         _least("off-form effects by family or unknown", 0.95, verdicts(marks, "off form")),
-        _least("pairs exact", 0.90, [m.exact for m in marks if m.group == "pair"]),
-        _least("data faults said", 0.95, verdicts(marks, "fault")),
-        _least("one's own effect named", 0.95, [m.exact for m in marks if m.group == "own"]),
+        _least("pairs exact", 0.90, [m.exact and is_alone(m) for m in pairs]),
+        _least("pairs exact, or with equals beside them", 0.90, [m.exact for m in pairs]),
+        _least("data faults said", 0.95, [m.verdict_ok and is_said(m) for m in marks if m.group == "fault"]),
+        _least(
+            "data faults said, taken up by the model, or found as something unknown",
+            0.95,
+            verdicts(marks, "fault"),
+        ),
+        _least("one's own effect named", 0.95, [m.exact and is_alone(m) for m in own]),
         _least("confounded: truth named or among rivals", 0.95, verdicts(marks, "confounded")),
         _least("aliases: as the data allow", 0.95, verdicts(marks, "alias")),
         _least("solved by the advised motion", 0.95, [m.solved_by_advice for m in marks]),
@@ -41,10 +53,43 @@ def gates(marks: Sequence[Mark]) -> list[Gate]:
     return [*found, *_known(marks), *_closed(marks), _coverage(marks), _squares(marks), *_worth(marks)]
 
 
-def usual(marks: Sequence[Mark]) -> list[bool | None]:
-    """First names at usual sizes, of effects whose usual size can be seen."""
+def _first_names(singles: Sequence[Mark]) -> list[Gate]:
+    """Of single effects by their size: named alone, and as the first of equals."""
     visible = {name for name, size in SIZES.items() if typical(name) >= 2.0 * size.here}
-    return [m.first for m in marks if m.group == "single" and m.level == "typical" and m.label in visible]
+    usual = [m for m in singles if m.level == "typical" and m.label in visible]
+    sizes: list[tuple[str, float, list[Mark]]] = [
+        (f"{level[:-1]} times the limit", aim, [m for m in singles if m.level == level])
+        for level, aim in (("2x", 0.95), ("5x", 0.99), ("10x", 0.99))
+    ]
+    sizes.append(("usual sizes of twice the limit or more", 0.99, usual))
+    return [
+        *(
+            _least(f"first name right at {size}", aim, [m.first and is_alone(m) for m in of])
+            for size, aim, of in sizes
+        ),
+        *(
+            _least(f"first name right, alone or before its equals, at {size}", aim, [m.first for m in of])
+            for size, aim, of in sizes
+        ),
+    ]
+
+
+def is_alone(mark: Mark) -> bool:
+    """Whether the names are certain: none has equals."""
+    return bool(mark.said["verdict"] == "named")
+
+
+def is_said(mark: Mark) -> bool:
+    """Whether the answer is that the data have a fault."""
+    return bool(mark.said["verdict"] == "data_fault")
+
+
+def has_wrong_name(mark: Mark) -> bool:
+    """Whether a name of a certain answer is not hidden, or no name of equals is."""
+    if mark.said["verdict"] != "ambiguous":
+        return mark.wrong
+    names = {*mark.said["names"], *mark.said["ambiguous_with"]}
+    return not names & set(answers()[mark.key].truth)
 
 
 def alarms(marks: Sequence[Mark], chosen: Callable[[str], bool]) -> list[bool | None]:
@@ -55,8 +100,13 @@ def verdicts(marks: Sequence[Mark], group: str) -> list[bool | None]:
     return [m.verdict_ok for m in marks if m.group == group]
 
 
+def in_part(marks: Sequence[Mark], group: str) -> list[bool | None]:
+    """Right verdict, which says the right part of the model."""
+    return [m.verdict_ok and m.block_ok is True for m in marks if m.group == group]
+
+
 def blocks(marks: Sequence[Mark], group: str) -> list[bool | None]:
-    """Right verdict and, if it is that something is unknown, in the right part of the model."""
+    """Right verdict and, if it says a part of the model, the right one."""
     return [m.verdict_ok and m.block_ok is not False for m in marks if m.group == group]
 
 
@@ -77,7 +127,7 @@ def _known(marks: Sequence[Mark]) -> list[Gate]:
     sessions = [m for m in marks if m.group == "two sessions"]
     return [
         *(
-            _least(f"{group}: named, and nothing else", 0.95, [m.exact for m in of])
+            _least(f"{group}: named, and nothing else", 0.95, [m.exact and is_alone(m) for m in of])
             for group, of in beside.items()
         ),
         *(

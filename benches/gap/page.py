@@ -19,9 +19,9 @@ LEVELS = ("1x", "2x", "5x", "10x", "typical")
 INTRODUCTION = """# Finding hidden effects
 
 Written by `make gap-benchmark`: {cases} with an effect or fault hidden in simulated data, or with none.
-All seeds are fixed. The search gets a recording and a control recording with different moves and noise.
-The truth is compared only after the search has returned its result. Unit, noise and program are those of
-the paper: 46 rests, 320 s, 100 Hz.
+All random numbers follow from the seed {seed} and the names of the cases. The search gets a recording and a
+control recording with different moves and noise. The truth is compared only after the search has returned
+its result. Unit, noise and program are those of the paper: 46 rests, 320 s, 100 Hz.
 
 * Data: A is rotated by hand, A' on a stand (the force inside moves takes part), and C has encoders. T has
   a temperature that rises and falls by 30 K.
@@ -29,6 +29,8 @@ the paper: 46 rests, 320 s, 100 Hz.
   family-wise alpha of 0.01. For A and A' it is [predicted independently of the
   search](../../benches/gap/limits.py); for C it comes from an earlier study. Hidden effects have
   multiples of this limit, in a random direction of their parameters.
+* Equals: effects that a recording cannot tell apart. An answer that names them is `ambiguous`. A gate
+  counts such an answer only if its label says so.
 * Rates are followed by counts and their 95 % interval (Clopper and Pearson).
 * Gap closed: a fit with the true effects reduces chi2 of the control recording, computed by
   `imucal.evaluate`. The figure is the share of this reduction that the result of the search achieves. It
@@ -36,10 +38,14 @@ the paper: 46 rests, 320 s, 100 Hz.
 """
 
 
-def page(marks: Sequence[Mark]) -> str:
+def page(marks: Sequence[Mark], seed: int) -> str:
+    """The page of results.
+
+    seed  of the benchmark
+    """
     mine = [mark for mark in marks if mark.tool == TOOL]
     sections = [
-        INTRODUCTION.format(cases=_how_many(len(mine))),
+        INTRODUCTION.format(cases=_how_many(len(mine)), seed=seed),
         _gates(mine),
         _tools(marks),
         _effects(mine),

@@ -10,6 +10,7 @@ import random
 import numpy as np
 import pytest
 
+import gap.__main__ as gap_benchmark
 from answers import DATA, KeptAnswer, differs, plain, publish, read
 from sections import write_section
 
@@ -49,6 +50,12 @@ def test_the_answers_of_a_page_are_those_of_this_code(name):
     for row in random.Random(f"{name} {len(known)}").sample(known, 1 if name in SEARCHES else ROWS_PER_PAGE):
         found = differs(row.answer, plain(functions[row.name](row.argument)))
         assert found is None, f"{row.name}, {row.argument}: {found}; make the page again: {origin['command']}"
+
+
+@pytest.mark.slow
+def test_the_page_of_the_gap_is_what_its_answers_give(tmp_path):
+    gap_benchmark.write_again(tmp_path / "gap.md")
+    assert (tmp_path / "gap.md").read_text() == gap_benchmark.REPORT.read_text()
 
 
 def test_a_page_says_where_its_answers_are(tmp_path, monkeypatch):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import gap.case
+import gap.gates
 import gap.judge
 import gap.limits
 import gap.said
@@ -50,6 +51,64 @@ def test_recordings_do_not_tell_what_is_hidden():
 def test_seeds_differ():
     seeds = [case.seed + run for case in gap.suite.suite(1.0) for run in (0, 1)]
     assert len(set(seeds)) == len(seeds)
+
+
+def test_another_seed_gives_other_cases():
+    ours, others = gap.suite.suite(0.0), gap.suite.suite(0.0, seed=gap.case.SEED + 1)
+    assert [case.key for case in ours] == [case.key for case in others]
+    assert not {case.seed for case in ours} & {case.seed for case in others}
+    drawn = [case.answer.effects for case in ours if case.answer.effects]
+    assert len(drawn) > 100
+    assert not any(case.answer.effects in drawn for case in others if case.answer.effects)
+
+
+def said(case: gap.case.Case, verdict: str, names: tuple[str, ...], equals: tuple[str, ...] = ()):
+    """The mark of an answer that names these effects."""
+    answer = gap.said.Said(verdict, names, ambiguous_with=equals)
+    return gap.judge.judge("imucal", case, answer, gap.case.Sealed(case.answer, case.scene))
+
+
+def met(marks: list[gap.judge.Mark], what: str) -> bool:
+    [gate] = [gate for gate in gap.gates.gates(marks) if gate.what == what]
+    return gate.met
+
+
+def test_a_gate_counts_an_answer_with_equals_only_if_its_label_says_so():
+    wanted = ("single", "gyro_bias_drift", "5x")
+    case = next(c for c in gap.suite.suite(1.0) if (c.group, c.label, c.level) == wanted)
+    strict = "first name right at 5 times the limit"
+    lenient = "first name right, alone or before its equals, at 5 times the limit"
+    wrong = "wrong name, one effect hidden"
+    alone = [said(case, "named", ("gyro_bias_drift",))]
+    assert met(alone, strict) and met(alone, lenient) and met(alone, wrong)
+    first = [said(case, "ambiguous", ("gyro_bias_drift",), ("gyro_bias_warmup",))]
+    assert not met(first, strict) and met(first, lenient) and met(first, wrong)
+    second = [said(case, "ambiguous", ("gyro_bias_warmup",), ("gyro_bias_drift",))]
+    assert not met(second, strict) and not met(second, lenient) and met(second, wrong)
+    neither = [said(case, "ambiguous", ("gyro_bias_warmup",), ("earth_rate",))]
+    assert not met(neither, wrong)
+    assert not met([said(case, "named", ("gyro_bias_warmup",))], wrong)
+
+
+def test_a_gate_of_faults_counts_only_the_fault():
+    shaken = next(case for case in gap.suite.suite(1.0) if case.label == "rest_not_still")
+    strict = "data faults said"
+    lenient = "data faults said, taken up by the model, or found as something unknown"
+    fault = [said(shaken, "data_fault", ("rest_not_still",))]
+    assert met(fault, strict) and met(fault, lenient)
+    nothing = [said(shaken, "nothing_missing", ())]
+    assert not met(nothing, strict) and met(nothing, lenient)
+    other = [said(shaken, "data_fault", ("mount_slip",))]
+    assert not met(other, strict) and not met(other, lenient)
+
+
+def test_a_gate_of_parts_counts_no_answer_without_a_part():
+    case = next(c for c in gap.suite.suite(1.0) if (c.group, c.label) == ("left out", "gyro_time_offset"))
+    strict = "unknown or stochastic in the right part, effect left out"
+    lenient = "the same, or named as an effect that can be equal to it"
+    contained = [said(case, "named", ("gyro_angular_acceleration",))]
+    assert not met(contained, strict) and met(contained, lenient)
+    assert not met([said(case, "unknown", ())], strict)
 
 
 def test_the_limit_is_where_chi2_has_its_power():
