@@ -148,6 +148,21 @@ def test_sizes_and_probabilities_are_those_of_the_result(gap):
     )
 
 
+def test_a_probable_candidate_that_was_not_added_is_said_to_be_none(gap, tmp_path):
+    def caption(found):
+        report.write_gap_page(tmp_path / "gap.html", found)
+        text = (tmp_path / "gap.html").read_text(encoding="utf-8")
+        return text.partition("Probability that a candidate")[2].partition("<")[0]
+
+    assert "None was added" not in caption(gap)
+    other = replace(gap, verdict="unknown", effects=())
+    assert caption(other).endswith(" None was added to the model.")
+    law = Law("gyro_law_f", "gyro: k*f", "gyroscope", ("f",), (), 1.0, 1.0, {}, (), None)
+    assert caption(replace(other, laws=(law,))).endswith(
+        " None was added to the model: a law describes the residuals."
+    )
+
+
 def test_a_law_is_drawn_with_the_residuals_on_it(motion):
     at = (-G, 0.0, G)
     zero = (0.0, 0.0, 0.0)

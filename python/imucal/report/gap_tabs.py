@@ -130,13 +130,15 @@ def _curve(law: Law, motion: OwnMotion | None) -> Shown:
 
 def evidence(gap: Gap) -> Iterator[Shown | str]:
     """Probabilities of the rivals, sizes of the effects, and the ranking of all candidates."""
+    has_effects = any(effect["parameters"] for effect in gap.effects)
+    none_added = " None was added to the model" + (": a law describes the residuals." if gap.laws else ".")
     yield Shown(
         "probabilities",
         plot.probabilities(gap),
         "Probability that a candidate is the first missing effect, for equal prior probabilities of all "
-        "candidates and of no missing effect.",
+        f"candidates and of no missing effect.{'' if has_effects else none_added}",
     )
-    if any(effect["parameters"] for effect in gap.effects):
+    if has_effects:
         yield Shown(
             "sizes",
             plot.effect_sizes(gap),
