@@ -300,15 +300,24 @@ def luminance(colour):
     return linear @ [0.2126, 0.7152, 0.0722]
 
 
+def contrast(colours, theme):
+    """Contrast of two colours in a theme, WCAG 2.2: 3 for graphics (1.4.11), 4.5 for text (1.4.3)."""
+    a, b = sorted(luminance(theme.get(c, c)) for c in colours)
+    return (b + 0.05) / (a + 0.05)
+
+
 @pytest.mark.parametrize("theme", [{}, style.DARK], ids=["light", "dark"])
 def test_colours_stand_out_from_the_paper(theme):
-    def contrast(colour):
-        a, b = sorted(luminance(theme.get(c, c)) for c in (colour, style.PAPER))
-        return (b + 0.05) / (a + 0.05)
+    for colour in (style.BLUE, style.VERMILION, style.GREEN, style.GREY):
+        assert contrast((colour, style.PAPER), theme) >= 3
+    assert contrast((style.INK, style.PAPER), theme) >= 4.5
 
-    # WCAG 2.2: 3 for graphics (1.4.11), 4.5 for text (1.4.3).
-    assert all(contrast(c) >= 3 for c in (style.BLUE, style.VERMILION, style.GREEN, style.GREY))
-    assert contrast(style.INK) >= 4.5
+
+@pytest.mark.parametrize("theme", [{}, style.DARK], ids=["light", "dark"])
+def test_text_in_bars_stands_out_from_them(gap, theme):
+    [bars] = plot.probabilities(gap).data
+    for colour in set(bars.marker.color):
+        assert contrast((colour, bars.insidetextfont.color), theme) >= 4.5
 
 
 def test_the_page_has_the_colours_of_its_figures_in_both_themes(tmp_path):

@@ -15,6 +15,7 @@ from imucal.plot.style import (
     BLUE,
     GREEN,
     GREY,
+    PAPER,
     VERMILION,
     plotly,
     rows_of,
@@ -173,6 +174,8 @@ def probabilities(gap: Gap) -> Figure:
         marker={"color": [BLUE if name in added else GREY for name in shown]},
         text=[f"{100 * every[name]:.3g} %" for name in shown],
         textposition="auto",
+        # The themes have colours for the paper and the bars that stand out from each other.
+        insidetextfont={"color": PAPER},
         hovertemplate="%{y}: %{text}<extra></extra>",
     )
     figure.update_yaxes(rows_of(shown))
