@@ -21,6 +21,8 @@ from plan.page import figure, gates, page
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 RUNS = 1000
+# Distance between the first seeds of two programs.
+SEEDS_BETWEEN = 10_000
 
 
 def calls() -> dict[str, Callable[[int], Any]]:
@@ -38,9 +40,12 @@ def main() -> int:
         searched = engine.call(durations, name="durations")
         points = engine.call(curve, name="curve")
         agreements = []
-        for case in track(cases(), "calibrations", disable=not sys.stderr.isatty()):
+        for number, case in enumerate(
+            track(cases(), "calibrations", disable=not sys.stderr.isatty()), start=1
+        ):
             minutes = sum(planned(motion).minutes for motion in case.motions)
-            seeds = range(1, given.runs + 1)
+            # Each program has its own seeds, so that the errors of the programs are independent.
+            seeds = range(SEEDS_BETWEEN * number, SEEDS_BETWEEN * number + given.runs)
             found = list(engine.map(case.errors, seeds, name=case.name))
             agreements.append(Agreement.of(case, minutes, found))
             print(f"{case.name}: worst {agreements[-1].worst:.3f}", file=sys.stderr, flush=True)
