@@ -11,7 +11,7 @@
 #   make one-sensor  coverage and errors of an accelerometer or a gyroscope alone, to docs/results/one-sensor.md
 #   make rounding  coverage of the intervals with noise below a step of the converter, to docs/results/rounding.md
 #   make faces     coverage and errors of a unit that rests on the faces of a box alone, to docs/results/faces.md
-#   make gap-benchmark  blind test with hidden effects, to docs/results/gap.md; SHARE=0.1 runs a tenth, LOG=file resumes
+#   make gap-benchmark  blind test with hidden effects, to docs/results/gap.md; SHARE=0.1 runs a tenth
 #   make laws-benchmark  errors that the catalogue lacks, to docs/results/laws.md
 #   make units-benchmark  strong effects, variations in time, two sessions, to docs/results/units.md
 #   make thermal-benchmark  sensors that remember the temperature, to docs/results/thermal.md
@@ -286,7 +286,7 @@ faces: $(VENV)/.installed
 SHARE ?= 1
 gap-benchmark: $(VENV)/.installed
 	$(call say,Hidden effects)
-	PYTHONPATH=benches $(PY) -m gap --share $(SHARE) $(if $(LOG),--log $(LOG)) $(ENGINE)
+	PYTHONPATH=benches $(PY) -m gap --share $(SHARE) $(ENGINE)
 
 laws-benchmark: $(VENV)/.installed
 	$(call say,Laws)

@@ -53,6 +53,10 @@ def main() -> int:
     add_arguments(arguments)
     arguments.add_argument("--output", type=Path, help="the page; a part goes to standard output alone")
     given = arguments.parse_args()
+    if given.runs is not None and given.runs > SEEDS_BETWEEN:
+        arguments.error(
+            f"--runs {given.runs}: at most {SEEDS_BETWEEN}, or seeds of two conditions are the same"
+        )
     parts = given.parts or list(RUNS)
     unknown = [part for part in parts if part not in RUNS]
     if unknown:

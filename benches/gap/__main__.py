@@ -11,7 +11,6 @@ import json
 import sys
 import traceback
 from collections.abc import Callable, Iterable
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -56,14 +55,6 @@ def chosen(share: float, only: dict[str, list[str]], quick: bool) -> list[int]:
     ]
 
 
-def answered(log: Path | None) -> list[Mark]:
-    """What a run that was broken off has left."""
-    if log is None or not log.is_file():
-        return []
-    rows = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
-    return [mark_of(row) for row in rows]
-
-
 def write_again(path: Path) -> None:
     """Write the page of the kept answers."""
     origin, kept = read("gap")
@@ -76,7 +67,17 @@ def write_again(path: Path) -> None:
 
 def mark_of(row: dict[str, Any]) -> Mark:
     """A mark as it is kept."""
-    return Mark(**{**row, "scores": tuple(row["scores"])})
+    row = _with_numbers(row)
+    return Mark(**{**row, "scores": tuple(row["scores"]), "truth": tuple(row["truth"])})
+
+
+def _with_numbers(value: Any) -> Any:
+    """Kept numbers that are not finite are words."""
+    if isinstance(value, dict):
+        return {key: _with_numbers(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_with_numbers(each) for each in value]
+    return float(value) if value in ("nan", "inf", "-inf") else value
 
 
 def in_order(marks: Iterable[Mark]) -> list[Mark]:
@@ -115,27 +116,20 @@ def main() -> int:
     arguments.add_argument("--seed", type=int, default=SEED, help="of all cases")
     add_arguments(arguments)
     arguments.add_argument(
-        "--log",
-        type=Path,
-        help="append each case as it is done, one JSON object a line; what is in it is not asked again",
-    )
-    arguments.add_argument(
         "--most", type=int, help="ask so many at the most; the page says how many there are"
     )
     arguments.add_argument("--output", type=Path, default=REPORT)
     arguments.add_argument("--kept", action="store_true", help="make the page again from its kept answers")
     given = arguments.parse_args()
     if given.kept:
-        write_again(REPORT)
+        write_again(given.output)
         return 0
     share = QUICK_SHARE if given.quick else given.share
     only = {"group": given.group, "label": given.label, "level": given.level}
     # Mixed, so that a run that is broken off has seen a bit of everything.
     numbers = sorted(chosen(share, only, given.quick), key=lambda i: suite(share)[i].mixed)
     work = partial(job, share, not given.no_baselines)
-    marks = answered(given.log)
-    known = {mark.key for mark in marks}
-    numbers = [number for number in numbers if suite(share)[number].key not in known][: given.most]
+    numbers, marks = numbers[: given.most], []
     with engine_of(given, "gap") as engine:
         name = name_of(not given.no_baselines, share)
         asked = [(given.seed, number) for number in numbers]
@@ -143,9 +137,6 @@ def main() -> int:
         found = engine.map(work, asked, name=name, per_task=1)
         for done in track(found, "asking", total=len(numbers), disable=given.quick):
             marks += done
-            if given.log is not None:
-                with given.log.open("a", encoding="utf-8") as log:
-                    log.writelines(json.dumps(asdict(mark)) + "\n" for mark in done)
     # With the digits that are kept, so that the page can be made again.
     marks = in_order(mark_of(plain(mark)) for mark in marks)
     text = page(marks, given.seed)
@@ -155,7 +146,7 @@ def main() -> int:
         given.output.write_text(text, encoding="utf-8")
         table = given.output.with_suffix(".json")
         table.write_text(json.dumps(record(marks), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        # A part, or a run that goes on from a log, does not have all answers.
+        # A part does not have all answers.
         if given.output == REPORT and len(numbers) == len(suite(1.0)):
             engine.publish(REPORT)
         print(f"written to {given.output} and {table.name}")

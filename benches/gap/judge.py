@@ -6,6 +6,7 @@ wrong        one name or more, in a verdict of certainty, and one of them is not
 false_alarm  a name on a clean run, or another verdict than the answer allows there
 verdict_ok   the verdict is one of those that the answer allows, and the truth is in what it names
 block_ok     an unknown effect was found in the right part of the model
+truth        the names that are right
 """
 
 from dataclasses import asdict, dataclass, field
@@ -47,6 +48,7 @@ class Mark:
     solved_by_advice: bool | None = None
     advised: dict[str, Any] | None = None
     worth: Worth = field(default_factory=dict)
+    truth: tuple[str, ...] = ()
 
     @property
     def key(self) -> tuple[str, str, str, str, int]:
@@ -89,6 +91,7 @@ def judge(
         solved_by_advice=None if advised is None else bool(advised.names) and set(advised.names) == truth,
         advised=None if advised is None else asdict(advised),
         worth=claims or {},
+        truth=answer.truth,
     )
 
 

@@ -1,14 +1,14 @@
 """The page of results, and the same for programs."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
-from gap.gates import blocks, gates, verdicts
+from gap.gates import gates, has_wrong_name, is_alone, is_solved, verdicts
 from gap.judge import Mark
 from gap.rates import Rate
 from gap.sizes import SIZES, typical
@@ -80,16 +80,20 @@ def _tools(marks: Sequence[Mark]) -> str:
         return ""
     asked = {m.key for m in marks if m.tool != TOOL}
     rows = []
-    for tool in tools:
+    for tool, only_alone in [(TOOL, True), *((tool, False) for tool in tools)]:
         of = [m for m in marks if m.tool == tool and m.key in asked]
         single = [m for m in of if m.group == "single"]
+        counts = is_alone if only_alone else lambda mark: True
         rows.append(
             (
-                tool,
-                *(_short([m.first for m in single if m.level == level]) for level in LEVELS[:4]),
-                _short([m.exact for m in single if m.level in ("5x", "10x")]),
-                _short([m.exact for m in of if m.group == "pair"]),
-                _short([m.wrong for m in of if m.group == "single"]),
+                tool + " without answers that name equals" * only_alone,
+                *(
+                    _short([m.first and counts(m) for m in single if m.level == level])
+                    for level in LEVELS[:4]
+                ),
+                _short([m.exact and counts(m) for m in single if m.level in ("5x", "10x")]),
+                _short([m.exact and counts(m) for m in of if m.group == "pair"]),
+                _short(map(has_wrong_name, single)),
                 _short([m.false_alarm for m in of if m.group == "clean"]),
                 _short(verdicts(of, "outside")),
             )
@@ -106,7 +110,7 @@ def _tools(marks: Sequence[Mark]) -> str:
     return "## Comparison with textbook methods\n\n" + words + table(heading, rows)
 
 
-def _short(flags: Sequence[bool | None]) -> str:
+def _short(flags: Iterable[bool | None]) -> str:
     rate = Rate.count(flags)
     return f"{100 * rate.value:.1f} %" if rate.of else "-"
 
@@ -122,8 +126,8 @@ def _effects(marks: Sequence[Mark]) -> str:
         limits = " / ".join(_limit(marks, name, kind) for kind in ("A", "A'", "C"))
         rows.append((f"`{name}`", size.kind, *found, exact, usual, limits))
     heading = (
-        "first name right", "data", *LEVELS, "exact, 5x and 10x", "typical / limit",
-        "limit by the tool / predicted: A / A' / C",
+        "first name right, alone or before its equals", "data", *LEVELS, "exact, 5x and 10x",
+        "typical / limit", "limit by the tool / predicted: A / A' / C",
     )  # fmt: skip
     return "## Effect by effect\n\n" + table(heading, rows)
 
@@ -217,15 +221,16 @@ def _other(marks: Sequence[Mark]) -> str:
     for group, label in dict.fromkeys((m.group, m.label) for m in of):
         mine = [m for m in of if (m.group, m.label) == (group, label)]
         right = Rate.count(verdicts(mine, group))
-        block = _count(blocks(mine, group)) if any(m.block_ok is not None for m in mine) else "-"
-        exact, advice = _count(m.exact for m in mine), _count(m.solved_by_advice for m in mine)
+        has_part = any(m.block_ok is not None for m in mine)
+        block = _count(m.verdict_ok and m.block_ok is True for m in mine) if has_part else "-"
+        exact, advice = _count(m.exact for m in mine), _count(map(is_solved, mine))
         said = "" if group in ("pair", "triple") else _answers(mine, 4)
         rows.append((group, label, right, exact, block, advice, said))
     heading = (
         "",
         "hidden",
         "verdict right",
-        "exact",
+        "exact, alone or with equals",
         "right part of the model",
         "solved by the advised motion",
         "said",

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from functools import cache
 
 from gap import baselines
-from gap.case import SEED, Answer, Case, seeded, spread
+from gap.case import SEED, Case, seeded, spread
 from gap.faults import faults
 from gap.judge import Mark, control_figures, judge
 from gap.known import cancelling, known_and_random, known_and_unknown, two_sessions
@@ -48,12 +48,6 @@ def suite(share: float, seed: int = SEED) -> tuple[Case, ...]:
     """A share of every cell, at least one case of each."""
     with seeded(seed):
         return tuple(spread(list(every_case()), share))
-
-
-@cache
-def answers() -> dict[tuple[str, str, str, str, int], Answer]:
-    """What is hidden in each case, by its key, for those who judge."""
-    return {case.key: case.answer for case in suite(1.0)}
 
 
 def run(case: Case, with_baselines: bool = True) -> list[Mark]:

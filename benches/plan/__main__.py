@@ -36,6 +36,10 @@ def main() -> int:
     add_arguments(arguments)
     arguments.add_argument("--output", type=Path, default=RESULTS, help="folder of plan.md and plan.svg")
     given = arguments.parse_args()
+    if given.runs > SEEDS_BETWEEN:
+        arguments.error(
+            f"--runs {given.runs}: at most {SEEDS_BETWEEN}, or seeds of two programs are the same"
+        )
     with engine_of(given, "plan") as engine:
         searched = engine.call(durations, name="durations")
         points = engine.call(curve, name="curve")
