@@ -68,6 +68,11 @@ def gates(marks: Sequence[Mark]) -> list[Gate]:
         _least("confounded: truth named or among rivals", 0.95, verdicts(marks, "confounded")),
         _least("aliases: as the data allow", 0.95, verdicts(marks, "alias")),
         _least("solved by the advised motion", 0.95, map(is_solved, marks)),
+        _least(
+            "truth named after the advised motion, alone or before its equals",
+            0.95,
+            [m.solved_by_advice for m in marks],
+        ),
     ]
     return [*found, *_known(marks), *_closed(marks), _coverage(marks), _squares(marks), *_worth(marks)]
 

@@ -70,7 +70,19 @@ def table(heading: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
 
 def _gates(marks: Sequence[Mark]) -> str:
     rows = [(g.what, g.aim, g.found, "met" if g.met else "**missed**") for g in gates(marks)]
-    return "## Gates\n\n" + table(("", "aim", "found", ""), rows)
+    words = "\nSingle effects that answers name with equals, and the number of these answers: "
+    return "## Gates\n\n" + table(("", "aim", "found", ""), rows) + words + _with_equals(marks) + ".\n"
+
+
+def _with_equals(marks: Sequence[Mark]) -> str:
+    """The effects that were not named alone, by their size."""
+    said = []
+    for level in LEVELS[1:]:
+        of = [m for m in marks if m.group == "single" and m.level == level]
+        counts = Counter(m.label for m in of if m.first and not is_alone(m))
+        names = ", ".join(f"`{name}` {count}" for name, count in counts.most_common())
+        said.append(f"{level} {names or 'none'}")
+    return "; ".join(said)
 
 
 def _tools(marks: Sequence[Mark]) -> str:
@@ -80,7 +92,7 @@ def _tools(marks: Sequence[Mark]) -> str:
         return ""
     asked = {m.key for m in marks if m.tool != TOOL}
     rows = []
-    for tool, only_alone in [(TOOL, True), *((tool, False) for tool in tools)]:
+    for tool, only_alone in [(tools[0], False), (tools[0], True), *((tool, False) for tool in tools[1:])]:
         of = [m for m in marks if m.tool == tool and m.key in asked]
         single = [m for m in of if m.group == "single"]
         counts = is_alone if only_alone else lambda mark: True
