@@ -193,6 +193,6 @@ def _code_hash() -> str:
     digest = hashlib.sha256(Path(_core.__file__).read_bytes())
     package, benches, tests = Path(os.fspath(imucal.__file__)).parent, ROOT / "benches", ROOT / "tests"
     for folder in (package, benches, tests / "fixtures", tests / "traps"):
-        for path in sorted(folder.rglob("*.py")):
+        for path in sorted((*folder.rglob("*.py"), *folder.rglob("*.json"))):
             digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

@@ -19,11 +19,10 @@ from rich.progress import track
 
 from answers import plain, read, say_origin
 from engine import add_arguments, engine_of
-from gap.case import SEED
 from gap.gates import gates
 from gap.judge import Mark
 from gap.page import page, record
-from gap.suite import TOOL, run, suite
+from gap.suite import SEED, TOOL, run, suite
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORT = ROOT / "docs" / "results" / "gap.md"

@@ -12,9 +12,9 @@ import numpy as np
 import imucal
 from gap.scene import Scene, cycle, record, simulated
 
-# Seed of all cases unless another is given.
-SEED: Final = 20240
-_SEED: ContextVar[int] = ContextVar("seed", default=SEED)
+# Seed of the benchmarks of laws, units and temperatures.
+OTHERS_SEED: Final = 20240
+_SEED: ContextVar[int] = ContextVar("seed", default=OTHERS_SEED)
 
 
 @contextmanager

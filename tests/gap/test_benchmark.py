@@ -10,8 +10,10 @@ import pytest
 import gap.case
 import gap.gates
 import gap.judge
+import gap.kinds
 import gap.limits
 import gap.said
+import gap.sizes
 import gap.suite
 from children import HANGS_S, with_path
 
@@ -22,6 +24,8 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
 BENCHES = ROOT / "benches"
+# The seed of the cases that were once answered wrongly.
+FOUND_WITH = 20240
 
 
 def test_a_case_is_the_same_in_every_run_and_unlike_its_control():
@@ -54,7 +58,7 @@ def test_seeds_differ():
 
 
 def test_another_seed_gives_other_cases():
-    ours, others = gap.suite.suite(0.0), gap.suite.suite(0.0, seed=gap.case.SEED + 1)
+    ours, others = gap.suite.suite(0.0), gap.suite.suite(0.0, seed=gap.suite.SEED + 1)
     assert [case.key for case in ours] == [case.key for case in others]
     assert not {case.seed for case in ours} & {case.seed for case in others}
     # A single number has the size of the case and a random sign.
@@ -62,7 +66,7 @@ def test_another_seed_gives_other_cases():
         [each.values.tolist() for case in cases for each in case.answer.effects if len(each.values) > 1]
         for cases in (
             [case for case in of_seed if case.group == "single"]
-            for of_seed in (ours, gap.suite.suite(0.0, seed=gap.case.SEED), others)
+            for of_seed in (ours, gap.suite.suite(0.0, seed=gap.suite.SEED), others)
         )
     ]
     assert len(drawn[0]) > 100 and drawn[0] == drawn[1]
@@ -71,7 +75,7 @@ def test_another_seed_gives_other_cases():
 
 def test_no_answer_with_equals_of_two_effects_is_right_by_the_truth_of_another_seed():
     """The two effects of a pair are drawn."""
-    for seed in (gap.case.SEED, gap.case.SEED + 1):
+    for seed in (gap.suite.SEED, gap.suite.SEED + 1):
         cases = [case for case in gap.suite.suite(1.0, seed=seed) if case.group == "pair"][:5]
         for case in cases:
             one, other = case.answer.truth
@@ -168,6 +172,26 @@ def test_the_limit_is_where_chi2_has_its_power():
     assert gap.limits.limit(np.array([[2.0]]), 1) == pytest.approx(np.sqrt(14.8794) / 2.0, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("kind", "names"),
+    [
+        ("A", ["gyro_g_sensitivity"]),
+        ("A'", ["gyro_time_offset"]),
+        ("C", ["accel_scale_asymmetry", "encoder_backlash"]),
+    ],
+)
+def test_the_limits_of_the_table_are_those_of_the_prediction(kind: str, names: list[str]):
+    known = {name: gap.sizes.SIZES[name].limit[kind] for name in names}
+    assert gap.limits.limits(kind, names) == pytest.approx(known, rel=5e-3)
+
+
+def test_the_table_has_a_limit_of_each_effect_in_the_data_that_show_it():
+    for kind in ("A", "A'", "C"):
+        of_kind = [name for name, size in gap.sizes.SIZES.items() if kind in size.limit]
+        assert of_kind == gap.kinds.shown(kind)
+    assert all(size.here > 0.0 for size in gap.sizes.SIZES.values())
+
+
 def test_the_probability_of_a_name_at_the_detection_limit_is_that_of_the_page():
     page = (ROOT / "docs/results/gap.md").read_text()
     title, row = (
@@ -206,7 +230,8 @@ def test_what_a_hand_shows_is_named(case: gap.case.Case):
 def mark_of(group: str, label: str, level: str, index: int) -> gap.judge.Mark:
     """What the search answers to one case of the whole benchmark, compared with the truth."""
     wanted = (group, label, level, index)
-    case = next(c for c in gap.suite.suite(1.0) if (c.group, c.label, c.level, c.index) == wanted)
+    suite = gap.suite.suite(1.0, seed=FOUND_WITH)
+    case = next(c for c in suite if (c.group, c.label, c.level, c.index) == wanted)
     return gap.suite.run(case, with_baselines=False)[0]
 
 
