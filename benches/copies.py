@@ -24,6 +24,8 @@ from engine import add_arguments, engine_of
 
 GRAVITY_MPS2 = 9.80665
 MIN_REST_S = 1.0
+# First seed of the calibration runs.
+FIRST_SEED = 1000
 # The seeds of the control runs are the seeds of the calibration runs plus this number.
 CONTROL_SEEDS = 100_000
 PAGE = Path(__file__).parents[1] / "docs/results/copies.md"
@@ -242,12 +244,12 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=100)
     add_arguments(parser)
     given = parser.parse_args()
-    of_pairs = [(name, seed) for name in conditions() for seed in range(given.pairs)]
+    of_pairs = [(name, FIRST_SEED + run) for name in conditions() for run in range(given.pairs)]
     of_copies = [
-        (name, alteration, seed)
+        (name, alteration, FIRST_SEED + run)
         for name in COPIED
         for alteration in ALTERATIONS
-        for seed in range(given.seeds)
+        for run in range(given.seeds)
     ]
     pairs: dict[str, list[float | None]] = {}
     copies: dict[tuple[str, str], list[float | None]] = {}

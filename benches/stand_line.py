@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -17,12 +18,15 @@ from pathlib import Path
 
 from rich.progress import track
 
+from answers import KeptAnswer, commit, plain, publish
 from imucal.stand.faults import FAULTS, PLAY_DEG, RANGE_SHARE, SLIP_DEG
 
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs/results/stand.md"
 COMMAND = Path(sys.executable).with_name("imucal")
 GOOD = "none"
+SPEED = 100.0
+FIRST_SEED = 101
 # Reason that must be reported for each hidden fault.
 NAMES = {"slip": "mount_slip", "loose-mount": "loose_mount", "clipping": "clipping", "dead-axis": "dead_axis"}
 SIZES = {
@@ -94,14 +98,21 @@ a constant value. An axis that contains only noise is detected by its lack of re
 """
 
 
+def calls() -> dict[str, Callable[[tuple[str, int]], Trial]]:
+    """The function of all units, which takes a fault and a seed."""
+    return {"units": partial(trial, speed=SPEED)}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--speed", type=float, default=100.0)
+    parser.add_argument("--speed", type=float, default=SPEED)
     # Several runs at once, because a run in real time mostly waits.
     parser.add_argument("--at-once", type=int, default=4)
     given = parser.parse_args()
-    cases = [(fault, seed) for fault in (GOOD, *FAULTS) for seed in range(1, given.seeds + 1)]
+    began_at = commit()
+    seeds = range(FIRST_SEED, FIRST_SEED + given.seeds)
+    cases = [(fault, seed) for fault in (GOOD, *FAULTS) for seed in seeds]
     with ThreadPoolExecutor(given.at_once) as pool:
         done = pool.map(partial(trial, speed=given.speed), cases)
         trials = list(track(done, "units", total=len(cases)))
@@ -109,6 +120,8 @@ def main() -> None:
     for (fault, _), one in zip(cases, trials, strict=True):
         found.setdefault(fault, []).append(one)
     PAGE.write_text(page(found, given.seeds, given.speed), encoding="utf-8")
+    rows = [KeptAnswer("units", plain(case), plain(one)) for case, one in zip(cases, trials, strict=True)]
+    publish(PAGE, "stand", rows, began_at)
     print(f"{PAGE.relative_to(ROOT)}: {len(trials)} units")
 
 

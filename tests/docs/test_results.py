@@ -30,6 +30,7 @@ MODULES = {
     "plan": "plan.__main__",
     "rounding": "rounding",
     "six-positions": "six_positions",
+    "stand": "stand_line",
     "thermal": "gap.thermal",
     "traps": "traps",
     "units": "gap.units",
