@@ -28,8 +28,12 @@ def gates(marks: Sequence[Mark]) -> list[Gate]:
     )
     found = [
         *_first_names(singles),
-        _most("wrong name, one effect hidden", 0.01, map(has_wrong_name, singles)),
-        _most("wrong name, anything hidden", 0.01, [has_wrong_name(m) for m in marks if m.group != "clean"]),
+        _most("wrong name (of equals, no right one), one effect hidden", 0.01, map(has_wrong_name, singles)),
+        _most(
+            "wrong name (of equals, no right one), anything hidden",
+            0.01,
+            [has_wrong_name(m) for m in marks if m.group != "clean"],
+        ),
         _most("false alarm on clean runs, white noise", 0.01, alarms(marks, lambda label: label == "white")),
         _most("false alarm on clean runs, other noise", 0.01, alarms(marks, lambda label: label != "white")),
         _least("unknown or stochastic outside the catalogue", 0.95, verdicts(marks, "outside")),
@@ -42,12 +46,12 @@ def gates(marks: Sequence[Mark]) -> list[Gate]:
         _least(
             "the same of all effects, or named as an effect that can be equal to it",
             0.90,
-            [is_in_part(m) or (m.verdict_ok and bool(m.said["names"])) for m in left_out],
+            [is_in_part(m) or is_by_family(m) for m in left_out],
         ),
         _least(
             "off-form effects by family alone, or unknown",
             0.95,
-            [m.verdict_ok and not set(m.said["names"]) - set(m.truth) for m in off_form],
+            [is_by_family(m) or (m.verdict_ok and not m.said["names"]) for m in off_form],
         ),
         _least(
             "off-form effects by family, also with other names, or unknown", 0.95, verdicts(marks, "off form")
@@ -112,6 +116,12 @@ def is_in_part(mark: Mark) -> bool:
     """Whether the answer is that something is unknown or random, in the right part of the model."""
     is_unknown = mark.said["verdict"] in ("unknown", "stochastic")
     return is_unknown and mark.verdict_ok and mark.block_ok is True
+
+
+def is_by_family(mark: Mark) -> bool:
+    """Whether all names are right, alone or before equals."""
+    names = set(mark.said["names"])
+    return mark.verdict_ok and bool(names) and names <= set(mark.truth)
 
 
 def is_solved(mark: Mark) -> bool | None:

@@ -105,9 +105,15 @@ def _tools(marks: Sequence[Mark]) -> str:
                 ),
                 _short([m.exact and counts(m) for m in single if m.level in ("5x", "10x")]),
                 _short([m.exact and counts(m) for m in of if m.group == "pair"]),
-                _short(map(has_wrong_name, single)),
-                _short([m.false_alarm for m in of if m.group == "clean"]),
-                _short(verdicts(of, "outside")),
+                *(
+                    ("-", "-", "-")
+                    if only_alone
+                    else (
+                        _short(map(has_wrong_name, single)),
+                        _short([m.false_alarm for m in of if m.group == "clean"]),
+                        _short(verdicts(of, "outside")),
+                    )
+                ),
             )
         )
     heading = (
@@ -117,7 +123,7 @@ def _tools(marks: Sequence[Mark]) -> str:
     words = (
         "All methods get the same cases, whitened residuals and Jacobian columns. The textbook methods\n"
         "cannot report that an effect is unknown or that two effects are equivalent. A wrong answer\n"
-        "contains a name that was not hidden.\n\n"
+        "contains a name that was not hidden; of equals, one has to be.\n\n"
     )
     return "## Comparison with textbook methods\n\n" + words + table(heading, rows)
 
@@ -138,8 +144,9 @@ def _effects(marks: Sequence[Mark]) -> str:
         limits = " / ".join(_limit(marks, name, kind) for kind in ("A", "A'", "C"))
         rows.append((f"`{name}`", size.kind, *found, exact, usual, limits))
     heading = (
-        "first name right, alone or before its equals", "data", *LEVELS, "exact, 5x and 10x",
-        "typical / limit", "limit by the tool / predicted: A / A' / C",
+        "first name right, alone or before its equals", "data", *LEVELS,
+        "exact, alone or with equals, 5x and 10x", "typical / limit",
+        "limit by the tool / predicted: A / A' / C",
     )  # fmt: skip
     return "## Effect by effect\n\n" + table(heading, rows)
 

@@ -9,13 +9,14 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import argparse
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rich.progress import track
 
 from engine import add_arguments, engine_of
-from plan.agreement import Agreement, cases, planned
+from plan.agreement import PROGRAMS, Agreement, case_of, errors_of, planned
 from plan.duration import curve, durations, visible
 from plan.page import figure, gates, page
 
@@ -27,7 +28,7 @@ SEEDS_BETWEEN = 10_000
 
 def calls() -> dict[str, Callable[[int], Any]]:
     """The function of each program, which takes a seed."""
-    return {case.name: case.errors for case in cases()}
+    return {name: partial(errors_of, name) for name in PROGRAMS}
 
 
 def main() -> int:
@@ -44,15 +45,16 @@ def main() -> int:
         searched = engine.call(durations, name="durations")
         points = engine.call(curve, name="curve")
         agreements = []
-        for number, case in enumerate(
-            track(cases(), "calibrations", disable=not sys.stderr.isatty()), start=1
+        for number, name in enumerate(
+            track(PROGRAMS, "calibrations", disable=not sys.stderr.isatty()), start=1
         ):
+            case = case_of(name)
             minutes = sum(planned(motion).minutes for motion in case.motions)
             # Each program has its own seeds, so that the errors of the programs are independent.
             seeds = range(SEEDS_BETWEEN * number, SEEDS_BETWEEN * number + given.runs)
-            found = list(engine.map(case.errors, seeds, name=case.name))
+            found = list(engine.map(case.errors, seeds, name=name))
             agreements.append(Agreement.of(case, minutes, found))
-            print(f"{case.name}: worst {agreements[-1].worst:.3f}", file=sys.stderr, flush=True)
+            print(f"{name}: worst {agreements[-1].worst:.3f}", file=sys.stderr, flush=True)
         found_durations, found_points = searched(), points()
     text = page(agreements, found_durations, found_points, visible(found_durations))
     (given.output / "plan.md").write_text(text, encoding="utf-8")

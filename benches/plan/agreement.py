@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from typing import Final
 
 import numpy as np
 
@@ -90,27 +93,39 @@ def predicted(motions: list[Motion], *, in_hand: bool) -> np.ndarray:
     return np.array(_core.predict_sigma(sensors, [m.in_si() for m in still], 1.0, 0.0, in_hand)[0])
 
 
-def cases() -> list[Case]:
-    """The paper's programs, optimal ones on several stands, and runs by hand."""
-    grid, random = imucal.Program.grid(), imucal.Program.random(seed=1)
-    # The simulated hand needs no time to settle: all of each rest counts.
-    hand = dataclasses.replace(NAMED["hand"], settle_s=0.0)
-    optimal = {
-        "coarse targets": planned("optimal", targets=COARSE),
-        "fine targets": planned("optimal", targets=FINE),
-        "2 min": planned("optimal", minutes=2.0),
-        "two-axis stand, 3 min": planned("optimal", stand="two-axis", minutes=3.0),
-        "slow stand with end stops, 4 min": planned("optimal", stand=SLOW, minutes=4.0),
-    }
-    card = planned("optimal", stand=hand, minutes=4.0)
-    return [
-        Case("random", (random,)),
-        Case("grid and random", (grid, random)),
-        *(Case(f"optimal: {name}", (plan.motion,)) for name, plan in optimal.items()),
-        Case("by hand", (imucal.Tumble(1),)),
-        Case("by hand that trembles", (imucal.Tumble(1),), HAND_TREMOR_DEG),
-        Case("card of poses, 4 min, by a hand that trembles", (card.motion,), HAND_TREMOR_DEG),
-    ]
+# The paper's programs, optimal ones on several stands, and runs by hand: motions, and the tremor in deg.
+PROGRAMS: Final[dict[str, tuple[Callable[[], tuple[Motion, ...]], float]]] = {
+    "random": (lambda: (imucal.Program.random(seed=1),), 0.0),
+    "grid and random": (lambda: (imucal.Program.grid(), imucal.Program.random(seed=1)), 0.0),
+    "optimal: coarse targets": (lambda: _optimal(targets=COARSE), 0.0),
+    "optimal: fine targets": (lambda: _optimal(targets=FINE), 0.0),
+    "optimal: 2 min": (lambda: _optimal(minutes=2.0), 0.0),
+    "optimal: two-axis stand, 3 min": (lambda: _optimal(stand="two-axis", minutes=3.0), 0.0),
+    "optimal: slow stand with end stops, 4 min": (lambda: _optimal(stand=SLOW, minutes=4.0), 0.0),
+    "by hand": (lambda: (imucal.Tumble(1),), 0.0),
+    "by hand that trembles": (lambda: (imucal.Tumble(1),), HAND_TREMOR_DEG),
+    "card of poses, 4 min, by a hand that trembles": (
+        # The simulated hand needs no time to settle: all of each rest counts.
+        lambda: _optimal(stand=dataclasses.replace(NAMED["hand"], settle_s=0.0), minutes=4.0),
+        HAND_TREMOR_DEG,
+    ),
+}
+
+
+@cache
+def case_of(name: str) -> Case:
+    """The case of a program; the search for an optimal one takes seconds."""
+    motions, tremor_deg = PROGRAMS[name]
+    return Case(name, motions(), tremor_deg)
+
+
+def errors_of(name: str, seed: int) -> tuple[np.ndarray, np.ndarray, bool]:
+    """`Case.errors` of a program by its name."""
+    return case_of(name).errors(seed)
+
+
+def _optimal(**options: object) -> tuple[Motion, ...]:
+    return (planned("optimal", **options).motion,)
 
 
 def planned(kind: str | Motion, **options: object) -> imucal.Plan:

@@ -106,7 +106,7 @@ def test_a_gate_counts_an_answer_with_equals_only_if_its_label_says_so():
     case = next(c for c in gap.suite.suite(1.0) if (c.group, c.label, c.level) == wanted)
     strict = "first name right at 5 times the limit"
     lenient = "first name right, alone or before its equals, at 5 times the limit"
-    wrong = "wrong name, one effect hidden"
+    wrong = "wrong name (of equals, no right one), one effect hidden"
     alone = [said(case, "named", ("gyro_bias_drift",))]
     assert met(alone, strict) and met(alone, lenient) and met(alone, wrong)
     first = [said(case, "ambiguous", ("gyro_bias_drift",), ("gyro_bias_warmup",))]
@@ -198,8 +198,8 @@ def test_the_probability_of_a_name_at_the_detection_limit_is_that_of_the_page():
         next(line for line in page.splitlines() if start in line) for start in ("first at 1x", "| imucal")
     )
     measured = dict(zip(title.split(" | "), row.split(" | "), strict=True))["first at 1x"]
-    # Two standard deviations of the share of 280 cases.
-    assert abs(NAMED_AT_LIMIT - float(measured.strip(" %")) / 100) < 0.06
+    # Three standard deviations of the share of 280 cases: the seed of the page is arbitrary.
+    assert abs(NAMED_AT_LIMIT - float(measured.strip(" %")) / 100) < 0.09
 
 
 def test_the_quick_benchmark_runs():

@@ -335,7 +335,8 @@ def explanation(gap: GapFields, name: str) -> Iterator[str]:
         value, unit = for_people(size["value"], size["unit"])
         yield (
             f"detection limit in these recordings: {value:.2g} {unit} rms per parameter; an effect of this "
-            f"size is named with a probability of about {100 * size['chance']:.0f} %"
+            f"size is named, possibly with similar effects, with a probability of about "
+            f"{100 * size['chance']:.0f} %"
         )
     added = next((e for e in gap.effects if e["name"] == name and e["parameters"]), None)
     score = next((score for score in gap.ranking if score["name"] == name), None)
