@@ -10,10 +10,8 @@ import pytest
 import gap.case
 import gap.gates
 import gap.judge
-import gap.kinds
 import gap.limits
 import gap.said
-import gap.sizes
 import gap.suite
 from children import HANGS_S, with_path
 
@@ -170,26 +168,6 @@ def test_a_motion_solves_a_case_only_if_the_truth_is_then_named_alone():
 def test_the_limit_is_where_chi2_has_its_power():
     # One direction, one test: (z_0.995 + z_0.9)^2 = 14.88 is the non-centrality at the limit.
     assert gap.limits.limit(np.array([[2.0]]), 1) == pytest.approx(np.sqrt(14.8794) / 2.0, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("kind", "names"),
-    [
-        ("A", ["gyro_g_sensitivity"]),
-        ("A'", ["gyro_time_offset"]),
-        ("C", ["accel_scale_asymmetry", "encoder_backlash"]),
-    ],
-)
-def test_the_limits_of_the_table_are_those_of_the_prediction(kind: str, names: list[str]):
-    known = {name: gap.sizes.SIZES[name].limit[kind] for name in names}
-    assert gap.limits.limits(kind, names) == pytest.approx(known, rel=5e-3)
-
-
-def test_the_table_has_a_limit_of_each_effect_in_the_data_that_show_it():
-    for kind in ("A", "A'", "C"):
-        of_kind = [name for name, size in gap.sizes.SIZES.items() if kind in size.limit]
-        assert of_kind == gap.kinds.shown(kind)
-    assert all(size.here > 0.0 for size in gap.sizes.SIZES.values())
 
 
 def test_the_probability_of_a_name_at_the_detection_limit_is_that_of_the_page():
