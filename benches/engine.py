@@ -27,12 +27,14 @@ from answers import KeptAnswer, commit, plain, publish
 from imucal.fleet.cluster import DaskPool
 from imucal.fleet.local import Ended, LocalPool, Pool
 
-__all__ = ["Engine", "add_arguments", "engine_of"]
+__all__ = ["Engine", "add_arguments", "engine_of", "own_runs", "own_seeds"]
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "target" / "benches"
 # Attempts of calls whose process ends without an answer, as when it is killed.
 TRIES = 3
+# Distance between the first seeds of two conditions.
+SEEDS_BETWEEN = 10_000
 
 
 @dataclass(frozen=True)
@@ -173,6 +175,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fresh", action="store_true", help="forget the answers of earlier runs")
 
 
+def own_runs(text: str) -> int:
+    """A number of runs from the command line, for conditions with seeds of their own."""
+    runs = int(text)
+    if runs > SEEDS_BETWEEN:
+        raise argparse.ArgumentTypeError(
+            f"{runs}: at most {SEEDS_BETWEEN}, or seeds of two conditions are the same"
+        )
+    return runs
+
+
+def own_seeds(place: int, runs: int) -> range:
+    """Seeds of the condition at this place (from 1), so that the errors of conditions are independent."""
+    return range(SEEDS_BETWEEN * place, SEEDS_BETWEEN * place + runs)
+
+
 def engine_of(given: argparse.Namespace, name: str) -> Engine:
     """The engine of a benchmark with this name."""
     log = FOLDER / f"{name}.sqlite"
@@ -189,7 +206,7 @@ def engine_of(given: argparse.Namespace, name: str) -> Engine:
 
 
 def _code_hash() -> str:
-    """Of the compiled library and the sources of the package, the benches, and the tests that these use."""
+    """Of the compiled library, and sources and JSON files of package, benches and the tests they use."""
     digest = hashlib.sha256(Path(_core.__file__).read_bytes())
     package, benches, tests = Path(os.fspath(imucal.__file__)).parent, ROOT / "benches", ROOT / "tests"
     for folder in (package, benches, tests / "fixtures", tests / "traps"):

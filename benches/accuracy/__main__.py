@@ -22,20 +22,19 @@ from accuracy.figures import SceneFigures
 from accuracy.page import page
 from accuracy.scene import CONDITIONS, HELD, PAPER
 from accuracy.trial import trial
-from engine import Engine, add_arguments, engine_of
+from engine import Engine, add_arguments, engine_of, own_runs, own_seeds
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORT = ROOT / "docs" / "results" / "accuracy.md"
 RUNS = {"paper": 4000, "hand-held": 1000, "conditions": 1000, "contaminated": 100}
-# Distance between the first seeds of two conditions.
-SEEDS_BETWEEN = 10_000
 SCENES = {"paper": (PAPER,), "hand-held": (HELD,), "conditions": CONDITIONS}
 
 
 def many(engine: Engine, runs: int, name: str) -> list[Any]:
-    """The answers of a condition for seeds of its own, so that the errors of conditions are independent."""
-    first = SEEDS_BETWEEN * (1 + list(calls()).index(name))
-    done = engine.map(calls()[name], range(first, first + runs), name=name)
+    """The answers of a condition."""
+    functions = calls()
+    seeds = own_seeds(1 + list(functions).index(name), runs)
+    done = engine.map(functions[name], seeds, name=name)
     return list(track(done, name, total=runs, disable=not sys.stderr.isatty()))
 
 
@@ -49,14 +48,10 @@ def calls() -> dict[str, Callable[[int], Any]]:
 def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("parts", nargs="*", help=f"of {', '.join(RUNS)}; all without any")
-    arguments.add_argument("--runs", type=int, help="seeds of each kind, instead of the full numbers")
+    arguments.add_argument("--runs", type=own_runs, help="seeds of each kind, instead of the full numbers")
     add_arguments(arguments)
     arguments.add_argument("--output", type=Path, help="the page; a part goes to standard output alone")
     given = arguments.parse_args()
-    if given.runs is not None and given.runs > SEEDS_BETWEEN:
-        arguments.error(
-            f"--runs {given.runs}: at most {SEEDS_BETWEEN}, or seeds of two conditions are the same"
-        )
     parts = given.parts or list(RUNS)
     unknown = [part for part in parts if part not in RUNS]
     if unknown:

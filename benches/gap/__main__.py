@@ -127,17 +127,16 @@ def main() -> int:
     only = {"group": given.group, "label": given.label, "level": given.level}
     # Mixed, so that a run that is broken off has seen a bit of everything.
     numbers = sorted(chosen(share, only, given.quick), key=lambda i: suite(share)[i].mixed)
+    numbers = numbers[: given.most]
     work = partial(job, share, not given.no_baselines)
-    numbers, marks = numbers[: given.most], []
     with engine_of(given, "gap") as engine:
         name = name_of(not given.no_baselines, share)
         asked = [(given.seed, number) for number in numbers]
         # A case takes seconds, so each is a task of its own.
         found = engine.map(work, asked, name=name, per_task=1)
-        for done in track(found, "asking", total=len(numbers), disable=given.quick):
-            marks += done
+        done = list(track(found, "asking", total=len(numbers), disable=given.quick))
     # With the digits that are kept, so that the page can be made again.
-    marks = in_order(mark_of(plain(mark)) for mark in marks)
+    marks = in_order(mark_of(plain(mark)) for of_case in done for mark in of_case)
     text = page(marks, given.seed)
     print(text)
     if not given.quick:

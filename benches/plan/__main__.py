@@ -15,15 +15,13 @@ from typing import Any
 
 from rich.progress import track
 
-from engine import add_arguments, engine_of
+from engine import add_arguments, engine_of, own_runs, own_seeds
 from plan.agreement import PROGRAMS, Agreement, case_of, errors_of, planned
 from plan.duration import curve, durations, visible
 from plan.page import figure, gates, page
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 RUNS = 1000
-# Distance between the first seeds of two programs.
-SEEDS_BETWEEN = 10_000
 
 
 def calls() -> dict[str, Callable[[int], Any]]:
@@ -33,14 +31,10 @@ def calls() -> dict[str, Callable[[int], Any]]:
 
 def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--runs", type=int, default=RUNS, help="simulated runs of each program")
+    arguments.add_argument("--runs", type=own_runs, default=RUNS, help="simulated runs of each program")
     add_arguments(arguments)
     arguments.add_argument("--output", type=Path, default=RESULTS, help="folder of plan.md and plan.svg")
     given = arguments.parse_args()
-    if given.runs > SEEDS_BETWEEN:
-        arguments.error(
-            f"--runs {given.runs}: at most {SEEDS_BETWEEN}, or seeds of two programs are the same"
-        )
     with engine_of(given, "plan") as engine:
         searched = engine.call(durations, name="durations")
         points = engine.call(curve, name="curve")
@@ -50,9 +44,8 @@ def main() -> int:
         ):
             case = case_of(name)
             minutes = sum(planned(motion).minutes for motion in case.motions)
-            # Each program has its own seeds, so that the errors of the programs are independent.
-            seeds = range(SEEDS_BETWEEN * number, SEEDS_BETWEEN * number + given.runs)
-            found = list(engine.map(case.errors, seeds, name=name))
+            # The case has its program with it, so that no process searches for it again.
+            found = list(engine.map(case.errors, own_seeds(number, given.runs), name=name))
             agreements.append(Agreement.of(case, minutes, found))
             print(f"{name}: worst {agreements[-1].worst:.3f}", file=sys.stderr, flush=True)
         found_durations, found_points = searched(), points()
