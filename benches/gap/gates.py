@@ -15,8 +15,8 @@ from gap.worth import is_held, is_near, judged
 from gate import Gate
 
 CANCELLING = {"gyro_scale_quadratic", "gyro_scale_asymmetry"}
-# A hand's tremor is a part of the model, and no rule sees uneven sampling with even stamps for sure.
-HARDLY_SEEN = {"rest_not_still", "clock_irregular, even stamps"}
+# A hand's tremor is a part of the model: where the model takes it up, it is no fault.
+TREMOR = "rest_not_still"
 
 
 def gates(marks: Sequence[Mark]) -> list[Gate]:
@@ -59,15 +59,11 @@ def gates(marks: Sequence[Mark]) -> list[Gate]:
         _least("pairs exact", 0.90, [m.exact and is_alone(m) for m in pairs]),
         _least("pairs exact, or with equals beside them", 0.90, [m.exact for m in pairs]),
         _least(
-            "data faults said, but for tremor and for uneven sampling with even stamps",
+            "data faults said, but for tremor",
             0.95,
-            [m.verdict_ok and is_said(m) for m in faults if m.label not in HARDLY_SEEN],
+            [m.verdict_ok and is_said(m) for m in faults if m.label != TREMOR],
         ),
-        _least(
-            "all data faults said, taken up by the model, or found as something unknown",
-            0.95,
-            verdicts(marks, "fault"),
-        ),
+        _least("all data faults said, or taken up by the model", 0.95, verdicts(marks, "fault")),
         _least("one's own effect named", 0.95, [m.exact and is_alone(m) for m in own]),
         _least("confounded: truth named or among rivals", 0.95, verdicts(marks, "confounded")),
         _least("aliases: as the data allow", 0.95, verdicts(marks, "alias")),

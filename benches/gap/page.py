@@ -26,9 +26,9 @@ its result. Unit, noise and program are those of the paper: 46 rests, 320 s, 100
 * Data: A is rotated by hand, A' on a stand (the force inside moves takes part), and C has encoders. T has
   a temperature that rises and falls by 30 K.
 * Limit: the smallest root mean square of the parameters that one recording shows with 90 % power at a
-  family-wise alpha of 0.01. For A and A' it is [predicted independently of the
-  search](../../benches/gap/limits.py); for C it comes from an earlier study. Hidden effects have
-  multiples of this limit, in a random direction of their parameters.
+  family-wise alpha of 0.01, [predicted independently of the search](../../benches/gap/limits.py), for the
+  noise of the unit and, in C, of encoders (0.005 deg). Hidden effects have multiples of this limit, in a
+  random direction of their parameters.
 * Equals: effects that a recording cannot tell apart. An answer that names them is `ambiguous`. A gate
   counts such an answer only if its label says so.
 * Rates are followed by counts and their 95 % interval (Clopper and Pearson).

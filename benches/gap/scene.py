@@ -4,7 +4,7 @@ The unit and the program are those of the paper: 46 rests in random poses, 320 s
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -103,6 +103,8 @@ def simulated(scene: Scene, seed: int, program: imucal.Program | None = None) ->
         or scene.motion
         or (by_hand(seed) if scene.kind in BY_HAND else imucal.Program.random(seed=seed))
     )
+    if isinstance(motion, imucal.Tumble):
+        motion = replace(motion, seed=seed)
     temperature = scene.temperature or (CYCLE if scene.has_temperature else None)
     stand = scene.stand or (CROOKED if scene.has_encoders else None)
     if not isinstance(motion, imucal.Program):

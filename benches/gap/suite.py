@@ -17,7 +17,7 @@ from gap.worth import LEVELS, Worth, worth
 
 TOOL = "imucal"
 # Seed of the cases of the page.
-SEED = 20240
+SEED = 20301
 # The textbook ways are asked, too.
 WITH_BASELINES = ("single", "data", "pair", "triple", "clean", "outside", "off form")
 # The control error is compared with that of a refit with the true effects.

@@ -1,6 +1,6 @@
 //! Converts the options of a calibration from Python.
 
-use imucal::calibrate::{BiasWander, Options, References, UnitWander};
+use imucal::calibrate::{BiasWander, Kinds, Options, References, UnitWander};
 use imucal::error::Error;
 use imucal::frame::Frame;
 use imucal::held::{Hold, KnownAccelerometer, ParameterModel, Priors};
@@ -102,6 +102,7 @@ impl CalibrateOptions<'_> {
             effects: effects.to_python(py)?,
             partly: self.partly.clone(),
             user_fields: self.user_fields.iter().map(|field| field.view(py)).collect::<PyResult<_>>()?,
+            kinds: Kinds::default(),
             folds: self.folds,
             max_iterations: self.max_iterations,
         })

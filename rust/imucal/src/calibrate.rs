@@ -32,9 +32,9 @@ use imucal_core::sensor::Triad;
 use crate::error::Error;
 use crate::frame::Frame;
 use crate::held::Priors;
+use crate::joint::Prepared;
 pub use crate::joint::WarmStart;
-pub use crate::joint::{BiasWander, EffectChoice, Misfit, ResidualScales, TermEstimate, UnitWander, UserField};
-use crate::joint::{Kinds, Prepared};
+pub use crate::joint::{BiasWander, EffectChoice, Kinds, Misfit, ResidualScales, TermEstimate, UnitWander, UserField};
 
 pub use crate::parameters::{parameter_names, parameter_values};
 use crate::recording::Recording;
@@ -99,6 +99,8 @@ pub struct Options<'a> {
     /// User-defined effects. Each effect is given by the derivatives of the sensor reading with respect to the
     /// parameters of the effect, at every sample. These derivatives are the field of the effect.
     pub user_fields: Vec<UserField<'a>>,
+    /// Kinds of residuals that the fit uses even if its effects are observable without them.
+    pub kinds: Kinds,
     /// Number of folds of a cross-validation; `None` without a cross-validation. For each fold, a fit is made without
     /// every `folds`-th move and rest. This fit predicts the omitted moves and rests.
     pub folds: Option<usize>,
@@ -120,6 +122,8 @@ pub struct ModelOptions<'a> {
     /// User-defined effects. Each effect is given by the derivatives of the sensor reading with respect to the
     /// parameters of the effect, at every sample. These derivatives are the field of the effect.
     pub user_fields: Vec<UserField<'a>>,
+    /// Kinds of residuals that the fit uses even if its effects are observable without them.
+    pub kinds: Kinds,
     /// Number of folds of a cross-validation; `None` without a cross-validation. For each fold, a fit is made without
     /// every `folds`-th move and rest. This fit predicts the omitted moves and rests.
     pub folds: Option<usize>,
@@ -160,8 +164,8 @@ impl<'a> Options<'a> {
 
     /// The options that describe the model to be fitted.
     pub fn model(&self) -> ModelOptions<'a> {
-        let Self { effects, partly, user_fields, folds, .. } = self.clone();
-        ModelOptions { effects, partly, user_fields, folds }
+        let Self { effects, partly, user_fields, kinds, folds, .. } = self.clone();
+        ModelOptions { effects, partly, user_fields, kinds, folds }
     }
 
     /// A copy of these options in which `model` replaces the model options.
@@ -169,8 +173,8 @@ impl<'a> Options<'a> {
     where
         'a: 'b,
     {
-        let ModelOptions { effects, partly, user_fields, folds } = model.clone();
-        Options { effects, partly, user_fields, folds, ..self.clone() }
+        let ModelOptions { effects, partly, user_fields, kinds, folds } = model.clone();
+        Options { effects, partly, user_fields, kinds, folds, ..self.clone() }
     }
 }
 
@@ -203,6 +207,11 @@ impl Options<'_> {
         self.effects.iter().any(drifts) || !self.user_fields.is_empty()
     }
 
+    /// The kinds of residuals that the fit uses.
+    fn kinds(&self) -> Kinds {
+        Kinds::needed_by(&self.effects).and(self.kinds)
+    }
+
     fn has_effects(&self) -> bool {
         !self.effects.is_empty() || !self.user_fields.is_empty()
     }
@@ -224,6 +233,7 @@ impl Default for Options<'_> {
             effects: Vec::new(),
             partly: Vec::new(),
             user_fields: Vec::new(),
+            kinds: Kinds::default(),
             folds: None,
             max_iterations: MAX_ITERATIONS,
         }

@@ -88,7 +88,7 @@ pub use residuals_by_place::{ChannelResidual, Dependence, ItemResidual, Residual
 pub use session::SessionStep;
 pub use verdict::{Contradiction, Rivals, Verdict};
 
-use crate::calibrate::WarmStart;
+use crate::calibrate::{Kinds, WarmStart};
 
 /// The result of a forward search over candidate effects.
 #[derive(Clone, Debug)]
@@ -124,6 +124,8 @@ pub struct Search {
     /// estimates differ significantly from the estimates with the motor angles, the field instead contains the ratio of
     /// this difference to its noise, with the name `stand_and_sensors`.
     pub scattering_rests: Option<Scattering>,
+    /// Kinds of residuals that the search uses.
+    pub kinds: Kinds,
     /// Whether the search ignores accelerometer samples inside moves. It ignores them if the unit was moved by hand,
     /// because the specific force then contains accelerations in addition to gravity. It also ignores them if the
     /// accelerometer noise is far below the quantisation step, because the rounding errors of consecutive samples are

@@ -52,9 +52,8 @@ mod derivatives;
 mod tests;
 
 use crate::parameters::BASE;
-pub use choices::{EffectChoice, UserField};
+pub use choices::{EffectChoice, Kinds, UserField};
 
-pub(crate) use choices::Kinds;
 pub(crate) use encoders::{Encoders, StandModel, mount_rotation};
 pub(crate) use fields::{Field, move_segments};
 pub(crate) use histories::SharedHistories;

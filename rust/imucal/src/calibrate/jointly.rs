@@ -256,7 +256,7 @@ impl UnitData<'_> {
 
     fn terms<'b>(&self, options: &'b Options<'_>) -> Result<Terms<'b>, Error> {
         let samples: Vec<usize> = self.recordings.iter().map(Recording::len).collect();
-        let kinds = Kinds::needed_by(&options.effects);
+        let kinds = options.kinds();
         let mut terms = Terms::try_new(&options.effects, &options.user_fields, &samples, kinds)?;
         terms.allow_partly(&options.partly);
         Ok(terms)
@@ -270,7 +270,7 @@ impl UnitData<'_> {
         wander: Wander,
         work: impl FnOnce(&Prepared<'_>) -> Result<T, Error>,
     ) -> Result<T, Error> {
-        let kinds = Kinds::needed_by(&options.effects);
+        let kinds = options.kinds();
         self.prepared_for(selection, model, options, (kinds, options.may_drift(), wander), work)
     }
 

@@ -6,10 +6,11 @@ use std::rc::Rc;
 use imucal_core::effects::{Effect, Need, Sensor};
 use nalgebra::{DMatrix, DVector};
 
-use super::Score;
 use super::fits::{Control, Fit, Fits};
 use super::forward_search::OF_TIME;
 use super::temperature_memory::is_temperature_of_lag;
+use super::{Score, Search};
+use crate::calibrate::Kinds;
 use crate::error::Error;
 use crate::joint::is_unobservable_hand_held;
 use crate::numerics::stats::p_value;
@@ -131,6 +132,11 @@ impl Refusal {
             _ => None,
         }
     }
+
+    /// Whether the effect may have been refused because the residuals of the fit hardly determine its parameters.
+    fn may_be_undetermined(&self) -> bool {
+        matches!(self, Self::PredictsWorse { .. } | Self::NotSignificant { .. }) && self.of_time().is_none()
+    }
 }
 
 /// Share of the excess chi2 (chi2 beyond noise) of unseen data that one accepted effect removes, for each kind of
@@ -167,11 +173,30 @@ pub(super) struct Accepted {
 }
 
 impl Fits<'_> {
+    /// Accepts or refuses the effects that the search has selected. The search uses more kinds of residuals than the
+    /// fits, which use them only if an effect is not observable without them. If such residuals determine an effect
+    /// much better than the others, the effect may be refused although it is present. The selected effects are then
+    /// tried again by fits that use all residuals of the search. These residuals may also show errors of the stand, so
+    /// each effect then has to improve the prediction of unseen data.
+    pub(super) fn accept(&mut self, before: &Rc<Fit>, search: &Search) -> Result<Accepted, Error> {
+        let accepted = self.accept_selected(before, &search.path)?;
+        if !accepted.refused.iter().any(Refusal::may_be_undetermined) {
+            return Ok(accepted);
+        }
+        self.use_kinds(search.kinds);
+        let again = self.accept_selected(before, &search.path)?;
+        if again.path.len() > accepted.path.len() {
+            return Ok(again);
+        }
+        self.use_kinds(Kinds::default());
+        Ok(accepted)
+    }
+
     /// Tries the selected effects in order of selection. An effect is accepted if it does not make the prediction of
     /// unseen data worse. Effects with little evidence, and effects that are functions of time, must also improve the
     /// prediction. If the model with all selected effects predicts unseen data better than the model with the accepted
     /// effects, all selected effects are accepted.
-    pub(super) fn accept(&mut self, before: &Rc<Fit>, selected: &[Score]) -> Result<Accepted, Error> {
+    fn accept_selected(&mut self, before: &Rc<Fit>, selected: &[Score]) -> Result<Accepted, Error> {
         let path: Vec<String> = selected.iter().map(|score| score.name.clone()).collect();
         let path = path.as_slice();
         let must_improve = |name: &String| {
@@ -185,6 +210,7 @@ impl Fits<'_> {
                 && !is_temperature_of_lag(name, path.iter())
                 && selected.iter().any(|score| score.name == *name && score.log_bayes_factor < CERTAIN_NATS)
         };
+        let uses_more = self.kinds != Kinds::default();
         let mut accepted = Accepted { path: Vec::new(), fit: Rc::clone(before), refused: Vec::new() };
         for name in path {
             let names = [accepted.path.as_slice(), std::slice::from_ref(name)].concat();
@@ -205,7 +231,7 @@ impl Fits<'_> {
                 // function of time does not improve the prediction. An improvement is therefore required, however large
                 // the evidence is.
                 true => removed.significance_of_all > LEAST_IMPROVEMENT,
-                false => !must_improve(name) || removed.significance > LEAST_IMPROVEMENT,
+                false => !(must_improve(name) || uses_more) || removed.significance > LEAST_IMPROVEMENT,
             };
             if fit.is_worse_than(&accepted.fit, before, needs_heading(name)) || !is_confirmed {
                 let [after, before] = [&fit, &accepted.fit].map(|fit| fit.unseen_chi2(before));

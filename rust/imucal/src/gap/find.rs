@@ -197,7 +197,7 @@ impl Fits<'_> {
         let mut choices = self.options.choices();
         let first = self.search(before, &choices, false)?;
         let (search, earth) = self.without_other_rates(before, &choices, first)?;
-        let accepted = self.accept(before, &search.path)?;
+        let accepted = self.accept(before, &search)?;
         let refused: Vec<Refusal> = accepted.refused.iter().filter(|own| own.of_time().is_some()).cloned().collect();
         if refused.is_empty() {
             return Ok((search, earth, accepted));
@@ -207,7 +207,7 @@ impl Fits<'_> {
         choices.retain(|own| !(OF_TIME.contains(&own.effect.name) && sensors.contains(&own.effect.sensor)));
         let again = self.search_again(before, &choices, search)?;
         let (search, earth) = self.without_other_rates(before, &choices, again)?;
-        let mut accepted = self.accept(before, &search.path)?;
+        let mut accepted = self.accept(before, &search)?;
         accepted.refused.extend(refused);
         Ok((search, earth, accepted))
     }

@@ -11,7 +11,7 @@ use super::Score;
 use super::options::{GapOptions, Progress};
 use super::session::SessionStep;
 use crate::calibrate::{
-    Checked, CorrectedSamples, EffectChoice, ModelOptions, Outcome, WarmStart, require_independent, rest_ranges,
+    Checked, CorrectedSamples, EffectChoice, Kinds, ModelOptions, Outcome, WarmStart, require_independent, rest_ranges,
 };
 use crate::correct::{correct, require_surroundings};
 use crate::error::Error;
@@ -69,18 +69,35 @@ pub(super) struct Fits<'a> {
     pub(super) warm_start: Option<WarmStart>,
     /// Number of parameters in the selected form (for example linear or quadratic) of each selected effect.
     forms: Vec<(String, usize)>,
+    /// Kinds of residuals that fits with effects use even if their effects are observable without them.
+    pub(super) kinds: Kinds,
     made: Vec<Rc<Fit>>,
 }
 
 impl<'a> Fits<'a> {
     pub(super) fn new(checked: &'a Checked<'a>, control: &'a [Recording<'a>], options: &'a GapOptions<'a>) -> Self {
-        Self { checked, control, options, warm_start: None, forms: Vec::new(), made: Vec::new() }
+        Self {
+            checked,
+            control,
+            options,
+            warm_start: None,
+            forms: Vec::new(),
+            kinds: Kinds::default(),
+            made: Vec::new(),
+        }
     }
 
     /// Sets the forms of the effects for the next fits: each selected effect gets the form that the search selected.
     /// Earlier fits with effects are discarded.
     pub(super) fn use_forms(&mut self, path: &[Score]) {
         self.forms = path.iter().map(|score| (score.name.clone(), score.parameters)).collect();
+        self.use_kinds(Kinds::default());
+    }
+
+    /// Sets the kinds of residuals that the next fits with effects use even if their effects are observable without
+    /// them. Earlier fits with effects are discarded.
+    pub(super) fn use_kinds(&mut self, kinds: Kinds) {
+        self.kinds = kinds;
         self.made.retain(|fit| fit.effects.is_empty());
     }
 
@@ -143,6 +160,7 @@ impl<'a> Fits<'a> {
             effects: partly.iter().map(choice).collect::<Result<_, Error>>()?,
             partly,
             user_fields: Vec::new(),
+            kinds: if names.is_empty() { Kinds::default() } else { self.kinds },
             folds: self.control.is_empty().then_some(FOLDS),
         })
     }

@@ -319,6 +319,7 @@ impl<'a> ForwardSearch<'a> {
             smallest_visible,
             traces,
             scattering_rests: contradiction.or_else(|| scattering_rests(&stage, &plain_scales)),
+            kinds: self.kinds,
             is_hand_moved: !self.kinds.in_motion,
             warm_start: stage.warm_start(),
         })

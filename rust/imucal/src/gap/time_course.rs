@@ -43,9 +43,6 @@ use crate::joint::{Kinds, Prepared, Terms};
 /// A smooth or switching time course replaces the random walk only if its log evidence exceeds that of the random walk
 /// and that of independent deviations by more than this number of nats. 8 nats are odds of 3000 to 1.
 const LEAST: f64 = 8.0;
-/// A random walk is reported only if its log evidence exceeds the log evidence of independent deviations by more than
-/// this number of nats. 3 nats are odds of 20 to 1.
-const LEAST_OF_WALK: f64 = 3.0;
 /// Minimum number of epochs (rests and moves). With fewer epochs, the time courses are not distinguished.
 const LEAST_EPOCHS: usize = 8;
 /// Trial sizes of the deviation, in multiples of a first estimate for each axis. The first estimate includes the noise
@@ -134,8 +131,8 @@ struct Observed {
 impl Observed {
     /// Selects the time course and returns its kernel; `None` for a random walk. A smooth or switching time course is
     /// selected if its log evidence exceeds that of the random walk and that of independent deviations by more than
-    /// [`LEAST`] nats. Otherwise, the random walk is selected if its log evidence exceeds that of independent
-    /// deviations by at least [`LEAST_OF_WALK`] nats.
+    /// [`LEAST`] nats. Otherwise, the random walk and independent deviations are compared, and the one with the larger
+    /// log evidence is selected.
     fn kernel(&self) -> Option<Kernel> {
         let end_s = self.epochs.iter().map(|epoch| epoch.time_s).fold(0.0, f64::max);
         let walk = self.best_of(self.steps()?, |a, b| a.time_s.min(b.time_s) / end_s)?;
@@ -151,7 +148,7 @@ impl Observed {
         let best = smooth.into_iter().chain(switching).max_by(|a, b| a.0.total_cmp(&b.0));
         match best.filter(|(log, _)| *log > walk.max(white) + LEAST) {
             Some((_, kernel)) => Some(kernel),
-            None => (walk < white + LEAST_OF_WALK).then_some(Kernel::White),
+            None => (walk < white).then_some(Kernel::White),
         }
     }
 
@@ -438,6 +435,23 @@ mod tests {
             Box::new(move |k| path[k])
         });
         assert!(count(&found, None) >= 19, "{found:?}");
+    }
+
+    /// The steps of this walk are smaller than the noise of the epochs, so the walk is hardly more likely than
+    /// independent deviations.
+    #[test]
+    fn a_weak_random_walk_stays_a_random_walk() {
+        let found = kernels(|random| {
+            let mut at = [0.0; 3];
+            let path: Vec<[f64; 3]> = (0..EPOCHS)
+                .map(|_| {
+                    at.iter_mut().for_each(|x| *x += 0.25 * NOISE * normal(random));
+                    at
+                })
+                .collect();
+            Box::new(move |k| path[k])
+        });
+        assert!(count(&found, None) >= 16, "{found:?}");
     }
 
     #[test]

@@ -16,7 +16,7 @@ use super::clock::clock_and_noise_faults;
 use super::fits::{Control, Fit};
 use super::mount::{StandRest, mount_slips};
 use super::remainder::{Remainder, RemainderKind};
-use super::{Score, Search};
+use super::{Block, GenericFinding, Score, Search};
 use crate::finding::{Finding, Severity};
 use crate::joint::is_unobservable_hand_held;
 use crate::recording::Recording;
@@ -213,9 +213,17 @@ impl Basis<'_> {
         let mut faults: Vec<Finding> = before.outcome.findings.iter().filter(is_fault).cloned().collect();
         // All faults except an irregular clock and missing samples disturb the noise estimates and the residuals of
         // moves.
-        let are_disturbing = faults.iter().any(|fault| !["clock_irregular", "samples_missing"].contains(&fault.code));
-        if slips.is_empty() && path.is_empty() && search.generic.is_none() && !are_disturbing {
-            faults.extend(clock_and_noise_faults(&before.outcome, recordings));
+        let mut are_disturbing =
+            faults.iter().any(|fault| !["clock_irregular", "samples_missing"].contains(&fault.code));
+        // The residuals that wrong sampling instants or a larger noise cause inside moves may resemble a variation of
+        // the gyroscope's scale. The motion of a hand is not smooth enough to tell these faults from such a variation.
+        let resembles_fault =
+            |generic: &GenericFinding| generic.block == Block::GyroscopeScale && !search.is_hand_moved;
+        if slips.is_empty() && path.is_empty() && search.generic.as_ref().is_none_or(resembles_fault) && !are_disturbing
+        {
+            let found = clock_and_noise_faults(&before.outcome, recordings);
+            are_disturbing = !found.is_empty();
+            faults.extend(found);
         }
         if faults.iter().any(|fault| fault.code == "clock_irregular") {
             // If the clock is irregular, a long sample interval does not prove that samples are missing.

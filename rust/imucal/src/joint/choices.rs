@@ -47,13 +47,13 @@ pub struct UserField<'a> {
 
 /// Kinds of residuals that a fit may use in addition to the three kinds of every fit: force norms at rests, mean rates
 /// at rests, and gravity directions after moves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Kinds {
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Kinds {
     /// Whether the fit uses the specific force inside the moves (model.md (20)).
-    pub(crate) in_motion: bool,
+    pub in_motion: bool,
     /// Whether the fit uses the encoder angles of a stand (model.md (21)). It then also estimates the parameters of the
     /// stand.
-    pub(crate) encoders: bool,
+    pub encoders: bool,
 }
 
 impl Kinds {
@@ -63,6 +63,11 @@ impl Kinds {
             in_motion: choices.iter().any(|choice| choice.effect.needs.contains(&Need::AngularAcceleration)),
             encoders: choices.iter().any(|choice| choice.effect.sensor == Sensor::Encoder),
         }
+    }
+
+    /// The kinds that are in `self`, in `other`, or in both.
+    pub(crate) fn and(self, other: Self) -> Self {
+        Self { in_motion: self.in_motion || other.in_motion, encoders: self.encoders || other.encoders }
     }
 
     /// Whether the fit uses residuals inside the moves. These are residuals of the specific force, or of the attitude
