@@ -17,6 +17,7 @@ from gate import Gate
 CANCELLING = {"gyro_scale_quadratic", "gyro_scale_asymmetry"}
 # A hand's tremor is a part of the model: where the model takes it up, it is no fault.
 TREMOR = "rest_not_still"
+EVEN_STAMPS = "clock_irregular, even stamps"
 
 
 def gates(marks: Sequence[Mark]) -> list[Gate]:
@@ -59,9 +60,14 @@ def gates(marks: Sequence[Mark]) -> list[Gate]:
         _least("pairs exact", 0.90, [m.exact and is_alone(m) for m in pairs]),
         _least("pairs exact, or with equals beside them", 0.90, [m.exact for m in pairs]),
         _least(
-            "data faults said, but for tremor",
+            "data faults said, but for tremor and for uneven sampling with even stamps",
             0.95,
-            [m.verdict_ok and is_said(m) for m in faults if m.label != TREMOR],
+            [m.verdict_ok and is_said(m) for m in faults if m.label not in (TREMOR, EVEN_STAMPS)],
+        ),
+        _least(
+            "uneven sampling with even stamps said",
+            0.95,
+            [m.verdict_ok and is_said(m) for m in faults if m.label == EVEN_STAMPS],
         ),
         _least("all data faults said, or taken up by the model", 0.95, verdicts(marks, "fault")),
         _least("one's own effect named", 0.95, [m.exact and is_alone(m) for m in own]),

@@ -102,6 +102,13 @@ def of_analysis(question: Question, analysis: _core.GapAnalysis) -> Iterator[str
             else "the unit was translated during the moves"
         )
         yield f"{why}: the specific force inside them is not used"
+    if analysis.after is not None and any(analysis.after.more_residuals):
+        kinds = ("the specific force inside the moves", "the angles of the stand")
+        used = [name for name, is_used in zip(kinds, analysis.after.more_residuals, strict=True) if is_used]
+        yield (
+            f"the fit with the effects also uses {' and '.join(used)}, because the other residuals hardly "
+            "determine the effects; `imucal calibrate --effects` does not use them"
+        )
     if analysis.chi2_of_given is not None:
         yield from _refit_alone(analysis.chi2_of_given, question)
 

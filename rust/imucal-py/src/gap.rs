@@ -112,6 +112,9 @@ pub(crate) struct GapFit {
     effects: Vec<String>,
     outcome: Py<Outcome>,
     control: Option<Py<Evaluation>>,
+    /// Kinds of residuals that the fit uses although its effects are observable without them: whether these are the
+    /// specific force inside moves, and whether they are the angles of the stand.
+    more_residuals: (bool, bool),
 }
 
 /// Fits and evidence of a search; see `imucal::gap::Analysis`.
@@ -211,7 +214,8 @@ impl Sets<'_> {
         let diagnosis = diagnosis::diagnose(&fit.outcome, self.recordings);
         let control = fit.control.map(|control| Py::new(py, Evaluation::new(py, control.evaluation, self.control)?));
         let outcome = Py::new(py, Outcome::new(py, fit.outcome, diagnosis, self.recordings, self.options)?)?;
-        Py::new(py, GapFit { effects: fit.effects, outcome, control: control.transpose()? })
+        let more_residuals = (fit.kinds.in_motion, fit.kinds.encoders);
+        Py::new(py, GapFit { effects: fit.effects, outcome, control: control.transpose()?, more_residuals })
     }
 
     fn analysis(&self, py: Python<'_>, found: library::Analysis) -> PyResult<Py<GapAnalysis>> {

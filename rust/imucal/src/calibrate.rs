@@ -193,9 +193,9 @@ impl Options<'_> {
         Ok(())
     }
 
-    /// Whether the result is from the joint fit. Effects and priors require the joint fit.
+    /// Whether the result is from the joint fit. Effects, priors and additional kinds of residuals require the joint fit.
     fn is_joint(&self) -> bool {
-        self.joint || self.has_effects() || !self.priors.is_empty()
+        self.joint || self.has_effects() || self.kinds != Kinds::default() || !self.priors.is_empty()
     }
 
     /// Whether the readings of a sensor may drift during a rest, because a requested effect depends on time or
@@ -209,7 +209,7 @@ impl Options<'_> {
 
     /// The kinds of residuals that the fit uses.
     fn kinds(&self) -> Kinds {
-        Kinds::needed_by(&self.effects).and(self.kinds)
+        Kinds::needed_by(&self.effects).union(self.kinds)
     }
 
     fn has_effects(&self) -> bool {

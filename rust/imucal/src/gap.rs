@@ -63,6 +63,7 @@ mod residual_kinds;
 mod residuals_by_place;
 mod revise;
 mod score;
+mod second_trial;
 mod session;
 mod shares;
 mod smooth;

@@ -6,11 +6,10 @@ use std::rc::Rc;
 use imucal_core::effects::{Effect, Need, Sensor};
 use nalgebra::{DMatrix, DVector};
 
+use super::Score;
 use super::fits::{Control, Fit, Fits};
 use super::forward_search::OF_TIME;
 use super::temperature_memory::is_temperature_of_lag;
-use super::{Score, Search};
-use crate::calibrate::Kinds;
 use crate::error::Error;
 use crate::joint::is_unobservable_hand_held;
 use crate::numerics::stats::p_value;
@@ -30,6 +29,9 @@ const CERTAIN_NATS: f64 = 8.0;
 /// of the decrease. The threshold applies only to effects with a log Bayes factor below [`CERTAIN_NATS`], and to
 /// effects that are functions of time.
 const LEAST_IMPROVEMENT: f64 = 0.5;
+/// As [`LEAST_IMPROVEMENT`], for chi2 of all unseen residuals together, if the fits use kinds of residuals that their
+/// effects do not need. These residuals may show errors of the stand, which are not in other recordings.
+const LEAST_IMPROVEMENT_BY_MORE: f64 = 1.0;
 /// The share [`EffectShare::closed`] = decrease of chi2 / excess of chi2 over noise is computed only if chi2 of unseen
 /// data without effects exceeds this multiple of its expected value. At smaller multiples, the excess is too small to
 /// be used as a divisor.
@@ -134,8 +136,8 @@ impl Refusal {
     }
 
     /// Whether the effect may have been refused because the residuals of the fit hardly determine its parameters.
-    fn may_be_undetermined(&self) -> bool {
-        matches!(self, Self::PredictsWorse { .. } | Self::NotSignificant { .. }) && self.of_time().is_none()
+    pub(super) fn may_be_undetermined(&self) -> bool {
+        matches!(self, Self::PredictsWorse { .. } | Self::NotSignificant { .. })
     }
 }
 
@@ -169,36 +171,29 @@ pub(super) struct Accepted {
     pub(super) path: Vec<String>,
     /// The fit with the accepted effects.
     pub(super) fit: Rc<Fit>,
+    /// The fit without effects that uses the same kinds of residuals.
+    pub(super) reference: Rc<Fit>,
     pub(super) refused: Vec<Refusal>,
 }
 
 impl Fits<'_> {
-    /// Accepts or refuses the effects that the search has selected. The search uses more kinds of residuals than the
-    /// fits, which use them only if an effect is not observable without them. If such residuals determine an effect
-    /// much better than the others, the effect may be refused although it is present. The selected effects are then
-    /// tried again by fits that use all residuals of the search. These residuals may also show errors of the stand, so
-    /// each effect then has to improve the prediction of unseen data.
-    pub(super) fn accept(&mut self, before: &Rc<Fit>, search: &Search) -> Result<Accepted, Error> {
-        let accepted = self.accept_selected(before, &search.path)?;
-        if !accepted.refused.iter().any(Refusal::may_be_undetermined) {
-            return Ok(accepted);
-        }
-        self.use_kinds(search.kinds);
-        let again = self.accept_selected(before, &search.path)?;
-        if again.path.len() > accepted.path.len() {
-            return Ok(again);
-        }
-        self.use_kinds(Kinds::default());
-        Ok(accepted)
-    }
-
     /// Tries the selected effects in order of selection. An effect is accepted if it does not make the prediction of
     /// unseen data worse. Effects with little evidence, and effects that are functions of time, must also improve the
     /// prediction. If the model with all selected effects predicts unseen data better than the model with the accepted
     /// effects, all selected effects are accepted.
-    fn accept_selected(&mut self, before: &Rc<Fit>, selected: &[Score]) -> Result<Accepted, Error> {
+    ///
+    /// `before` is the first fit without effects, and `reference` the fit without effects that uses the same kinds of
+    /// residuals as the fits with effects. If these are not the kinds of `before`, every effect must improve the
+    /// prediction of unseen data significantly, and effects are not accepted together.
+    pub(super) fn accept_selected(
+        &mut self,
+        before: &Rc<Fit>,
+        reference: &Rc<Fit>,
+        selected: &[Score],
+    ) -> Result<Accepted, Error> {
         let path: Vec<String> = selected.iter().map(|score| score.name.clone()).collect();
         let path = path.as_slice();
+        let has_more_residuals = self.kinds != before.kinds;
         let must_improve = |name: &String| {
             let effect = Effect::<f64>::find(name);
             // Effects of the stand, and effects that act only inside moves, hardly change the residuals at rests and
@@ -208,10 +203,15 @@ impl Fits<'_> {
                 effect.is_none_or(|own| own.sensor != Sensor::Encoder) && !is_unobservable_hand_held(name);
             is_of_rests
                 && !is_temperature_of_lag(name, path.iter())
-                && selected.iter().any(|score| score.name == *name && score.log_bayes_factor < CERTAIN_NATS)
+                && (has_more_residuals
+                    || selected.iter().any(|score| score.name == *name && score.log_bayes_factor < CERTAIN_NATS))
         };
-        let uses_more = self.kinds != Kinds::default();
-        let mut accepted = Accepted { path: Vec::new(), fit: Rc::clone(before), refused: Vec::new() };
+        let mut accepted = Accepted {
+            path: Vec::new(),
+            fit: Rc::clone(reference),
+            reference: Rc::clone(reference),
+            refused: Vec::new(),
+        };
         for name in path {
             let names = [accepted.path.as_slice(), std::slice::from_ref(name)].concat();
             let fit = match unless_it_fails(self.with(&names))? {
@@ -231,7 +231,10 @@ impl Fits<'_> {
                 // function of time does not improve the prediction. An improvement is therefore required, however large
                 // the evidence is.
                 true => removed.significance_of_all > LEAST_IMPROVEMENT,
-                false => !(must_improve(name) || uses_more) || removed.significance > LEAST_IMPROVEMENT,
+                false if has_more_residuals => {
+                    !must_improve(name) || removed.significance_of_all > LEAST_IMPROVEMENT_BY_MORE
+                }
+                false => !must_improve(name) || removed.significance > LEAST_IMPROVEMENT,
             };
             if fit.is_worse_than(&accepted.fit, before, needs_heading(name)) || !is_confirmed {
                 let [after, before] = [&fit, &accepted.fit].map(|fit| fit.unseen_chi2(before));
@@ -243,12 +246,13 @@ impl Fits<'_> {
         }
         // Effects that do not improve the prediction when they are added one by one may improve it together.
         if accepted.path.len() < path.len()
+            && !has_more_residuals
             && let Ok(fit) = unless_it_fails(self.with(path))?
             && fit.unseen_chi2(before) < accepted.fit.unseen_chi2(before)
             && (!accepted.refused.iter().any(|own| own.of_time().is_some())
                 || fit.removed(&accepted.fit).significance_of_all > LEAST_IMPROVEMENT)
         {
-            accepted = Accepted { path: path.to_vec(), fit, refused: Vec::new() };
+            accepted = Accepted { path: path.to_vec(), fit, refused: Vec::new(), ..accepted };
         }
         let accepted = self.significant(accepted)?;
         self.without_smoothing(accepted)

@@ -25,6 +25,11 @@ const SIGNIFICANT: f64 = 25.0;
 /// Time-stamp errors are ignored if they increase the noise variance of the angular rate inside moves by less than this
 /// fraction.
 const HARMLESS: f64 = 0.1;
+/// A fault explains the residuals of moves if the variance that it adds to the noise of the rates is at least this share
+/// of the excess variance of these residuals, both as multiples of the noise variance. Wrong sampling instants and white
+/// noise increase both variances about equally. The share is small because the largest errors of the rates are left out
+/// as outliers ([`JUMP`]).
+const EXPLAINS: f64 = 0.25;
 /// Half-width of the five-point stencil of a fourth difference, samples.
 const REACH: usize = 2;
 /// Distance between two independent fourth differences, samples. Two fourth differences at this distance share no
@@ -46,18 +51,27 @@ const SMALLEST_JITTER: f64 = -3.0;
 const JITTERS: usize = 60;
 
 /// Tests the time stamps of each recording for errors. If no recording has such errors, tests the recordings for excess
-/// noise inside moves instead. `outcome` is the result of a fit without effects to these recordings.
-pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<'_>]) -> Vec<Finding> {
+/// noise inside moves instead. `outcome` is the result of a fit without effects to these recordings. If `must_explain`
+/// is true, only faults that explain at least [`EXPLAINS`] of the excess residuals of moves are reported.
+pub(super) fn clock_and_noise_faults(
+    outcome: &Outcome,
+    recordings: &[Recording<'_>],
+    must_explain: bool,
+) -> Vec<Finding> {
     let differences: Vec<Differences> =
         (0..recordings.len()).map(|k| Differences::of(outcome, recordings, k)).collect();
+    let least_excess = match outcome.joint_scales {
+        Some(scales) if must_explain => EXPLAINS * (scales.moves.powi(2) - 1.0),
+        _ => 0.0,
+    };
     let each = || differences.iter().zip(recordings);
-    let clock: Vec<Finding> = each().filter_map(|(own, recording)| own.stamp_fault(recording)).collect();
+    let clock: Vec<Finding> = each().filter_map(|(own, recording)| own.stamp_fault(recording, least_excess)).collect();
     if !clock.is_empty() {
         return clock;
     }
     match outcome.joint_scales {
         Some(scales) if scales.moves > 1.0 && scales.norms <= 1.0 => {
-            each().filter_map(|(own, recording)| own.noise_fault(recording, scales.moves)).collect()
+            each().filter_map(|(own, recording)| own.noise_fault(recording, scales.moves, least_excess)).collect()
         }
         _ => Vec::new(),
     }
@@ -110,12 +124,13 @@ impl Differences {
     }
 
     /// Reports time stamps that differ from the true sampling instants. This fault is detected if evenly spaced
-    /// sampling instants explain the angular rates better than the time stamps do.
-    fn stamp_fault(&self, recording: &Recording<'_>) -> Option<Finding> {
+    /// sampling instants explain the angular rates better than the time stamps do. `least_excess` is the smallest
+    /// variance of the errors that is reported, as a multiple of the noise variance.
+    fn stamp_fault(&self, recording: &Recording<'_>, least_excess: f64) -> Option<Finding> {
         // Expected value of each fourth difference, in standard deviations of the noise, if the samples were taken at
         // the recorded, uneven time stamps. If they were taken at even intervals, the expected value is zero.
         let late: Vec<f64> = self.slopes.iter().zip(&self.stamps_s).map(|(slope, stamp)| slope * stamp).collect();
-        if late.is_empty() || mean_square(&late) < HARMLESS {
+        if late.is_empty() || mean_square(&late) < HARMLESS.max(least_excess) {
             return None;
         }
         let gain: f64 = self.noise.iter().zip(&late).map(|(noise, late)| (noise - late).powi(2) - noise.powi(2)).sum();
@@ -139,8 +154,9 @@ impl Differences {
 
     /// Reports why residuals of moves exceed noise while residuals of rests do not. The two tested causes are jitter of
     /// the time stamps, and gyroscope noise that is larger in motion. `widened` is the factor by which the calibration
-    /// increased the standard deviations of the residuals of moves.
-    fn noise_fault(&self, recording: &Recording<'_>, widened: f64) -> Option<Finding> {
+    /// increased the standard deviations of the residuals of moves. `least_excess` is as in
+    /// [`stamp_fault`](Self::stamp_fault).
+    fn noise_fault(&self, recording: &Recording<'_>, widened: f64, least_excess: f64) -> Option<Finding> {
         if self.noise.is_empty() {
             return None;
         }
@@ -157,7 +173,7 @@ impl Differences {
         let first_best = |best: (f64, f64), other: (f64, f64)| if other.1 > best.1 { other } else { best };
         let (jitter_s, by_jitter) = of_jitter.reduce(first_best)?;
         let by_noise = log_likelihood(&|_| factor);
-        if factor <= 1.0 || 2.0 * (by_jitter.max(by_noise) - log_likelihood(&|_| 1.0)) < SIGNIFICANT {
+        if factor <= 1.0 + least_excess || 2.0 * (by_jitter.max(by_noise) - log_likelihood(&|_| 1.0)) < SIGNIFICANT {
             return None;
         }
         let fault = |code| Finding { count: 1, ..Finding::warning(code, recording.name) };

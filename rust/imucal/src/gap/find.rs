@@ -134,15 +134,21 @@ pub fn find_gap(
         fit => fit?,
     };
     let (search, earth, accepted) = fits.search_and_accept(&before)?;
-    let Accepted { path, fit: after, mut refused } = accepted;
+    let Accepted { path, fit: after, reference, mut refused } = accepted;
     let mut not_the_earth = None;
     match earth {
         Earth::Possible => {}
         Earth::NotFitted(error) => refused.push(Refusal::NotFitted { name: earth::NAME.into(), error }),
         Earth::Other(other) => not_the_earth = Some(other),
     }
-    let basis =
-        Basis { recordings: checked.recordings(), search: &search, path: &path, before: &before, after: &after };
+    let basis = Basis {
+        recordings: checked.recordings(),
+        search: &search,
+        path: &path,
+        before: &before,
+        reference: &reference,
+        after: &after,
+    };
     let judgement = basis.judge();
     let after = judgement.verdict.has_effects().then_some(after);
     let last = after.as_ref().unwrap_or(&before);
@@ -158,7 +164,7 @@ pub fn find_gap(
     let corrected_errors = after.as_ref().map(|after| fits.corrected_errors(&before, after)).transpose()?;
     let joined = |name: &String| search.path.iter().find(|score| score.name == *name).cloned();
     let effects = if after.is_some() { path.iter().filter_map(joined).collect() } else { Vec::new() };
-    let shares = if after.is_some() { fits.shares(&before, &path)? } else { Vec::new() };
+    let shares = if after.is_some() { fits.shares(&reference, &path)? } else { Vec::new() };
     let analysis = Analysis {
         before: Fit::clone(&before),
         after: after.map(|fit| Fit::clone(&fit)),

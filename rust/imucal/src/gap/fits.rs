@@ -32,6 +32,8 @@ pub struct Fit {
     pub outcome: Outcome,
     /// Evaluation of the calibration on the control recordings; `None` if there are no control recordings.
     pub control: Option<Control>,
+    /// Kinds of residuals that the fit uses even if its effects are observable without them.
+    pub kinds: Kinds,
 }
 
 /// Evaluation of a calibration on control recordings.
@@ -69,7 +71,7 @@ pub(super) struct Fits<'a> {
     pub(super) warm_start: Option<WarmStart>,
     /// Number of parameters in the selected form (for example linear or quadratic) of each selected effect.
     forms: Vec<(String, usize)>,
-    /// Kinds of residuals that fits with effects use even if their effects are observable without them.
+    /// Kinds of residuals that the next fits use even if their effects are observable without them.
     pub(super) kinds: Kinds,
     made: Vec<Rc<Fit>>,
 }
@@ -91,19 +93,13 @@ impl<'a> Fits<'a> {
     /// Earlier fits with effects are discarded.
     pub(super) fn use_forms(&mut self, path: &[Score]) {
         self.forms = path.iter().map(|score| (score.name.clone(), score.parameters)).collect();
-        self.use_kinds(Kinds::default());
-    }
-
-    /// Sets the kinds of residuals that the next fits with effects use even if their effects are observable without
-    /// them. Earlier fits with effects are discarded.
-    pub(super) fn use_kinds(&mut self, kinds: Kinds) {
-        self.kinds = kinds;
+        self.kinds = Kinds::default();
         self.made.retain(|fit| fit.effects.is_empty());
     }
 
     /// The fit with the effects `names`, which may be from the catalogue or user-defined. Earlier fits are reused.
     pub(super) fn with(&mut self, names: &[String]) -> Result<Rc<Fit>, Error> {
-        if let Some(known) = self.made.iter().find(|fit| fit.effects == names) {
+        if let Some(known) = self.made.iter().find(|fit| fit.effects == names && fit.kinds == self.kinds) {
             return Ok(Rc::clone(known));
         }
         if !names.is_empty() {
@@ -144,7 +140,7 @@ impl<'a> Fits<'a> {
             let effects_fail = !names.is_empty() && self.control.iter().all(is_finite);
             return Err(if effects_fail { Error::Fit(words) } else { Error::Input(words) });
         }
-        Ok(Fit { effects: names.to_vec(), outcome, control })
+        Ok(Fit { effects: names.to_vec(), outcome, control, kinds: self.kinds })
     }
 
     /// Options of a calibration with the catalogue effects among `names`. Each effect has the form (for example linear
@@ -160,7 +156,7 @@ impl<'a> Fits<'a> {
             effects: partly.iter().map(choice).collect::<Result<_, Error>>()?,
             partly,
             user_fields: Vec::new(),
-            kinds: if names.is_empty() { Kinds::default() } else { self.kinds },
+            kinds: self.kinds,
             folds: self.control.is_empty().then_some(FOLDS),
         })
     }

@@ -133,6 +133,8 @@ pub(super) struct Basis<'a> {
     pub(super) search: &'a Search,
     pub(super) path: &'a [String],
     pub(super) before: &'a Fit,
+    /// The fit without effects that uses the same kinds of residuals as `after`.
+    pub(super) reference: &'a Fit,
     pub(super) after: &'a Fit,
 }
 
@@ -170,7 +172,7 @@ impl Basis<'_> {
     /// Describes the residuals that the final model leaves unexplained. The final model contains the accepted effects
     /// if `are_accepted` is true. Otherwise it is the model without effects.
     fn remainder(&self, are_accepted: bool, not_confirmed: &[Score]) -> Remainder {
-        let Self { search, path, before, after, .. } = self;
+        let Self { search, path, before, reference, after, .. } = self;
         let last = if are_accepted { after } else { before };
         let chance = last.unseen_chance(!are_accepted);
         if let Some(generic) = &search.generic {
@@ -200,7 +202,7 @@ impl Basis<'_> {
             // A real unit has several small deviations from the model, so some unexplained residuals are normal. They
             // do not limit the use of the calibration if the accepted effects remove at least half of chi2 from one
             // kind of unseen residuals.
-            let matters = !are_accepted || after.removed(before).share < MOST_REMOVED;
+            let matters = !are_accepted || after.removed(reference).share < MOST_REMOVED;
             return Remainder { matters, ..Remainder::unknown(worst.group.name(), "above_noise", chance) };
         }
         Remainder::nothing(chance)
@@ -215,13 +217,14 @@ impl Basis<'_> {
         // moves.
         let mut are_disturbing =
             faults.iter().any(|fault| !["clock_irregular", "samples_missing"].contains(&fault.code));
-        // The residuals that wrong sampling instants or a larger noise cause inside moves may resemble a variation of
-        // the gyroscope's scale. The motion of a hand is not smooth enough to tell these faults from such a variation.
+        // Inside moves, wrong sampling instants and a larger noise cause residuals that may resemble a variation of the
+        // gyroscope's scale. If a hand moved the unit, its motion is not smooth enough to tell these faults from such a
+        // variation.
         let resembles_fault =
             |generic: &GenericFinding| generic.block == Block::GyroscopeScale && !search.is_hand_moved;
-        if slips.is_empty() && path.is_empty() && search.generic.as_ref().is_none_or(resembles_fault) && !are_disturbing
-        {
-            let found = clock_and_noise_faults(&before.outcome, recordings);
+        let is_possible = slips.is_empty() && path.is_empty() && !are_disturbing;
+        if is_possible && search.generic.as_ref().is_none_or(resembles_fault) {
+            let found = clock_and_noise_faults(&before.outcome, recordings, search.generic.is_some());
             are_disturbing = !found.is_empty();
             faults.extend(found);
         }
@@ -245,8 +248,8 @@ impl Basis<'_> {
     /// The contradiction between unseen data and the effects, if there is one. Unseen data contradict the effects if
     /// residuals of the fit with effects exceed noise and the effects remove too small a share of chi2.
     fn contradiction(&self) -> Option<Contradiction> {
-        let Self { search, path, before, after, .. } = self;
-        let removed = after.removed(before);
+        let Self { search, path, before, reference, after, .. } = self;
+        let removed = after.removed(reference);
         // Effects of the stand, and effects that act only inside moves, hardly change the residuals at rests and the
         // residuals of gravity directions after moves. These residuals therefore cannot contradict such effects.
         let is_of_stand = |name: &String| Effect::<f64>::find(name).is_some_and(|own| own.sensor == Sensor::Encoder);
@@ -261,7 +264,7 @@ impl Basis<'_> {
         } else {
             true
         };
-        let [before, after] = [before, after].map(|fit| fit.unseen_chi2(self.before));
+        let [before, after] = [reference, after].map(|fit| fit.unseen_chi2(before));
         (!is_confirmed).then(|| Contradiction { effects: path.to_vec(), before, after })
     }
 }

@@ -65,8 +65,8 @@ impl Kinds {
         }
     }
 
-    /// The kinds that are in `self`, in `other`, or in both.
-    pub(crate) fn and(self, other: Self) -> Self {
+    /// The kinds that are in `self` or in `other`.
+    pub(crate) fn union(self, other: Self) -> Self {
         Self { in_motion: self.in_motion || other.in_motion, encoders: self.encoders || other.encoders }
     }
 
