@@ -113,6 +113,18 @@ def test_noise_that_is_louder_in_moves():
     assert said == {"noise_grows_in_motion": pytest.approx(2.0, rel=0.1)}
 
 
+def test_noise_in_moves_does_not_explain_a_scale_that_varies():
+    unit = unit_of("paper")
+    louder = dataclasses.replace(unit.gyroscope, noise_in_motion=1.5)
+    unit = dataclasses.replace(unit, gyroscope=louder)
+    others = ("gyro_g_sensitivity", "gyro_scale_quadratic")
+    assert faults(without_encoders(run(unit=unit)), candidates=others).keys() == {"noise_grows_in_motion"}
+    varies = run(unit=unit, effects={"gyro_scale_drift": 2e-5})
+    gap = imucal.find_gap(without_encoders(varies), candidates=others)
+    assert gap.verdict != "data_fault", gap.summary()
+    assert gap.remainder.block == "gyro_scale"
+
+
 def test_samples_that_jump_in_moves_are_no_noise_of_moves():
     recording = without_encoders(run())
     random = np.random.default_rng(RUN_SEED)
