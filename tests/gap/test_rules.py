@@ -125,6 +125,37 @@ def test_noise_in_moves_does_not_explain_a_scale_that_varies():
     assert gap.remainder.block == "gyro_scale"
 
 
+@pytest.mark.parametrize("zero_rad", [0.004, -0.02])
+def test_a_zero_error_of_the_second_motor_is_no_effect(zero_rad):
+    recording = run(stand=FIRM)
+    shifted = dataclasses.replace(recording, stand_rad=recording.stand_rad + [0.0, zero_rad, 0.0])
+    gap = imucal.find_gap(shifted)
+    assert gap.verdict == "nothing_missing", gap.summary()
+
+
+@pytest.mark.parametrize(("code", "value"), [("clock_irregular", 2.5e-3), ("noise_grows_in_motion", 2.0)])
+def test_a_fault_beside_an_effect_is_said(code, value):
+    effects = {"gyro_g_sensitivity": np.radians(0.05) / 9.80665, code: value}
+    gap = imucal.find_gap(without_encoders(run(effects=effects)))
+    assert [effect["name"] for effect in gap.effects] == ["gyro_g_sensitivity"], gap.summary()
+    assert (gap.remainder.kind, gap.remainder.pattern) == ("unknown", code)
+    assert gap.remainder.matters
+
+
+def test_saturated_samples_that_are_excluded_are_no_fault_of_the_search():
+    recording = without_encoders(run(effects={"gyro_saturation": np.radians(110.0)}))
+    assert imucal.find_gap(recording).verdict == "data_fault"
+    gap = imucal.find_gap(recording, exclude_saturated=True)
+    assert gap.verdict == "nothing_missing", gap.summary()
+
+
+def test_a_scale_that_drifts_without_a_name_is_smooth():
+    recording = without_encoders(run())
+    scale = 1.0 + np.outer(recording.time_s, [2e-5, -1e-5, 1.5e-5])
+    gap = imucal.find_gap(dataclasses.replace(recording, specific_force=recording.specific_force * scale))
+    assert (gap.verdict, gap.remainder.pattern) == ("unknown", "time"), gap.summary()
+
+
 def test_samples_that_jump_in_moves_are_no_noise_of_moves():
     recording = without_encoders(run())
     random = np.random.default_rng(RUN_SEED)

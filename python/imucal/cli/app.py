@@ -153,8 +153,8 @@ app = Commands(
         for module in (OTHER_NAMES.get(name, name),)
     },
     help="Calibrate MEMS accelerometers and gyroscopes with gravity as the only reference.",
-    epilog="Exit codes: 0 good or incomplete, 1 bad input or no result, 2 finished with a poor verdict, "
-    "130 interrupted.",
+    epilog="Exit codes: 0 good or incomplete, 1 bad input or no result, 2 finished with a poor verdict or "
+    "another result that the help of the command names, 130 interrupted.",
     start=START,
     other_words=OTHER_WORDS,
     options=[

@@ -237,7 +237,10 @@ CODES: Final[dict[str, dict[str, Code]]] = {
                 "The control recording contains the noise of a calibration recording, so it is a part or a "
                 "copy of that recording; or `--calibration` was made from its file."
             ),
-            cure="Record a separate control run, or use `--folds`.",
+            cure=(
+                "Record a separate control run, or omit `--control`: `gap` then verifies its result with "
+                "held-out rests and moves, and `calibrate` does so with `--folds`."
+            ),
         ),
         "temperature_extrapolated": Code(
             cause=(
@@ -467,7 +470,10 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             cure="Record a hand-held unit at 100 Hz or more, and a unit on a table without vibration.",
         ),
         "noise_grows_in_motion": Code(
-            cause="The gyroscope is noisier in moves than at rest.",
+            cause=(
+                "The gyroscope is noisier in moves than at rest. `calibrate` computes the result; `gap` has "
+                "the verdict `data_fault` if it names no effect."
+            ),
             cure="Look for a source of vibration while the unit rotates.",
         ),
         "mount_slip": Code(

@@ -199,7 +199,7 @@ def calibrate(
         max_iterations=max_iterations,
     )
     judges = as_recordings(control)
-    require_other_data(unit_data, judges)
+    require_other_data(unit_data, judges, "use --folds instead of --control")
     source = None
     if own:
         from imucal.estimation.user_effects import UserEffectSource

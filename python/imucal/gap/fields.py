@@ -44,3 +44,8 @@ class GapFields:
     notes: tuple[str, ...] = ()
     user_effects: tuple[UserEffect, ...] = ()
     is_hand_moved: bool = False
+
+    @property
+    def has_effects(self) -> bool:
+        """Whether effects or laws were added to the model; `effects` may also list faults of the data."""
+        return bool(self.laws) or any(effect["parameters"] for effect in self.effects)

@@ -102,7 +102,9 @@ def find_gap(
     wanted = _wanted(candidates, named)
     if judges:
         judges = with_own_names(judges)
-        require_other_data(unit_data, judges)
+        require_other_data(
+            unit_data, judges, "leave --control away: held-out rests and moves then verify the result"
+        )
         require_judges(_nominal(unit_data[0]), judges)
     references = References("standard" if gravity_mps2 is None else "given")
     if calibration is not None and gravity_mps2 is None:

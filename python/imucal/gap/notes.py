@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
 import imucal._core as _core
 from imucal.calibration.figures import poor_figures
 from imucal.effects.table import find
@@ -13,10 +15,12 @@ from imucal.estimation.result import CalibrationResult
 from imucal.gap.question import Question
 from imucal.gap.remainder import SessionStep
 from imucal.gap.sizes import for_people, p_text
+from imucal.recording.recording import Recording
 
 __all__ = [
     "above_noise_of",
     "contradiction_of",
+    "fault_of",
     "generic_of",
     "misfits",
     "not_confirmed_of",
@@ -40,6 +44,10 @@ ABOVE_NOISE: Final = 4.0
 # A temperature coefficient is implausible if it exceeds this multiple of its typical size.
 MOST_TIMES_TYPICAL: Final = 5.0
 
+# If the control recordings are judged poor, the difference between their mean temperature and that of the
+# calibration recordings is reported if it exceeds this number, K.
+WARMER_K: Final = 5.0
+
 # Largest p-value of a significant effect. If the model contains a temperature lag, the temperature effect of
 # the same bias stays in the model even with a larger p-value, and a note reports this.
 NOT_SIGNIFICANT: Final = 0.01
@@ -61,6 +69,13 @@ PATTERNS: Final = {
     "time": "smoothly with time",
     "switching": "between two levels",
     "white": "independently in each rest and move",
+}
+
+# Faults of the data that the residuals of moves show. If effects were accepted, such a fault is the pattern
+# of the remainder.
+FAULTS: Final = {
+    "clock_irregular": "the samples were not taken at the times of their time stamps",
+    "noise_grows_in_motion": "the noise of the gyroscope is larger inside moves than at rest",
 }
 
 
@@ -111,6 +126,33 @@ def of_analysis(question: Question, analysis: _core.GapAnalysis) -> Iterator[str
         )
     if analysis.chi2_of_given is not None:
         yield from _refit_alone(analysis.chi2_of_given, question)
+    control = (analysis.after or analysis.before).control
+    # The sentence on a change of the biases between sessions contains the change of the temperature.
+    if control is not None and control.verdict == "poor" and analysis.session is None:
+        yield from _temperature_change(question)
+
+
+def _temperature_change(question: Question) -> Iterator[str]:
+    """Note on control recordings that are much warmer or colder than the calibration recordings."""
+    means = [_mean_degc(recordings) for recordings in (question.recordings, question.control)]
+    of_calibration, of_control = means
+    if of_calibration is None or of_control is None or abs(of_control - of_calibration) <= WARMER_K:
+        return
+    change_k = of_control - of_calibration
+    yield (
+        f"the control recordings are {abs(change_k):.3g} K {'warmer' if change_k > 0 else 'colder'} than the "
+        f"calibration recordings (mean temperatures {of_control:.3g} and {of_calibration:.3g} degC), which "
+        "may be the cause of their large residuals: record at the same temperature, or calibrate over the "
+        "whole range of temperatures"
+    )
+
+
+def _mean_degc(recordings: Sequence[Recording]) -> float | None:
+    """Mean temperature of all samples, degC; None if a recording has no temperature."""
+    columns = [recording.temperature_degc for recording in recordings]
+    known = [column[np.isfinite(column)] for column in columns if column is not None]
+    values = np.concatenate(known) if known and len(known) == len(columns) else np.array([])
+    return float(values.mean()) if len(values) else None
 
 
 def misfits(result: CalibrationResult) -> list[str]:
@@ -355,6 +397,14 @@ def above_noise_of(found: _core.Remainder, result: CalibrationResult) -> dict[st
         "kernel": "above_noise",
         "description": f"{of} recordings: {words}; no known pattern matches these residuals",
     }
+
+
+def fault_of(pattern: str | None) -> dict[str, Any] | None:
+    """Description of residuals of moves that a fault of the data causes; None for other patterns."""
+    if pattern not in FAULTS:
+        return None
+    description = f"residuals of moves exceed their noise, because {FAULTS[pattern]} [{pattern}]"
+    return {"block": "moves", "kernel": pattern, "description": description}
 
 
 def contradiction_of(reasons: Sequence[str]) -> dict[str, Any]:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Final
 
-__all__ = ["Remainder", "SessionStep"]
+__all__ = ["SIGNIFICANT", "Remainder", "SessionStep"]
+
+# Residuals exceed their noise significantly if their p-value is below this threshold. The compiled library
+# uses the same threshold.
+SIGNIFICANT: Final = 1e-5
 
 
 @dataclass(frozen=True)
@@ -38,8 +42,8 @@ class SessionStep:
 class Remainder:
     """Residuals that the accepted effects, or the model without effects if none was accepted, do not explain.
 
-    kind           "nothing" (noise explains the residuals), "unknown" (systematic deviation) or "stochastic"
-                   (random deviation)
+    kind           "nothing" (no residuals exceed twice their noise with a p-value below 1e-5), "unknown"
+                   (systematic deviation) or "stochastic" (random deviation)
     block          the part of the model or of the data that varies, for example gyro_bias; None if nothing
                    remains
     pattern        the pattern of the variation, for example attitude, random_walk, time, switching or

@@ -43,6 +43,8 @@ def described(analysis: _core.GapAnalysis, after: CalibrationResult) -> Describe
         generic, reasons = notes.contradiction_of(reasons), []
     if generic is None and found.pattern == "above_noise":
         generic = notes.above_noise_of(found, after)
+    if generic is None:
+        generic = notes.fault_of(found.pattern)
     description = None if generic is None else str(generic["description"])
     if session is not None and found.pattern != "between_sessions":
         reasons = [*reasons, notes.session_in_words(session)]

@@ -71,9 +71,7 @@ class Gap(GapFields):
     """
 
     def __repr__(self) -> str:
-        remains = (
-            (self.effects or self.laws) and self.remainder is not None and self.remainder.kind != "nothing"
-        )
+        remains = self.has_effects and self.remainder is not None and self.remainder.kind != "nothing"
         beside = [f"remainder {self.remainder.kind}"] if remains and self.remainder is not None else []
         names = ", ".join(
             [self.verdict, *(e["name"] for e in self.effects), *(law.name for law in self.laws), *beside]

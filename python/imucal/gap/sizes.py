@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
+from imucal.effects.formula import INPUTS
 from imucal.units import SHOWN
 
 __all__ = ["for_people", "p_text"]
@@ -12,6 +14,8 @@ __all__ = ["for_people", "p_text"]
 DELAY_S: Final = 0.1
 # For a smaller probability, a text states only that it is below this bound.
 LEAST_P: Final = 1e-12
+# Unit of a parameter that multiplies an auxiliary column, such as rad/s/(supply_v - 3.3) or m/s^2/motor.
+PER_COLUMN: Final = re.compile(r"(?P<of>rad/s|m/s\^2)/\(?(?P<column>[A-Za-z_]\w*)(?: [-+] [\d.e+-]+\))?")
 
 
 def p_text(p_value: float) -> str:
@@ -23,5 +27,10 @@ def for_people(value: float, unit: str) -> tuple[float, str]:
     """A value converted from SI to the unit of datasheets, and the name of the unit."""
     if unit == "s":
         return (1e3 * value, "ms") if abs(value) < DELAY_S else (value, "s")
+    of_column = PER_COLUMN.fullmatch(unit)
+    # The inputs of formulas other than columns, such as w_norm, are in SI units, and so are their parameters.
+    if of_column is not None and unit not in SHOWN and of_column["column"] not in INPUTS:
+        factor, name = SHOWN[of_column["of"]]
+        return factor * value, f"{name} per {of_column['column']}"
     factor, name = SHOWN.get(unit, (1.0, unit))
     return factor * value, name

@@ -8,10 +8,11 @@ from typing import Any, Final
 from imucal.calibration.figures import FIGURE_TEXT
 from imucal.estimation.result import CalibrationResult
 from imucal.gap.fields import GapFields
+from imucal.gap.remainder import SIGNIFICANT
 from imucal.gap.sizes import for_people, p_text
 from imucal.units import SHOWN
 
-__all__ = ["explanation", "sentences"]
+__all__ = ["explanation", "nothing_in_words", "sentences"]
 
 # Code of a finding that the summary prints before the effects: the noise is below a step of the converter.
 BEFORE_EFFECTS: Final = "noise_below_lsb"
@@ -57,7 +58,8 @@ def sentences(gap: GapFields) -> Iterator[str]:
     explain, and the recommended next motion. The last lines compare errors and residuals without and with the
     effects.
     """
-    yield f"verdict: {gap.verdict}"
+    faults = ", ".join(str(effect["name"]) for effect in gap.effects) if gap.verdict == "data_fault" else ""
+    yield f"verdict: {gap.verdict}{f' ({faults})' if faults else ''}"
     # The finding on coarse rounding is reported before the effects, because rounding may hide effects.
     yield from (finding.line for finding in gap.findings if finding.code == BEFORE_EFFECTS)
     if any(effect["parameters"] for effect in gap.effects):
@@ -143,13 +145,31 @@ def _remainder(gap: GapFields) -> Iterator[str]:
     remainder = gap.remainder
     if remainder is None:
         return
-    has_effects = bool(gap.laws) or any(effect["parameters"] for effect in gap.effects)
-    if remainder.kind == "nothing" and has_effects:
-        where = "control recordings" if gap.control_set is not None else "held-out rests and moves"
-        yield f"remainder: nothing; residuals of {where}: {p_text(remainder.p_value)}"
+    if remainder.kind == "nothing" and gap.has_effects:
+        yield f"remainder: nothing; {nothing_in_words(gap, remainder.p_value)}"
     elif remainder.description is not None:
-        prefix = f"remainder: {remainder.kind}: " if has_effects else ""
+        prefix = f"remainder: {remainder.kind}: " if gap.has_effects else ""
         yield f"{prefix}{remainder.description}"
+
+
+def nothing_in_words(gap: GapFields, p_value: float) -> str:
+    """The residuals of control or held-out data with their p-value, for a remainder of the kind `nothing`.
+
+    If there are many residuals, they may exceed their noise significantly although their ratio to the noise
+    is below two.
+    """
+    of = f"residuals of {'control recordings' if gap.control_set is not None else 'held-out rests and moves'}"
+    if p_value >= SIGNIFICANT:
+        return f"{of}: {p_text(p_value)}"
+    words = f"{of} exceed their noise significantly ({p_text(p_value)})"
+    fit = gap.fits.get("after")
+    control = None if fit is None else fit.control
+    compared = control or fit
+    if compared is not None and any(own.exceeds_noise for own in compared.residuals):
+        return words
+    # Without control recordings, the residuals of the calibration recordings are compared with their noise.
+    whose = "" if gap.control_set is not None else "those of the calibration recordings "
+    return f"{words}, but {whose}by less than a factor of 2"
 
 
 def _remaining(fit: CalibrationResult) -> str:
@@ -264,7 +284,7 @@ def where_in_words(gap: GapFields) -> Iterator[str]:
         return
     rows = [row for row in gap.where["channels"] if row["stands_out"]]
     if not rows:
-        yield "residuals: noise explains all kinds of residuals"
+        yield "residuals: noise explains all kinds of residuals of the calibration recordings"
     for row in sorted(rows, key=lambda row: -row["times_noise"])[:MOST_CHANNELS]:
         rms, unit = for_people(row["rms"], row["unit"])
         explained = next(
@@ -278,7 +298,7 @@ def where_in_words(gap: GapFields) -> Iterator[str]:
         )
         after = (
             ""
-            if row["times_noise_after"] is None or not (gap.effects or gap.laws)
+            if row["times_noise_after"] is None or not gap.has_effects
             else f" ({row['times_noise_after']:.2g} x with the effects)"
         )
         times = f"{row['times_noise']:.3g} x noise{after}"

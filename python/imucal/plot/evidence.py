@@ -70,7 +70,7 @@ def disagreement(gap: Gap) -> Figure:
     rows = where["channels"]
     names = [channel_name(row) for row in rows]
     looks = [("without effects", "times_noise", VERMILION, "triangle-up", 11)]
-    if gap.effects or gap.laws:
+    if gap.has_effects:
         looks.append(("with the found effects", "times_noise_after", GREEN, "circle", 9))
     for name, key, colour, symbol, size in looks:
         figure.add_scatter(

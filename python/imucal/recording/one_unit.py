@@ -62,8 +62,13 @@ def with_own_names(recordings: Sequence[Recording]) -> list[Recording]:
     ]
 
 
-def require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recording]) -> None:
-    """Raise InputError if a control recording is also a calibration recording."""
+def require_other_data(
+    unit_data: Sequence[Recording], judges: Sequence[Recording], without_control: str
+) -> None:
+    """Raise InputError if a control recording is also a calibration recording.
+
+    without_control  advice how to verify the result without a control recording
+    """
     for judge in judges:
         for recording in unit_data:
             if _is_same_run(judge, recording):
@@ -71,7 +76,7 @@ def require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recordin
                     f"the control recording {judge.name} has all {len(judge)} samples of {recording.name}, "
                     "which is a calibration recording"
                 )
-                way_out = "give another recording of the unit, or use folds"
+                way_out = f"give another recording of the unit, or {without_control}"
                 finding = Finding(
                     "control_not_independent",
                     "error",

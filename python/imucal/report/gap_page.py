@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 import imucal.plot as plot
 import imucal.report.sentences as sentences
 from imucal.gap.own_motion import own_motion
+from imucal.gap.remainder import SIGNIFICANT
 from imucal.gap.sizes import for_people, p_text
 from imucal.gap.temperature_loop import temperature_loops
+from imucal.gap.text import nothing_in_words
 from imucal.plot.evidence import channel_name
 from imucal.plot.style import shown_unit
 from imucal.report.blocks import finding_texts
-from imucal.report.gap_tables import effects_table, gap_figures_table
+from imucal.report.gap_tables import RATIO, effects_table, gap_figures_table
 from imucal.report.gap_tabs import change, evidence, laws, next_motion, temperature, visible, where
 from imucal.report.meaning import meanings
 from imucal.report.page import Shown, Tab, write_page
@@ -97,9 +99,7 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
     yield heading("The move with the largest residual")
     yield Shown(
         "signals",
-        plot.move_signals(
-            signals, has_effects=bool(gap.effects or gap.laws), is_hand_moved=gap.is_hand_moved
-        ),
+        plot.move_signals(signals, has_effects=gap.has_effects, is_hand_moved=gap.is_hand_moved),
         f"Move {signals.move} of {name}: gravity as the accelerometer measures it, "
         f"and as the gyroscope predicts it from the rest before the move (shaded).{of_hand}",
     )
@@ -118,11 +118,15 @@ def _left(gap: Gap) -> Iterator[str]:
     if gap.remainder.session is not None:
         # The verdict at the top of the page contains the whole description.
         words = "the biases changed between the sessions"
+    elif gap.remainder.kind == "nothing" and gap.remainder.p_value < SIGNIFICANT:
+        words = nothing_in_words(gap, gap.remainder.p_value)
+    # Some descriptions contain the p-value.
+    p_value = p_text(gap.remainder.p_value)
     kind = gap.remainder.kind.capitalize()
-    yield paragraph(f"{kind}: {words} ({p_text(gap.remainder.p_value)}).")
+    yield paragraph(f"{kind}: {words}{'' if p_value in words else f' ({p_value})'}.")
     if gap.remainder.session is not None:
         yield _session_table(gap.remainder.session)
-    found = bool(gap.effects or gap.laws)
+    found = gap.has_effects
     if gap.where is None:
         return
     rows = []
@@ -131,19 +135,13 @@ def _left(gap: Gap) -> Iterator[str]:
         if after is None:
             continue
         noise, unit = for_people(row["noise_rms"], row["unit"])
-        rows.append(
-            (
-                after,
-                [channel_name(row), f"{after * noise:.3g}", f"{noise:.3g}", shown_unit(unit), f"{after:.3g}"],
-            )
-        )
+        rows.append((after, [channel_name(row), f"{after:.3g}", f"{noise:.3g}", shown_unit(unit)]))
     rows.sort(key=lambda row: -row[0])
     header = [
         "calibration recordings, with the effects" if found else "calibration recordings",
-        "rms",
+        RATIO,
         "noise",
         "unit",
-        "rms / noise",
     ]
     yield table(header, [cells for _, cells in rows])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from imucal.gap.sizes import for_people
 from imucal.plot.evidence import FIGURES, figure_sets, shown
@@ -12,7 +12,11 @@ from imucal.report.tables import rounded_to, table
 if TYPE_CHECKING:
     from imucal.gap import Gap
 
-__all__ = ["effects_table", "gap_figures_table"]
+__all__ = ["RATIO", "effects_table", "gap_figures_table"]
+
+# Header of the column with the rms of residual / sigma. Here sigma is the standard deviation of each residual
+# from noise. The value is not the quotient of the rms of the residuals and the rms of sigma.
+RATIO: Final = "rms of residual / noise"
 
 
 def effects_table(gap: Gap) -> str:

@@ -15,7 +15,7 @@ from imucal.document.json_document import to_json
 from imucal.gap.sizes import for_people
 from imucal.plot.evidence import channel_name, figure_sets
 from imucal.plot.style import shown_unit
-from imucal.report.gap_tables import gap_figures_table
+from imucal.report.gap_tables import RATIO, gap_figures_table
 from imucal.report.page import Shown
 from imucal.report.tables import file_button, heading, paragraph, table
 
@@ -56,12 +56,17 @@ def where(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
     if shown:
         yield Shown(
             "against",
-            plot.residual_against(shown, has_effects=bool(gap.effects or gap.laws)),
+            plot.residual_against(shown, has_effects=gap.has_effects),
             "Residuals of rests, and of moves about one axis. The x-axis of each panel is the variable "
             "that explains most of its residuals. A pattern indicates a missing effect. Open markers are "
             "control recordings.",
         )
     yield _channels(found["channels"])
+    yield paragraph(
+        f"The column “{RATIO}” is the rms of all ratios of a residual to the standard deviation of its own "
+        "noise. It exceeds the quotient of the columns “rms” and “noise” if large residuals have a small "
+        "noise."
+    )
     if found["depends"]:
         yield heading("Correlations of the residuals")
         rows = [
@@ -234,7 +239,7 @@ def _channels(channels: Any) -> str:
                 "significant" if row["stands_out"] else "",
             ]
         )
-    return table(["channel", "rms", "noise", "unit", "rms / noise", "after", ""], rows)
+    return table(["channel", "rms", "noise", "unit", RATIO, "after", ""], rows)
 
 
 def _worst(kind: str, items: Any) -> str:

@@ -95,7 +95,7 @@ def of_gap(gap: Gap) -> Verdict:
             f"does{named}.",
             f"{found}. {beside}".strip(),
         )
-    if remainder is not None and gap.effects and is_left:
+    if remainder is not None and gap.effects and gap.has_effects and is_left:
         beside = f"Remainder: {remainder.description}. {beside}"
     if gap.verdict == "named" and remainder is not None and remainder.matters:
         rest = "varies randomly" if remainder.kind == "stochastic" else "is unknown"
@@ -114,14 +114,14 @@ def of_gap(gap: Gap) -> Verdict:
             beside,
         )
     mood, sentence = NO_NAME[gap.verdict]
-    if gap.remainder is not None and gap.remainder.pattern == "between_sessions":
+    if gap.verdict == "data_fault":
+        beside = f"{names}. {beside}"
+    elif gap.remainder is not None and gap.remainder.pattern == "between_sessions":
         sentence = "The biases changed between the calibration recordings and the control recordings."
         changed = str(gap.remainder.description)
         beside = f"{changed[:1].upper()}{changed[1:]}. {beside}"
     elif gap.generic is not None:
         beside = f"{gap.generic['description']}. {beside}"
-    elif gap.verdict == "data_fault":
-        beside = f"{names}. {beside}"
     return Verdict(mood, sentence, beside.strip())
 
 

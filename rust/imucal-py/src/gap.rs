@@ -232,7 +232,8 @@ impl Sets<'_> {
             }
         });
         let unseen = found.unseen;
-        let session = session_of(&found.before).map(|step| Py::new(py, step)).transpose()?;
+        let session =
+            session_of(found.after.as_ref().unwrap_or(&found.before)).map(|step| Py::new(py, step)).transpose()?;
         let library::Remainder { kind, block, pattern, p_value, matters } = found.remainder;
         let remainder = Py::new(py, Remainder { kind: kind.name(), block, pattern, p_value, matters })?;
         let analysis = GapAnalysis {
@@ -257,10 +258,11 @@ impl Sets<'_> {
     }
 }
 
-/// Change of the biases from the calibration recordings to the control recordings, from the fit without effects; None
-/// if it is not significant or if there are no control recordings.
-fn session_of(before: &library::Fit) -> Option<SessionStep> {
-    let control = before.control.as_ref()?;
+/// Change of the biases from the calibration recordings to the control recordings, from the last fit: the fit with the
+/// accepted effects, or without effects if none was accepted. None if the change is not significant or if there are no
+/// control recordings.
+fn session_of(last: &library::Fit) -> Option<SessionStep> {
+    let control = last.control.as_ref()?;
     let library::SessionStep { accelerometer_mps2, gyroscope_radps, p_value, temperature_change_k } = control.step?;
     let chi2 = (control.evaluation.figures.chi2_per_dof, control.judged().figures.chi2_per_dof);
     Some(SessionStep { accelerometer_mps2, gyroscope_radps, p_value, temperature_change_k, chi2 })

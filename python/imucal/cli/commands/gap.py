@@ -81,6 +81,13 @@ def gap(
 ) -> None:
     """Find a missing effect from the residuals of a calibration, and add it to the model.
 
+    The verdict is nothing_missing, named (effects were found), ambiguous (another effect explains the
+    residuals equally well), stochastic (a bias or a scale varies randomly), unknown (no effect of the
+    catalogue explains the residuals) or data_fault (the recordings are faulty).
+
+    The exit code is 1 for data_fault. It is 2 for stochastic, for unknown if no law was found, and if the
+    effects leave residuals that limit the use of the calibration. Otherwise it is 0.
+
     Example: imucal gap run.csv --control control.csv -o improved.json
 
     Example: imucal gap run.csv --explain gyro_g_sensitivity

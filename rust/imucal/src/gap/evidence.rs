@@ -23,6 +23,8 @@ use std::ops::Range;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
+use crate::joint::INSIDE;
+
 /// For each residual group: the Gram matrix `[J r]^T [J r]` of the Jacobian J and the residual r, and the number of
 /// residuals.
 #[derive(Clone)]
@@ -66,6 +68,11 @@ pub(crate) struct Evidence {
 pub(super) const RIDGE: f64 = 1e-13;
 
 impl Gram {
+    /// Index of the group of the specific force inside moves; `None` if this force is not used.
+    pub(super) fn place_inside(&self) -> Option<usize> {
+        self.groups.iter().position(|group| *group == INSIDE)
+    }
+
     /// Lower bound of the noise scale s_g^2 of a group of residuals in a model with these columns. The model is fitted
     /// to the residuals of this group alone. The bound is chi2 of this fit, divided by the number of residuals in the
     /// group. `None` if the group has no rows or the normal matrix is singular.

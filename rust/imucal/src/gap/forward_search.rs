@@ -22,7 +22,7 @@ use super::stage::{Beside, FitKey, Member, Stage};
 use super::{Linearised, NotPredictive, Scattering, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
-use crate::joint::{Kinds, Linear, Model, Prepared};
+use crate::joint::{Kinds, Linear, Model, Prepared, is_unobservable_hand_held};
 use crate::numerics::stats::sample_interval_s;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
@@ -40,6 +40,15 @@ const LEAST_CHANGE_K: f64 = 0.5;
 /// Time, s, over which temperature readings are averaged to reduce the noise of the readings.
 const MEAN_S: f64 = 1.0;
 
+/// Largest chi2 per degree of freedom of the specific force inside moves that is not attributed to a hand if the model
+/// explains all other residuals.
+const MOST_INSIDE: f64 = 2.0;
+/// As [`MOST_INSIDE`], if a generic hypothesis wins. The accelerations by a hand may then have caused its evidence.
+const LEAST_INSIDE: f64 = 1.1;
+/// Smallest share of the excess chi2 (chi2 beyond noise) of the specific force inside moves that remains if a hand has
+/// caused it. A hypothesis that describes the cause leaves a smaller share.
+const LEFT_BY_HAND: f64 = 0.25;
+
 /// Searches the checked recordings for effects among `candidates` and `user_fields`.
 ///
 /// `is_hand_moved` is true if an earlier search with more candidates detected hand motion ([`Search::is_hand_moved`]).
@@ -56,9 +65,13 @@ pub fn search(
     let known = is_hand_moved.then_some(true);
     let (mut search, open) = ForwardSearch::new(checked, candidates, user_fields, known);
     let temperatures_degc = centred_temperatures(checked.recordings());
-    checked.prepare(&temperatures_degc, search.kinds, |prepared, accelerometer, gyroscope| {
+    let found = checked.prepare(&temperatures_degc, search.kinds, |prepared, accelerometer, gyroscope| {
         search.run(prepared, [accelerometer, gyroscope], open)
-    })
+    })?;
+    match search.is_translated {
+        true => self::search(checked, candidates, user_fields, true),
+        false => Ok(found),
+    }
 }
 
 /// Computes the whitened residuals of the model without effects, and their Jacobian. They serve as input of other
@@ -163,6 +176,9 @@ pub(super) struct ForwardSearch<'a> {
     /// Whether accelerometer samples inside moves must be ignored, because the unit was moved by hand or because the
     /// accelerometer noise is far below the quantisation step. `None` if this is not known yet.
     pub(super) is_hand_moved: Option<bool>,
+    /// Whether the accelerometer samples inside moves contain accelerations by a hand that only the end of the search
+    /// has shown.
+    is_translated: bool,
     /// Name of each effect that is not observable, and the data that would make it observable.
     pub(super) left_out: Vec<(String, String)>,
     pub(super) user_fields: &'a [UserField<'a>],
@@ -192,6 +208,7 @@ impl<'a> ForwardSearch<'a> {
         let mut search = Self {
             kinds: Kinds { in_motion: true, encoders },
             is_hand_moved: (checked.is_held() || checked.has_coarse_accelerometer()).then_some(true).or(is_hand_moved),
+            is_translated: false,
             left_out: Vec::new(),
             user_fields,
             samples: recordings.iter().map(Recording::len).collect(),
@@ -249,7 +266,7 @@ impl<'a> ForwardSearch<'a> {
             selected = self.select(prepared, &open, start.clone(), &first)?;
         }
         let traces = traces(&start);
-        let plain_scales = start.evidence.scales;
+        let (scale_inside, plain_scales) = (start.scale_inside(), start.evidence.scales);
         let (mut patterns, mut contradiction) = self.patterns(prepared, triads, &open, &selected.stage)?;
         let of_stand = |scattering: &Scattering| scattering.0.starts_with("stand");
         let scattering = contradiction.or_else(|| scattering_rests(&selected.stage, &plain_scales)).filter(of_stand);
@@ -288,12 +305,13 @@ impl<'a> ForwardSearch<'a> {
             patterns = self.patterns(prepared, triads, &open, &selected.stage)?.0;
         }
         let Selected { stage, path, not_predictive, last } = selected;
-        let winner = |pattern: &'_ Pattern| match path.is_empty() {
-            true => pattern.instead().or(pattern.besides()).map(BestGeneric::finding),
-            false => pattern.besides().map(BestGeneric::finding),
-        };
-        let mut generic =
-            patterns.iter().filter_map(winner).max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
+        let winners = patterns.iter().filter_map(|pattern| match path.is_empty() {
+            true => pattern.instead().or(pattern.besides()),
+            false => pattern.besides(),
+        });
+        let best = winners.max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
+        self.is_translated = self.kinds.in_motion && is_translated(&stage, scale_inside, best, &path);
+        let mut generic = best.map(BestGeneric::finding);
         if let Some(found) = generic.as_mut().filter(|found| found.kernel == Kernel::RandomWalk) {
             found.kernel = self.course(prepared, triads, &open, &stage.members, found.block)?;
         }
@@ -409,6 +427,19 @@ impl<'a> ForwardSearch<'a> {
         }
         Ok(Selected { stage, path, not_predictive, last })
     }
+}
+
+/// Whether a hand translated the unit inside the moves. The specific force inside the moves then contains accelerations
+/// that no effect and no hypothesis explains. `before` is chi2 per degree of freedom of this force in the model without
+/// effects, and `generic` the generic hypothesis with the largest evidence.
+fn is_translated(stage: &Stage, before: Option<f64>, generic: Option<&BestGeneric>, path: &[Score]) -> bool {
+    let left = generic.map_or_else(|| stage.scale_inside(), |own| own.scale_inside);
+    let (Some(before), Some(left)) = (before, left) else { return false };
+    let is_large = left > if generic.is_some() { LEAST_INSIDE } else { MOST_INSIDE };
+    // Effects that only the force inside moves shows may be large. They are then fitted with a small relative error,
+    // which may still be larger than noise.
+    let may_be_remainder = generic.is_some() || path.iter().any(|score| is_unobservable_hand_held(&score.name));
+    is_large && !(may_be_remainder && left - 1.0 < LEFT_BY_HAND * (before - 1.0))
 }
 
 /// The result of a forward selection.

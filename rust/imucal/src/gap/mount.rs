@@ -9,7 +9,7 @@
 //! ```
 //!
 //! k is the index of the rest, q_k are the motor angles at this rest, and e_z is the unit vector up in the world frame.
-//! R(q) rotates vectors from the body frame to the world frame. Stand errors are described by the seven parameters of
+//! R(q) rotates vectors from the body frame to the world frame. Stand errors are described by the eight parameters of
 //! the stand model (docs/model.md (21)) and by two harmonics of each encoder's error (one and two periods per
 //! revolution).
 

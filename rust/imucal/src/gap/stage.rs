@@ -32,6 +32,11 @@ impl Stage {
         self.places.iter().find(|(member, _)| member == name).map(|(_, place)| place.clone())
     }
 
+    /// chi2 per degree of freedom of the specific force inside moves; `None` if this force is not used.
+    pub(super) fn scale_inside(&self) -> Option<f64> {
+        self.design.gram.place_inside().map(|place| self.evidence.scales[place])
+    }
+
     /// A copy of this stage without the candidate effect `name`. The model is unchanged.
     pub(super) fn without(&self, name: &str) -> Self {
         Self { design: Arc::new(self.design.without(|own| own == name)), ..self.clone() }

@@ -10,7 +10,7 @@
 //! log likelihood of x = eta^T x - 1/2 x^T Lambda x + constant
 //!
 //! walk        x ~ N(0, a_i^2 min(t, t') / T)                    a_i the size on axis i, T the duration
-//! smooth      x ~ N(0, a_i^2 exp(-(t - t')^2 / 2 l^2))          l between 1/40 and 1/5 of T
+//! smooth      x ~ N(0, a_i^2 exp(-(t - t')^2 / 2 l^2))          l between 1/40 of T and T
 //! switching   x = s v,   s of 0 or 1 in each epoch, v ~ N(0, a^2)
 //! white       x ~ N(0, a_i^2) in each epoch
 //! ```
@@ -53,7 +53,7 @@ const SIZES: [f64; 10] = [0.025, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 2.0, 4.0];
 /// of the parameter.
 const SCATTERS: [f64; 4] = [1e-3, 0.1, 0.3, 1.0];
 /// Trial correlation lengths of a smooth time course, as shares of the time of the last epoch.
-const LENGTHS: [f64; 4] = [0.025, 0.05, 0.1, 0.2];
+const LENGTHS: [f64; 6] = [0.025, 0.05, 0.1, 0.2, 0.5, 1.0];
 /// Trial states of an epoch: 0 at the first level, 1 at the second level, and a value between 0 and 1 if the level
 /// switches within the epoch.
 const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];

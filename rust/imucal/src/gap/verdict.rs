@@ -20,6 +20,7 @@ use super::{Block, GenericFinding, Score, Search};
 use crate::finding::{Finding, Severity};
 use crate::joint::is_unobservable_hand_held;
 use crate::recording::Recording;
+use crate::verdict::ResidualGroup;
 
 /// Minimum log Bayes factor, nats, for an effect to be reported as significant but not confirmed. Such an effect does
 /// not improve the prediction of unseen data. 8 nats are odds of 3000 to 1.
@@ -140,7 +141,7 @@ pub(super) struct Basis<'a> {
 
 impl Basis<'_> {
     pub(super) fn judge(&self) -> Judgement {
-        let Self { recordings, search, path, before, .. } = self;
+        let Self { recordings, search, path, before, after, .. } = self;
         let outcome = &before.outcome;
         let rests: Vec<StandRest> = outcome.rests.iter().map(StandRest::from).collect();
         let slips = mount_slips(&outcome.calibration.accelerometer, &rests, recordings);
@@ -150,7 +151,13 @@ impl Basis<'_> {
         let rivals = self.rivals();
         let contradiction = if path.is_empty() { None } else { self.contradiction() };
         let are_accepted = !path.is_empty() && contradiction.is_none();
-        let remainder = self.remainder(are_accepted, &not_confirmed);
+        let mut remainder = self.remainder(are_accepted, &not_confirmed);
+        if are_accepted && remainder.kind == RemainderKind::Nothing {
+            let found = clock_and_noise_faults(&after.outcome, recordings, false);
+            if let Some(fault) = found.first() {
+                remainder = Remainder::unknown(ResidualGroup::MoveDirections.name(), fault.code, remainder.p_value);
+            }
+        }
         let disagrees = remainder.kind != RemainderKind::Nothing || contradiction.is_some();
         let verdict = match &search.generic {
             // Faulty samples may cause the residuals that no effect explains.
@@ -185,7 +192,7 @@ impl Basis<'_> {
             let [own, all] = [control.judged(), &control.evaluation].map(|of| of.figures.chi2_per_dof);
             own < (1.0 - MOST_REMOVED) * all || !last.is_poor()
         };
-        let moved = before.control.as_ref().filter(explains).and_then(|control| control.step.as_ref());
+        let moved = last.control.as_ref().filter(explains).and_then(|control| control.step.as_ref());
         if let Some(step) = moved {
             return Remainder::of_sessions(step);
         }
@@ -211,7 +218,10 @@ impl Basis<'_> {
     /// Faults of the data, and whether any of these faults disturbs the noise estimates and the residuals of moves.
     fn faults(&self, slips: &[Finding]) -> (Vec<Finding>, bool) {
         let Self { recordings, search, path, before, .. } = self;
-        let is_fault = |finding: &&Finding| FAULTS.contains(&finding.code);
+        // Saturated samples that the user excludes are a warning. They are in no rest or move that is used.
+        let is_excluded =
+            |finding: &Finding| finding.code.ends_with("_saturation") && finding.severity == Severity::Warning;
+        let is_fault = |finding: &&Finding| FAULTS.contains(&finding.code) && !is_excluded(finding);
         let mut faults: Vec<Finding> = before.outcome.findings.iter().filter(is_fault).cloned().collect();
         // All faults except an irregular clock and missing samples disturb the noise estimates and the residuals of
         // moves.

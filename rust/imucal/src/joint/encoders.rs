@@ -12,8 +12,10 @@
 //! at time t, and C_0 is its value at the start of the move. u_k is the measured direction up at rest k in the body
 //! frame, and e_z is the direction up in the world frame. R(t) is the rotation from the body frame at time t to the
 //! body frame at the start of the move, integrated from the gyroscope rates. The geometry of the stand is not known
-//! exactly, so seven parameters of the stand are also estimated: the mount rotation (3 parameters), the base tilt (2)
-//! and the non-orthogonality of the axes (2). They are the last entries of the parameter vector.
+//! exactly, so eight parameters of the stand are also estimated: the mount rotation (3 parameters), the base tilt (2),
+//! the non-orthogonality of the axes (2), and the zero error of the second motor (1). A zero error of the first motor is
+//! an unobservable heading, and a zero error of the third motor is a rotation of the mount. The parameters are the last
+//! entries of the parameter vector.
 
 mod directions;
 pub(super) mod moves;
@@ -50,6 +52,8 @@ const PASSES: usize = 3;
 /// Model of the stand: its attitude as a function of the motor angles, for given stand parameters.
 pub(crate) struct StandModel {
     stand: Stand,
+    /// Angle of each motor, rad, when its encoder reads zero.
+    zero_rad: Vector3<f64>,
     parameters: [f64; STAND_PARAMETERS],
 }
 
@@ -65,12 +69,12 @@ impl StandModel {
             non_orthogonality_rad: [p[5], p[6]],
             ..Stand::perfect()
         };
-        Self { stand, parameters: p }
+        Self { stand, zero_rad: Vector3::new(0.0, p[7], 0.0), parameters: p }
     }
 
     /// Attitude of the body (world from body) for the motor angles, rad.
     pub(crate) fn attitude(&self, angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
-        self.stand.attitude(angle_rad)
+        self.stand.attitude(&(angle_rad + self.zero_rad))
     }
 
     /// Derivative of the attitude with respect to the motor angles. Column k is the rotation vector in the world frame

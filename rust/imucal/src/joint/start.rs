@@ -68,7 +68,7 @@ pub(crate) fn start_model(
     }
 }
 
-/// Start values of the stand parameters: an estimate of the mount rotation, and zero for base tilt and axis angles.
+/// Start values of the stand parameters: an estimate of the mount rotation, and zero for all others.
 fn start_stand(prepared: &Prepared<'_>, terms: &Terms<'_>, accelerometer: &Triad<f64>) -> Vec<f64> {
     let Some(encoders) = prepared.encoders.as_ref().filter(|_| terms.kinds.encoders) else { return Vec::new() };
     let used = (0..prepared.rests.len()).filter(|&k| prepared.used[k]);

@@ -17,7 +17,7 @@ use crate::simulate::stand::Stand;
 use crate::simulate::{Program, RandomMoves, Simulation, Unit, simulate};
 
 /// True parameters of the stand, rad: mount rotation (3), base tilt (2) and non-orthogonality of the axes (2).
-pub(super) const STAND_RAD: [f64; 7] = [0.02, -0.03, 0.05, 0.01, -0.02, 0.005, -0.003];
+pub(super) const STAND_RAD: [f64; 8] = [0.02, -0.03, 0.05, 0.01, -0.02, 0.005, -0.003, 0.004];
 
 /// Samples of a simulated unit without noise, on a stand with geometric errors and with a varying temperature.
 pub(super) struct Run {
@@ -65,7 +65,8 @@ impl Run {
             run.force.push(seen(&unit.accelerometer, state.specific_force + on_force));
             run.rate.push(seen(&unit.gyroscope, state.angular_rate + on_rate));
             run.temperature.push(temperature_degc);
-            run.stand.push(stand.read_encoders(&moment.stand.unwrap(), effects, Vector3::zeros()).into());
+            let angles_rad = stand.read_encoders(&moment.stand.unwrap(), effects, Vector3::zeros());
+            run.stand.push((angles_rad - Vector3::new(0.0, STAND_RAD[7], 0.0)).into());
         }
         run
     }
