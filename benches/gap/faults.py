@@ -40,7 +40,8 @@ def faults(runs: int) -> Iterator[Case]:
         trembling = Scene("A'", (imucal.EffectValues("rest_not_still", [tremor]),), motion=tumble)
         taken_up = Answer(verdicts=("data_fault", "nothing_missing"), fault="rest_not_still")
         yield Case("fault", "rest_not_still", index, trembling, taken_up)
-    # The stamps are even and the instants are not, so only the noise inside moves shows it: more cases than of others.
+    # The stamps are even and the instants are not: only the noise inside moves shows this fault, so it gets
+    # more cases than the others.
     for index in range(6 * runs):
         jitter_s = generator("even stamps", index).uniform(1e-3, 3e-3)
         instants = Scene(effects=(imucal.EffectValues("clock_irregular", [jitter_s]),))

@@ -128,7 +128,7 @@ def test_noise_in_moves_does_not_explain_a_scale_that_varies():
 @pytest.mark.parametrize("zero_rad", [0.004, -0.02])
 def test_a_zero_error_of_the_second_motor_is_no_effect(zero_rad):
     recording = run(stand=FIRM)
-    shifted = dataclasses.replace(recording, stand_rad=recording.stand_rad + [0.0, zero_rad, 0.0])
+    shifted = dataclasses.replace(recording, stand_rad=recording.stand_rad + np.array([0.0, zero_rad, 0.0]))
     gap = imucal.find_gap(shifted)
     assert gap.verdict == "nothing_missing", gap.summary()
 

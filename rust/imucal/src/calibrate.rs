@@ -193,7 +193,7 @@ impl Options<'_> {
         Ok(())
     }
 
-    /// Whether the result is from the joint fit. Effects, priors and additional kinds of residuals require the joint fit.
+    /// Whether the result is from the joint fit. Effects, priors and additional kinds of residuals require this fit.
     fn is_joint(&self) -> bool {
         self.joint || self.has_effects() || self.kinds != Kinds::default() || !self.priors.is_empty()
     }

@@ -25,10 +25,10 @@ const SIGNIFICANT: f64 = 25.0;
 /// Time-stamp errors are ignored if they increase the noise variance of the angular rate inside moves by less than this
 /// fraction.
 const HARMLESS: f64 = 0.1;
-/// A fault explains the residuals of moves if the variance that it adds to the noise of the rates is at least this share
-/// of the excess variance of these residuals, both as multiples of the noise variance. Wrong sampling instants and white
-/// noise increase both variances about equally. The share is small because the largest errors of the rates are left out
-/// as outliers ([`JUMP`]).
+/// A fault explains the residuals of moves if the variance that it adds to the noise of the rates is at least this
+/// share of the excess variance of these residuals, both as multiples of the noise variance. Wrong sampling instants
+/// and white noise increase both variances about equally. The share is small because the largest errors of the rates
+/// are left out as outliers ([`JUMP`]).
 const EXPLAINS: f64 = 0.25;
 /// Half-width of the five-point stencil of a fourth difference, samples.
 const REACH: usize = 2;
