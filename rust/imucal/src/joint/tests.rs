@@ -65,8 +65,10 @@ impl Run {
             run.force.push(seen(&unit.accelerometer, state.specific_force + on_force));
             run.rate.push(seen(&unit.gyroscope, state.angular_rate + on_rate));
             run.temperature.push(temperature_degc);
-            let angles_rad = stand.read_encoders(&moment.stand.unwrap(), effects, Vector3::zeros());
-            run.stand.push((angles_rad - Vector3::new(0.0, STAND_RAD[7], 0.0)).into());
+            // The zero of an encoder is that of its readings, and so is the phase of its errors.
+            let mut angles = moment.stand.unwrap();
+            angles.angle_rad.y -= STAND_RAD[7];
+            run.stand.push(stand.read_encoders(&angles, effects, Vector3::zeros()).into());
         }
         run
     }
