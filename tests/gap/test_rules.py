@@ -133,13 +133,22 @@ def test_a_zero_error_of_the_second_motor_is_no_effect(zero_rad):
     assert gap.verdict == "nothing_missing", gap.summary()
 
 
-@pytest.mark.parametrize(("code", "value"), [("clock_irregular", 2.5e-3), ("noise_grows_in_motion", 2.0)])
+@pytest.mark.parametrize(
+    ("code", "value"),
+    [
+        ("clock_irregular", 2.5e-3),
+        ("clock_irregular", 6e-3),
+        ("noise_grows_in_motion", 2.0),
+        ("noise_grows_in_motion", 4.0),
+    ],
+)
 def test_a_fault_beside_an_effect_is_said(code, value):
     effects = {"gyro_g_sensitivity": np.radians(0.05) / 9.80665, code: value}
     gap = imucal.find_gap(without_encoders(run(effects=effects)))
     assert [effect["name"] for effect in gap.effects] == ["gyro_g_sensitivity"], gap.summary()
     assert (gap.remainder.kind, gap.remainder.pattern) == ("unknown", code)
     assert gap.remainder.matters
+    assert code in [finding.code for finding in gap.findings]
 
 
 def test_saturated_samples_that_are_excluded_are_no_fault_of_the_search():

@@ -276,6 +276,21 @@ mod tests {
     }
 
     #[test]
+    fn a_motor_that_turns_to_and_fro_at_one_speed_is_not_clipped() {
+        for step in [0.003, 0.02, 0.1] {
+            let mut columns = Columns::tumbling().quantised(0.01, step);
+            for (i, row) in columns.rate.iter_mut().enumerate() {
+                let (lap, phase) = (i / 100, i % 100);
+                if lap % 2 == 1 && (10..90).contains(&phase) {
+                    let sign = if lap % 4 == 1 { 1.0 } else { -1.0 };
+                    row[0] = (sign / step).round() * step;
+                }
+            }
+            assert!(found(&columns.recording()).is_empty(), "{step}");
+        }
+    }
+
+    #[test]
     fn one_axis_that_is_clipped_on_both_sides_is_named_although_the_others_reach_further() {
         let mut columns = Columns::tumbling().quantised(1e-4, 1e-5);
         let largest =

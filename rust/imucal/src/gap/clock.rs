@@ -51,7 +51,7 @@ const SMALLEST_JITTER: f64 = -3.0;
 const JITTERS: usize = 60;
 
 /// Tests the time stamps of each recording for errors. If no recording has such errors, tests the recordings for excess
-/// noise inside moves instead. `outcome` is the result of a fit without effects to these recordings. If `must_explain`
+/// noise inside moves instead. `outcome` is the result of a fit to these recordings. If `must_explain`
 /// is true, only faults that explain at least [`EXPLAINS`] of the excess residuals of moves are reported.
 pub(super) fn clock_and_noise_faults(
     outcome: &Outcome,

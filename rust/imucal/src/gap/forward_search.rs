@@ -22,7 +22,7 @@ use super::stage::{Beside, FitKey, Member, Stage};
 use super::{Linearised, NotPredictive, Scattering, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
-use crate::joint::{Kinds, Linear, Model, Prepared, is_unobservable_hand_held};
+use crate::joint::{Kinds, Linear, Model, Prepared};
 use crate::numerics::stats::sample_interval_s;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
@@ -40,13 +40,14 @@ const LEAST_CHANGE_K: f64 = 0.5;
 /// Time, s, over which temperature readings are averaged to reduce the noise of the readings.
 const MEAN_S: f64 = 1.0;
 
-/// Largest chi2 per degree of freedom of the specific force inside moves that is not attributed to a hand if the model
-/// explains all other residuals.
-const MOST_INSIDE: f64 = 2.0;
-/// As [`MOST_INSIDE`], if a generic hypothesis wins. The accelerations by a hand may then have caused its evidence.
+/// Smallest chi2 per degree of freedom of the specific force inside moves that is attributed to a hand if a generic
+/// hypothesis wins. The accelerations by the hand may have caused the evidence of the hypothesis.
 const LEAST_INSIDE: f64 = 1.1;
+/// As [`LEAST_INSIDE`], if effects are selected and no hypothesis wins. Noise that is larger in motion also increases
+/// chi2.
+const LEAST_INSIDE_BESIDE_EFFECTS: f64 = 2.0;
 /// Smallest share of the excess chi2 (chi2 beyond noise) of the specific force inside moves that remains if a hand has
-/// caused it. A hypothesis that describes the cause leaves a smaller share.
+/// caused it. A hypothesis or an effect that describes the cause leaves a smaller share.
 const LEFT_BY_HAND: f64 = 0.25;
 
 /// Searches the checked recordings for effects among `candidates` and `user_fields`.
@@ -310,7 +311,9 @@ impl<'a> ForwardSearch<'a> {
             false => pattern.besides(),
         });
         let best = winners.max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
-        self.is_translated = self.kinds.in_motion && is_translated(&stage, scale_inside, best, &path);
+        // Encoders show that the unit turns on a stand.
+        self.is_translated =
+            self.kinds.in_motion && !self.kinds.encoders && is_translated(&stage, scale_inside, best, &path);
         let mut generic = best.map(BestGeneric::finding);
         if let Some(found) = generic.as_mut().filter(|found| found.kernel == Kernel::RandomWalk) {
             found.kernel = self.course(prepared, triads, &open, &stage.members, found.block)?;
@@ -433,13 +436,12 @@ impl<'a> ForwardSearch<'a> {
 /// that no effect and no hypothesis explains. `before` is chi2 per degree of freedom of this force in the model without
 /// effects, and `generic` the generic hypothesis with the largest evidence.
 fn is_translated(stage: &Stage, before: Option<f64>, generic: Option<&BestGeneric>, path: &[Score]) -> bool {
-    let left = generic.map_or_else(|| stage.scale_inside(), |own| own.scale_inside);
-    let (Some(before), Some(left)) = (before, left) else { return false };
-    let is_large = left > if generic.is_some() { LEAST_INSIDE } else { MOST_INSIDE };
-    // Effects that only the force inside moves shows may be large. They are then fitted with a small relative error,
-    // which may still be larger than noise.
-    let may_be_remainder = generic.is_some() || path.iter().any(|score| is_unobservable_hand_held(&score.name));
-    is_large && !(may_be_remainder && left - 1.0 < LEFT_BY_HAND * (before - 1.0))
+    let (left, least) = match generic {
+        Some(own) => (own.scale_inside, LEAST_INSIDE),
+        None if path.is_empty() => return false,
+        None => (stage.scale_inside(), LEAST_INSIDE_BESIDE_EFFECTS),
+    };
+    before.zip(left).is_some_and(|(before, left)| left > least && left - 1.0 > LEFT_BY_HAND * (before - 1.0))
 }
 
 /// The result of a forward selection.

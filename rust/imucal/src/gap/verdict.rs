@@ -39,6 +39,8 @@ const MOST_REMOVED: f64 = 0.5;
 /// threshold confirms the effects, even if it is a smaller share of chi2 than [`LEAST_REMOVED`]. This criterion is not
 /// used if the fit is poor, or if residuals at rest scatter more than noise.
 const SIGNIFICANT: f64 = 4.0;
+/// p-value of unseen data below which their residuals exceed noise significantly.
+const EXCEEDS_NOISE: f64 = 1e-5;
 /// Codes of findings (faults of the data) that prevent conclusions about effects.
 const FAULTS: [&str; 8] = [
     "noise_grows_in_motion",
@@ -115,7 +117,7 @@ pub struct Contradiction {
 /// The verdict, and the results from which the verdict was derived.
 pub(super) struct Judgement {
     pub(super) verdict: Verdict,
-    /// Faults of the data; empty unless the verdict is `DataFault`.
+    /// Faults of the data that prevent conclusions, or that explain the residuals of moves beside accepted effects.
     pub(super) faults: Vec<Finding>,
     pub(super) rivals: Vec<Rivals>,
     /// Effects with a significant log Bayes factor that do not improve the prediction of unseen data.
@@ -141,7 +143,7 @@ pub(super) struct Basis<'a> {
 
 impl Basis<'_> {
     pub(super) fn judge(&self) -> Judgement {
-        let Self { recordings, search, path, before, after, .. } = self;
+        let Self { recordings, search, path, before, .. } = self;
         let outcome = &before.outcome;
         let rests: Vec<StandRest> = outcome.rests.iter().map(StandRest::from).collect();
         let slips = mount_slips(&outcome.calibration.accelerometer, &rests, recordings);
@@ -152,11 +154,9 @@ impl Basis<'_> {
         let contradiction = if path.is_empty() { None } else { self.contradiction() };
         let are_accepted = !path.is_empty() && contradiction.is_none();
         let mut remainder = self.remainder(are_accepted, &not_confirmed);
-        if are_accepted && remainder.kind == RemainderKind::Nothing {
-            let found = clock_and_noise_faults(&after.outcome, recordings, false);
-            if let Some(fault) = found.first() {
-                remainder = Remainder::unknown(ResidualGroup::MoveDirections.name(), fault.code, remainder.p_value);
-            }
+        let beside = if are_accepted { self.faults_beside_effects(&remainder) } else { Vec::new() };
+        if let Some(fault) = beside.first() {
+            remainder = Remainder::unknown(ResidualGroup::MoveDirections.name(), fault.code, remainder.p_value);
         }
         let disagrees = remainder.kind != RemainderKind::Nothing || contradiction.is_some();
         let verdict = match &search.generic {
@@ -172,7 +172,7 @@ impl Basis<'_> {
             _ => Verdict::NothingMissing,
         };
         let is_fault = verdict == Verdict::DataFault;
-        let faults = if is_fault { slips.into_iter().chain(faults).collect() } else { Vec::new() };
+        let faults = if is_fault { slips.into_iter().chain(faults).collect() } else { beside };
         Judgement { verdict, faults, rivals, not_confirmed, contradiction, remainder }
     }
 
@@ -215,6 +215,27 @@ impl Basis<'_> {
         Remainder::nothing(chance)
     }
 
+    /// Faults of the clock and of the noise that explain the residuals of moves that the accepted effects leave.
+    /// `remainder` describes these residuals.
+    fn faults_beside_effects(&self, remainder: &Remainder) -> Vec<Finding> {
+        let Self { recordings, search, after, .. } = self;
+        let may_be_fault = match (&search.generic, remainder.pattern) {
+            (Some(generic), _) => self.resembles_fault(generic),
+            (None, None) => remainder.p_value < EXCEEDS_NOISE,
+            (None, Some(pattern)) => {
+                pattern == "above_noise" && remainder.block == Some(ResidualGroup::MoveDirections.name())
+            }
+        };
+        if may_be_fault { clock_and_noise_faults(&after.outcome, recordings, true) } else { Vec::new() }
+    }
+
+    /// Whether wrong sampling instants, or a larger noise inside moves, may cause a variation that no effect describes.
+    /// Their residuals inside moves resemble a variation of the gyroscope's scale. If a hand moved the unit, its motion
+    /// is not smooth enough to tell these faults from such a variation.
+    fn resembles_fault(&self, generic: &GenericFinding) -> bool {
+        generic.block == Block::GyroscopeScale && !self.search.is_hand_moved
+    }
+
     /// Faults of the data, and whether any of these faults disturbs the noise estimates and the residuals of moves.
     fn faults(&self, slips: &[Finding]) -> (Vec<Finding>, bool) {
         let Self { recordings, search, path, before, .. } = self;
@@ -227,13 +248,8 @@ impl Basis<'_> {
         // moves.
         let mut are_disturbing =
             faults.iter().any(|fault| !["clock_irregular", "samples_missing"].contains(&fault.code));
-        // Inside moves, wrong sampling instants and a larger noise cause residuals that may resemble a variation of the
-        // gyroscope's scale. If a hand moved the unit, its motion is not smooth enough to tell these faults from such a
-        // variation.
-        let resembles_fault =
-            |generic: &GenericFinding| generic.block == Block::GyroscopeScale && !search.is_hand_moved;
         let is_possible = slips.is_empty() && path.is_empty() && !are_disturbing;
-        if is_possible && search.generic.as_ref().is_none_or(resembles_fault) {
+        if is_possible && search.generic.as_ref().is_none_or(|generic| self.resembles_fault(generic)) {
             let found = clock_and_noise_faults(&before.outcome, recordings, search.generic.is_some());
             are_disturbing = !found.is_empty();
             faults.extend(found);

@@ -14,8 +14,8 @@
 //! body frame at the start of the move, integrated from the gyroscope rates. The geometry of the stand is not known
 //! exactly, so eight parameters of the stand are also estimated: the mount rotation (3 parameters), the base tilt (2),
 //! the non-orthogonality of the axes (2), and the zero error of the second motor (1). A zero error of the first motor
-//! is an unobservable heading, and a zero error of the third motor is a rotation of the mount. The parameters are the
-//! last entries of the parameter vector.
+//! is part of the tilt of the base, and a zero error of the third motor is part of the rotation of the mount. The
+//! parameters are the last entries of the parameter vector.
 
 mod directions;
 pub(super) mod moves;

@@ -16,7 +16,8 @@ use crate::simulate::motion::{Motion, gyroscope_delay_s};
 use crate::simulate::stand::Stand;
 use crate::simulate::{Program, RandomMoves, Simulation, Unit, simulate};
 
-/// True parameters of the stand, rad: mount rotation (3), base tilt (2) and non-orthogonality of the axes (2).
+/// True parameters of the stand, rad: mount rotation (3), base tilt (2), non-orthogonality of the axes (2), and zero of
+/// the second motor (1).
 pub(super) const STAND_RAD: [f64; 8] = [0.02, -0.03, 0.05, 0.01, -0.02, 0.005, -0.003, 0.004];
 
 /// Samples of a simulated unit without noise, on a stand with geometric errors and with a varying temperature.
