@@ -12,8 +12,7 @@ use crate::recording::{RawUnit, Recording, Samples};
 
 /// A rail is the value at which an axis is clipped. The lowest or highest value of an axis can be a rail only if its
 /// distance from the zero reading is at least this share of the largest such distance among the three axes. The axes of
-/// a triad have the same range, so their rails differ only by the scales of the axes. The limit does not apply if an
-/// axis is clipped at the same distance on both sides.
+/// a triad have the same range, so their rails differ only by the scales of the axes.
 const SHARE_OF_REACH: f64 = 0.8;
 
 /// Lowest rail (value at which an axis is clipped) of an accelerometer, as a multiple of the median norm of the
@@ -174,7 +173,7 @@ fn triad_rails(
         .map(|row| row.iter().map(|v| (v - zero).powi(2)).sum::<f64>().sqrt())
         .filter(|norm| norm.is_finite())
         .collect();
-    let median_norm = quantile(&mut norms, 0.5);
+    let lowest_rail = (SHARE_OF_REACH * reach).max(lowest_over_median * quantile(&mut norms, 0.5));
     let steps = [0, 1, 2].map(|axis| converter_step(rows, axis));
     let mut rails: [Rails; 3] = [0, 1, 2].map(|axis| {
         let [low, high] = ends[axis];
@@ -183,19 +182,13 @@ fn triad_rails(
             return [None; 2];
         }
         let plateaus = plateaus(rows, axis, ends, &steps);
-        let distance = |side: usize| (ends[axis][side] - zero).abs();
-        let is_held = [0, 1].map(|side| {
-            distance(side) >= lowest_over_median * median_norm
-                && plateaus.at_end[side].stand_out_from(&plateaus.elsewhere)
-                && piles_up(rows, axis, ends[axis][side], steps[axis])
-                && !plateaus.at_end[side].is_chance(equal_neighbours(rows, axis, &ends[axis]))
-        });
-        // Readings that end at the same distance on both sides are clipped even if the other axes reach further.
-        let is_symmetric = is_held == [true; 2] && (distance(0) / distance(1) - 1.0).abs() < ONE_RANGE;
         [0, 1].map(|side| {
             let end = ends[axis][side];
-            let is_cut_off = is_held[side] && (is_symmetric || distance(side) >= SHARE_OF_REACH * reach);
-            (is_16_bit_end(end) || is_cut_off).then_some(end)
+            let cut_off = (end - zero).abs() >= lowest_rail
+                && plateaus.at_end[side].stand_out_from(&plateaus.elsewhere)
+                && piles_up(rows, axis, end, steps[axis])
+                && !plateaus.at_end[side].is_chance(equal_neighbours(rows, axis, &ends[axis]));
+            (is_16_bit_end(end) || cut_off).then_some(end)
         })
     });
     // If one rail of the triad is known, all other channels that reach this value are also clipped. The counts +32767
@@ -288,18 +281,6 @@ mod tests {
             }
             assert!(found(&columns.recording()).is_empty(), "{step}");
         }
-    }
-
-    #[test]
-    fn one_axis_that_is_clipped_on_both_sides_is_named_although_the_others_reach_further() {
-        let mut columns = Columns::tumbling().quantised(1e-4, 1e-5);
-        let largest =
-            |columns: &Columns, axis: usize| columns.rate.iter().map(|row| row[axis].abs()).fold(0.0, f64::max);
-        let limit = 0.5 * largest(&columns, 1).min(largest(&columns, 0));
-        clip(&mut columns, 1, limit);
-        let findings = found(&columns.recording());
-        assert_eq!(findings.len(), 1, "{findings:?}");
-        assert_eq!((findings[0].code, &findings[0].columns[..]), ("gyro_saturation", &["gyro_y".to_owned()][..]));
     }
 
     #[test]

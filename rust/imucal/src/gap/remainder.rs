@@ -21,8 +21,8 @@ pub struct Remainder {
     /// `noise_grows_in_motion`). `None` if noise explains the residuals.
     pub pattern: Option<&'static str>,
     /// p-value under the hypothesis that noise is the only error. It is computed from the residuals of unseen data if
-    /// `pattern` is `None`, `above_noise` or `not_confirmed`, or if `block` is `recordings`. If `pattern` is a fault, it
-    /// is the p-value of the residuals that the fault explains. Otherwise, it is the p-value of the test that found
+    /// `pattern` is `None`, `above_noise` or `not_confirmed`, or if `block` is `recordings`. If `pattern` is a fault,
+    /// it is the p-value of the residuals that the fault explains. Otherwise, it is the p-value of the test that found
     /// `pattern`.
     pub p_value: f64,
     /// Whether the unexplained residuals limit the use of the calibration; `false` if noise explains the residuals. For
