@@ -169,7 +169,9 @@ def test_a_poor_control_record_at_another_temperature_is_said():
     gap = imucal.find_gap(runs[0], control=runs[1], candidates=["gyro_g_sensitivity"])
     assert gap.fits["after"].control.verdict == "poor"
     assert "the control recordings are 20 K warmer than the calibration recordings" in gap.summary()
-    same = imucal.find_gap(runs[0], control=None, candidates=["gyro_g_sensitivity"])
+    as_warm = replace(runs[1], temperature_degc=np.full(len(runs[1].time_s), 25.0))
+    same = imucal.find_gap(runs[0], control=as_warm, candidates=["gyro_g_sensitivity"])
+    assert same.fits["after"].control.verdict == "poor"
     assert " warmer " not in same.summary()
 
 

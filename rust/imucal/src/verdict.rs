@@ -6,6 +6,7 @@
 mod group_misfit;
 mod reason;
 
+pub(crate) use group_misfit::SIGNIFICANCE;
 pub use group_misfit::{GroupMisfit, ResidualGroup};
 pub use reason::{Reason, UncorrectedSamples};
 

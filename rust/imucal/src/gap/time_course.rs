@@ -422,18 +422,21 @@ mod tests {
         found.iter().filter(|own| **own == wanted).count()
     }
 
+    /// A random walk. `step` is the standard deviation of its steps from epoch to epoch.
+    fn random_walk(step: f64, random: &mut ChaCha8Rng) -> Box<dyn Fn(usize) -> [f64; 3]> {
+        let mut at = [0.0; 3];
+        let path: Vec<[f64; 3]> = (0..EPOCHS)
+            .map(|_| {
+                at.iter_mut().for_each(|x| *x += step * normal(random));
+                at
+            })
+            .collect();
+        Box::new(move |k| path[k])
+    }
+
     #[test]
     fn a_random_walk_stays_a_random_walk() {
-        let found = kernels(|random| {
-            let mut at = [0.0; 3];
-            let path: Vec<[f64; 3]> = (0..EPOCHS)
-                .map(|_| {
-                    at.iter_mut().for_each(|x| *x += 0.4 * normal(random));
-                    at
-                })
-                .collect();
-            Box::new(move |k| path[k])
-        });
+        let found = kernels(|random| random_walk(0.4, random));
         assert!(count(&found, None) >= 19, "{found:?}");
     }
 
@@ -441,16 +444,7 @@ mod tests {
     /// independent deviations.
     #[test]
     fn a_weak_random_walk_stays_a_random_walk() {
-        let found = kernels(|random| {
-            let mut at = [0.0; 3];
-            let path: Vec<[f64; 3]> = (0..EPOCHS)
-                .map(|_| {
-                    at.iter_mut().for_each(|x| *x += 0.1 * NOISE * normal(random));
-                    at
-                })
-                .collect();
-            Box::new(move |k| path[k])
-        });
+        let found = kernels(|random| random_walk(0.1 * NOISE, random));
         assert!(count(&found, None) >= 14, "{found:?}");
     }
 

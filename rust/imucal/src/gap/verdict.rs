@@ -20,7 +20,7 @@ use super::{Block, GenericFinding, Score, Search};
 use crate::finding::{Finding, Severity};
 use crate::joint::is_unobservable_hand_held;
 use crate::recording::Recording;
-use crate::verdict::ResidualGroup;
+use crate::verdict::{ResidualGroup, SIGNIFICANCE};
 
 /// Minimum log Bayes factor, nats, for an effect to be reported as significant but not confirmed. Such an effect does
 /// not improve the prediction of unseen data. 8 nats are odds of 3000 to 1.
@@ -39,8 +39,6 @@ const MOST_REMOVED: f64 = 0.5;
 /// threshold confirms the effects, even if it is a smaller share of chi2 than [`LEAST_REMOVED`]. This criterion is not
 /// used if the fit is poor, or if residuals at rest scatter more than noise.
 const SIGNIFICANT: f64 = 4.0;
-/// p-value of unseen data below which their residuals exceed noise significantly.
-const EXCEEDS_NOISE: f64 = 1e-5;
 /// Codes of findings (faults of the data) that prevent conclusions about effects.
 const FAULTS: [&str; 8] = [
     "noise_grows_in_motion",
@@ -221,7 +219,7 @@ impl Basis<'_> {
         let Self { recordings, search, after, .. } = self;
         let may_be_fault = match (&search.generic, remainder.pattern) {
             (Some(generic), _) => self.resembles_fault(generic),
-            (None, None) => remainder.p_value < EXCEEDS_NOISE,
+            (None, None) => remainder.p_value < SIGNIFICANCE,
             (None, Some(pattern)) => {
                 pattern == "above_noise" && remainder.block == Some(ResidualGroup::MoveDirections.name())
             }
@@ -240,8 +238,7 @@ impl Basis<'_> {
     fn faults(&self, slips: &[Finding]) -> (Vec<Finding>, bool) {
         let Self { recordings, search, path, before, .. } = self;
         // Saturated samples that the user excludes are a warning. They are in no rest or move that is used.
-        let is_excluded =
-            |finding: &Finding| finding.code.ends_with("_saturation") && finding.severity == Severity::Warning;
+        let is_excluded = |finding: &Finding| finding.is_saturation() && finding.severity == Severity::Warning;
         let is_fault = |finding: &&Finding| FAULTS.contains(&finding.code) && !is_excluded(finding);
         let mut faults: Vec<Finding> = before.outcome.findings.iter().filter(is_fault).cloned().collect();
         // All faults except an irregular clock and missing samples disturb the noise estimates and the residuals of

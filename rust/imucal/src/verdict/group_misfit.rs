@@ -24,7 +24,7 @@ const EXCESS_RATIO: f64 = 2.0;
 /// recordings contains seven tests: five kinds of residuals on the calibration recordings, and two kinds on the control
 /// recordings. For any number of residuals, noise alone gives a p-value below this limit in fewer than one of 10 000
 /// calibrations.
-const SIGNIFICANCE: f64 = 1e-5;
+pub(crate) const SIGNIFICANCE: f64 = 1e-5;
 
 /// Kind of residuals. The residuals of a kind are compared with noise in one test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
