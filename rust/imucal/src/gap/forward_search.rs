@@ -69,9 +69,9 @@ pub fn search(
     let found = checked.prepare(&temperatures_degc, search.kinds, |prepared, accelerometer, gyroscope| {
         search.run(prepared, [accelerometer, gyroscope], open)
     })?;
-    match search.is_translated {
-        true => self::search(checked, candidates, user_fields, true),
-        false => Ok(found),
+    match found {
+        Some(found) => Ok(found),
+        None => self::search(checked, candidates, user_fields, true),
     }
 }
 
@@ -177,9 +177,6 @@ pub(super) struct ForwardSearch<'a> {
     /// Whether accelerometer samples inside moves must be ignored, because the unit was moved by hand or because the
     /// accelerometer noise is far below the quantisation step. `None` if this is not known yet.
     pub(super) is_hand_moved: Option<bool>,
-    /// Whether the accelerometer samples inside moves contain accelerations by a hand that only the end of the search
-    /// has shown.
-    is_translated: bool,
     /// Name of each effect that is not observable, and the data that would make it observable.
     pub(super) left_out: Vec<(String, String)>,
     pub(super) user_fields: &'a [UserField<'a>],
@@ -209,7 +206,6 @@ impl<'a> ForwardSearch<'a> {
         let mut search = Self {
             kinds: Kinds { in_motion: true, encoders },
             is_hand_moved: (checked.is_held() || checked.has_coarse_accelerometer()).then_some(true).or(is_hand_moved),
-            is_translated: false,
             left_out: Vec::new(),
             user_fields,
             samples: recordings.iter().map(Recording::len).collect(),
@@ -249,12 +245,14 @@ impl<'a> ForwardSearch<'a> {
         open
     }
 
+    /// `None` if the end of the search shows that a hand translated the unit. The search must then be repeated without
+    /// the accelerometer samples inside moves.
     fn run(
         &mut self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],
         open: Vec<EffectChoice>,
-    ) -> Result<Search, Error> {
+    ) -> Result<Option<Search>, Error> {
         let (mut start, mut open) = self.start(prepared, triads, open)?;
         let mut first = judge(&start);
         let mut selected = self.select(prepared, &open, start.clone(), &first)?;
@@ -312,8 +310,9 @@ impl<'a> ForwardSearch<'a> {
         });
         let best = winners.max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
         // Encoders show that the unit turns on a stand.
-        self.is_translated =
-            self.kinds.in_motion && !self.kinds.encoders && is_translated(&stage, scale_inside, best, &path);
+        if self.kinds.in_motion && !self.kinds.encoders && is_translated(&stage, scale_inside, best, &path) {
+            return Ok(None);
+        }
         let mut generic = best.map(BestGeneric::finding);
         if let Some(found) = generic.as_mut().filter(|found| found.kernel == Kernel::RandomWalk) {
             found.kernel = self.course(prepared, triads, &open, &stage.members, found.block)?;
@@ -330,7 +329,7 @@ impl<'a> ForwardSearch<'a> {
             }
         }
         self.left_out.extend(blind);
-        Ok(Search {
+        Ok(Some(Search {
             path,
             ranking,
             generic,
@@ -343,7 +342,7 @@ impl<'a> ForwardSearch<'a> {
             kinds: self.kinds,
             is_hand_moved: !self.kinds.in_motion,
             warm_start: stage.warm_start(),
-        })
+        }))
     }
 
     /// Selects effects, and evaluates generic hypotheses, without the angles of the stand.

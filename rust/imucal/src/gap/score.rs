@@ -1,6 +1,6 @@
 //! Computes the scores and detection limits of all candidate effects relative to a model (docs/model.md (23)).
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::ops::Range;
 
 use faer::Mat;
@@ -10,7 +10,7 @@ use imucal_core::effects::{Effect, Sensor};
 use super::Scattering;
 use super::common::{Common, SweptCommon};
 use super::design::{Candidate, Design};
-use super::detect::visible_noncentrality;
+use super::detect::Detection;
 use super::evidence::{Column, Evidence, Gram};
 use super::predict::Gain;
 use super::stage::Stage;
@@ -80,10 +80,7 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
         let seen = candidates.iter().zip(&looks).filter(|(_, look)| look.is_some()).map(|(c, _)| c.name.as_str());
         seen.collect::<BTreeSet<&str>>().len()
     };
-    let noncentralities: BTreeMap<usize, f64> = {
-        let distinct: BTreeSet<usize> = looks.iter().flatten().map(|look| look.dof).collect();
-        distinct.into_iter().map(|dof| (dof, visible_noncentrality(dof, tests))).collect()
-    };
+    let mut detection = Detection::new(tests);
     for (candidate, look) in candidates.iter().zip(looks) {
         let Some(look) = look else {
             if !blind.iter().any(|(name, _)| *name == candidate.name) {
@@ -91,7 +88,7 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
             }
             continue;
         };
-        let size = (noncentralities[&look.dof] / look.trace).sqrt() * candidate.typical[0];
+        let size = detection.limit(&look.information, look.dof) * candidate.typical[0];
         // The detection limit refers to the form of the effect with the fewest parameters.
         let is_plain = Effect::<f64>::find(&candidate.name).is_none_or(|own| own.plain >= candidate.typical.len());
         match visible.iter_mut().find(|(name, _, _): &&mut (String, f64, String)| *name == candidate.name) {
@@ -115,9 +112,9 @@ struct Look {
     /// Number of observable directions in the space of the candidate's parameters. The noise variances are not scaled
     /// (all noise scales s_g^2 are one).
     dof: usize,
-    /// Sum over the parameters of the candidate. Each term is the change of chi2 if one parameter changes by its
-    /// typical size and the other parameters do not change.
-    trace: f64,
+    /// One eigenvalue for each parameter of the candidate: the change of chi2 if the parameters change by one typical
+    /// size in the direction of an eigenvector.
+    information: Vec<f64>,
     judged: Option<Judged>,
 }
 
@@ -154,7 +151,7 @@ fn look_at(
         };
         Some(Judged { score, width, shape: candidate.shape })
     };
-    (dof > 0).then(|| Look { dof, trace: left.trace(), judged: judged() })
+    (dof > 0).then(|| Look { dof, information: left.eigenvalues(), judged: judged() })
 }
 
 /// Increase of the log predictive density of held-out rests and moves due to a candidate. `None` if sensor noise

@@ -59,17 +59,17 @@ impl Left {
         if Instructions::Best.run(AreAllAbove(self, least)) {
             return self.columns();
         }
-        let normal = DMatrix::from_fn(self.columns(), self.columns(), |a, b| self.sums.row(a.min(b))[a.abs_diff(b)]);
-        if normal.iter().any(|number| !number.is_finite()) {
-            return 0;
-        }
-        normal.symmetric_eigenvalues().into_iter().filter(|value| **value >= least).count()
+        self.eigenvalues().into_iter().filter(|value| *value >= least).count()
     }
 
-    /// Sum over the parameters of the additional columns. Each term is the change of chi2 if one parameter changes by
-    /// its typical size and the other parameters do not change.
-    pub(crate) fn trace(&self) -> f64 {
-        (0..self.columns()).map(|a| self.sums.row(a)[0].max(0.0)).sum()
+    /// Eigenvalues of the Schur complement: a change of the parameters by one typical size in the direction of an
+    /// eigenvector changes chi2 by its eigenvalue. All are zero if a number is not finite.
+    pub(crate) fn eigenvalues(&self) -> Vec<f64> {
+        let normal = DMatrix::from_fn(self.columns(), self.columns(), |a, b| self.sums.row(a.min(b))[a.abs_diff(b)]);
+        if normal.iter().any(|number| !number.is_finite()) {
+            return vec![0.0; self.columns()];
+        }
+        normal.symmetric_eigenvalues().as_slice().to_vec()
     }
 }
 
