@@ -20,10 +20,12 @@ pub struct Remainder {
     /// `between_sessions`, `above_noise` or `not_confirmed`, or the code of a fault of the data (`clock_irregular` or
     /// `noise_grows_in_motion`). `None` if noise explains the residuals.
     pub pattern: Option<&'static str>,
-    /// p-value under the hypothesis that noise is the only error. It is computed from the residuals of unseen data if
-    /// `pattern` is `None`, `above_noise` or `not_confirmed`, or if `block` is `recordings`. If `pattern` is a fault,
-    /// it is the p-value of the residuals that the fault explains. Otherwise, it is the p-value of the test that found
-    /// `pattern`.
+    /// p-value under the hypothesis that noise is the only error. It belongs to the test that found `pattern`, with
+    /// these exceptions:
+    ///
+    /// * If `pattern` is a fault of the data, it belongs to the residuals that the fault explains.
+    /// * If `pattern` is `None`, `above_noise` or `not_confirmed`, it belongs to the residuals of unseen data.
+    /// * If `block` is `recordings`, it belongs to the residuals of unseen data, too.
     pub p_value: f64,
     /// Whether the unexplained residuals limit the use of the calibration; `false` if noise explains the residuals. For
     /// the pattern `above_noise`, it is also `false` if the accepted effects remove at least half of chi2 from one kind

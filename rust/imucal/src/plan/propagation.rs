@@ -44,9 +44,9 @@ pub(super) struct MoveInformation {
 #[derive(Clone)]
 struct Section {
     propagation: Propagation,
-    /// Derivatives of the mean force over this section of the move, divided by the standard deviation of the mean. This
-    /// measurement is added to the filter after the propagation over this section. `None` if forces during moves are
-    /// not used.
+    /// The mean force over this section of the move, as a measurement: its derivatives with respect to the states of
+    /// the filter, divided by its standard deviation. The filter takes it after the propagation over this section.
+    /// `None` if forces during moves are not used.
     force: Option<[Vec<f64>; 3]>,
 }
 

@@ -236,9 +236,10 @@ pub(crate) fn hands(
         let mut hand = Hand::of(recording, &contributing, sensors)?;
         noise[index] = hand.noise;
         own.iter_mut().for_each(|own| own.rest.bias = *sensors.gyroscope.bias());
-        // `turn` is the rotation about the two axes perpendicular to gravity. The variance of the hand's rotation about
-        // each of these axes is half the mean of |`turn`|^2, minus the error variances of the gravity directions at
-        // both ends of the rest. The rotation about gravity is unknown and is assumed to have the same variance.
+        // `turn` is the hand's rotation between both ends of the rest, about the two axes perpendicular to gravity. Its
+        // variance about one of them is |`turn`|^2 / 2 on average. This includes the errors of the gravity direction at
+        // both ends, whose variance is subtracted. The rotation about gravity is unknown. It is assumed to have the
+        // same variance.
         let turned = |own: &mut OwnRest<'_>| {
             let errors = 2.0 * hand.variance_rad2(&own.rest.rest);
             let turn = hand.remove_tremor(recording, own.rest, sensors);

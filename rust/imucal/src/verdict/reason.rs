@@ -67,7 +67,8 @@ pub enum Reason {
     UnknownDirection {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
-        /// Standard deviation of the gravity direction after a move due to noise, deg: median over the moves.
+        /// Error of the gravity direction that noise causes during a move, deg: the median of its standard deviations
+        /// over the moves.
         sigma_deg: f64,
         /// Maximum standard deviation for a verdict on a gyroscope, deg.
         limit_deg: f64,
