@@ -92,8 +92,8 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
         return
     name = f"{signals.recording} (control)" if signals.is_control else signals.recording
     of_hand = (
-        " Within moves the fit does not use the accelerometer, because it also measures the acceleration of a "
-        "hand or its resolution is coarser than its noise."
+        " Within moves the fit does not use the accelerometer, because it also measures the acceleration of "
+        "a hand or its resolution is coarser than its noise."
         if gap.is_hand_moved
         else ""
     )
