@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import imucal
 from changes import changed, rate
 from imucal import Program, Step
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 TURNS = (90, 90, 90, 90, -90, -90, -90, 45, 45, -90, -90, -90)
 
@@ -16,10 +18,10 @@ def calibration():
     return imucal.calibrate(imucal.simulate(program, seed=1, rate_hz=100).recording).calibration
 
 
-def about(axis, seed):
+def about(axis, seed, unit="paper"):
     """Rests with turns about one axis."""
     steps = [Step([turn if k == axis else 0 for k in range(3)], 2.0, 3.0) for turn in TURNS]
-    return imucal.simulate(Program(tuple(steps)), seed=seed, rate_hz=100).recording
+    return imucal.simulate(Program(tuple(steps)), seed=seed, unit=unit, rate_hz=100).recording
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -35,6 +37,47 @@ def test_axes_without_rotation_are_not_tested(calibration, axis):
 def test_an_error_about_an_axis_that_is_not_tested_is_not_good(calibration):
     control = rate(lambda w: w * [1.0, 0.5, 0.5])(about(0, 6))
     assert imucal.evaluate(calibration, control).verdict == "incomplete"
+
+
+def test_one_move_between_two_skew_poses_tests_no_axis(calibration):
+    """Each scale alone would be visible, but not three scales that compensate each other."""
+    control = imucal.simulate(Program.random(seed=7, moves=1), seed=7, rate_hz=100).recording
+    (reason,) = imucal.evaluate(calibration, control).reasons
+    assert (
+        "[axes_not_tested]" in reason
+        and all(f"accel_{axis}" in reason for axis in "xyz")
+        and "gyro" in reason
+    )
+
+
+def test_moves_about_one_skew_axis_test_no_other_direction():
+    program = Program.random(seed=1, moves=24)
+    ideal = imucal.calibrate(imucal.simulate(program, seed=1, unit="ideal", rate_hz=100).recording)
+    on_edge = about(0, 5, unit="ideal")
+    skew = Rotation.from_euler("zyx", [40, 35, 20], degrees=True)
+    control = changed(
+        on_edge,
+        specific_force=skew.apply(np.array(on_edge.specific_force)),
+        angular_rate=skew.apply(np.array(on_edge.angular_rate)),
+    )
+    evaluation = imucal.evaluate(ideal.calibration, control)
+    assert evaluation.figures.chi2_per_dof < 2
+    (reason,) = evaluation.reasons
+    assert "[axes_not_tested]" in reason and "gyro_y, gyro_z" in reason
+
+
+@pytest.mark.parametrize(("signs", "is_tested"), [((1, -1), True), ((1,), False)])
+def test_an_accelerometer_needs_axes_that_point_up_and_down(calibration, signs, is_tested):
+    """Where an axis only points up, an error of its bias may compensate one of its scale."""
+    random = np.random.default_rng(8)
+    up = np.concatenate([sign * np.eye(3) for sign in signs])
+    force = np.repeat(up, 400, axis=0) * STANDARD_GRAVITY_MPS2
+    measured = force @ calibration.accelerometer.sensitivity.T + calibration.accelerometer.bias
+    time_s = np.arange(len(force)) / 100
+    control = imucal.Recording(time_s, measured + 0.01 * random.normal(size=force.shape), None)
+    evaluation = imucal.evaluate(imucal.Calibration(calibration.accelerometer, None), control)
+    assert evaluation.figures.rests == len(up)
+    assert (evaluation.verdict == "good") == is_tested, evaluation.reasons
 
 
 def test_rests_and_moves_about_every_axis_are_enough(calibration):

@@ -414,8 +414,14 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             cure="Calibrate with rests in more poses, and with moves about more axes.",
         ),
         "axes_not_tested": Code(
-            cause="The control recordings do not test every axis: a scale error of 5 % would not be visible.",
-            cure="Record rests in different poses, with rotations about every axis between them.",
+            cause=(
+                "The control recordings do not test every axis: errors of 5 % would not be visible, alone or where "
+                "they compensate each other."
+            ),
+            cure=(
+                "Record rests in more poses, with each axis of the accelerometer up and down, and with rotations "
+                "about every axis between them."
+            ),
         ),
         "residuals_above_noise": Code(
             cause=(

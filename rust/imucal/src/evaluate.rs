@@ -1,6 +1,7 @@
 //! Evaluation of a calibration on control recordings.
 
 mod accelerometer_alone;
+mod coverage;
 mod group_misfits;
 mod uncertainty;
 mod verdict;

@@ -105,29 +105,6 @@ impl Judged<'_> {
         })
     }
 
-    /// Finds the axes of the accelerometer and of the gyroscope whose scale the residuals do not test: an error of
-    /// [`TESTED_SCALE`] in the scale of such an axis would change the residuals by less than [`VISIBLE`].
-    pub(super) fn untested_axes(&self) -> [Vec<usize>; 2] {
-        let residuals = self.move_residuals(self.triads, self.rotations);
-        let is_visible = |changes: &[f64]| changes.iter().map(|change| change * change).sum::<f64>() > VISIBLE.powi(2);
-        let of_moves = |[accelerometer, gyroscope]: [&Triad<f64>; 2], rotations: &[Matrix3<f64>]| -> Vec<f64> {
-            let again = self.move_residuals([accelerometer, gyroscope], rotations);
-            again.iter().zip(&residuals).map(|(again, before)| again - before).collect()
-        };
-        let axes = |sensor: usize, is_tested: &dyn Fn(&Triad<f64>) -> bool| {
-            let is_untested =
-                |axis: &usize| !with_scale(self.triads[sensor], *axis).is_some_and(|triad| is_tested(&triad));
-            (0..3).filter(is_untested).collect()
-        };
-        let [accelerometer, gyroscope] = self.triads;
-        [
-            axes(0, &|changed| {
-                is_visible(&self.norm_changes(changed)) || is_visible(&of_moves([changed, gyroscope], self.rotations))
-            }),
-            axes(1, &|changed| is_visible(&of_moves([accelerometer, changed], &self.rotations_by(changed)))),
-        ]
-    }
-
     fn group(&self, group: ResidualGroup, z: &[f64], changes: &[Vec<f64>]) -> GroupMisfit {
         // Number of residuals of one rest or of one move.
         let size = if group == ResidualGroup::RestNorms { 1 } else { 2 };
@@ -153,7 +130,7 @@ impl Judged<'_> {
 
     /// Computes, for each rest, the change of the norm of the specific force if the accelerometer is `triad` instead of
     /// the accelerometer of the calibration. The change is divided by the standard deviation of the norm due to noise.
-    fn norm_changes(&self, triad: &Triad<f64>) -> Vec<f64> {
+    pub(super) fn norm_changes(&self, triad: &Triad<f64>) -> Vec<f64> {
         let change = |rest: &&RestReport| {
             let mean = rest.mean_specific_force;
             (triad.correct(mean).norm() - self.triads[0].correct(mean).norm()) / rest.norm_sigma_mps2
@@ -163,7 +140,7 @@ impl Judged<'_> {
 
     /// Computes the direction residuals of the moves, divided by their standard deviations due to noise, with the
     /// accelerometer `accelerometer` and the rotations `rotations`, which may differ from those of the calibration.
-    fn move_residuals(&self, [accelerometer, _]: [&Triad<f64>; 2], rotations: &[Matrix3<f64>]) -> Vec<f64> {
+    pub(super) fn move_residuals(&self, [accelerometer, _]: [&Triad<f64>; 2], rotations: &[Matrix3<f64>]) -> Vec<f64> {
         let again = |up: &Vector3<f64>| {
             let measured = self.triads[0].sensitivity() * up * GRAVITY_MPS2 + self.triads[0].bias();
             accelerometer.correct(measured).normalize()
@@ -175,17 +152,10 @@ impl Judged<'_> {
         self.ends.iter().zip(rotations).flat_map(of).collect()
     }
 
-    fn rotations_by(&self, gyroscope: &Triad<f64>) -> Vec<Matrix3<f64>> {
+    pub(super) fn rotations_by(&self, gyroscope: &Triad<f64>) -> Vec<Matrix3<f64>> {
         let rotation = |m: &Move| integrate_rotation(&self.recordings[m.recording], m.first, m.last, gyroscope);
         self.moves.iter().map(rotation).collect()
     }
-}
-
-/// The sensor `triad` with an error of [`TESTED_SCALE`] in the scale of `axis`.
-fn with_scale(triad: &Triad<f64>, axis: usize) -> Option<Triad<f64>> {
-    let mut scale = Vector3::repeat(1.0);
-    scale[axis] += TESTED_SCALE;
-    Triad::try_new(triad.sensitivity() * Matrix3::from_diagonal(&scale), *triad.bias()).ok()
 }
 
 /// Returns the indices of the rests or moves that are not outliers. `z` contains `size` residuals of each rest or move.
@@ -206,12 +176,6 @@ fn without_outliers(z: &[f64], size: usize) -> Vec<usize> {
     (0..chi2.len()).filter(|k| !outliers.contains(k)).collect()
 }
 
-/// Relative error of the scale of one axis that control recordings must be able to show. It is larger than the scale
-/// errors of most uncalibrated sensors. A single move about the axis is sufficient to show so large an error.
-const TESTED_SCALE: f64 = 0.05;
-/// A change of the residuals is visible if the norm of the changes is larger than this value. Each change is divided by
-/// the standard deviation of its residual due to noise.
-const VISIBLE: f64 = 5.0;
 /// If the p-value of the residuals is above this limit, noise explains them. Otherwise, the uncertainty of the
 /// calibration is also taken into account.
 const UNLIKELY: f64 = 0.1;

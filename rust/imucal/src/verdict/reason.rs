@@ -139,7 +139,7 @@ pub enum Reason {
         /// Square root of chi2 per degree of freedom.
         times_noise: f64,
     },
-    /// The control recordings do not test the scale of some sensor axes. The verdict is `incomplete`.
+    /// The control recordings do not test some sensor axes. The verdict is `incomplete`.
     AxesNotTested {
         /// Names of the axes, such as `gyro_x`.
         axes: Vec<&'static str>,
@@ -221,8 +221,8 @@ impl Reason {
         )
     }
 
-    /// Returns the reason [`Self::AxesNotTested`] with the names of the axes whose scale the control recordings do not
-    /// test; `None` if there are no such axes. `untested` contains the indices of these axes of the accelerometer and
+    /// Returns the reason [`Self::AxesNotTested`] with the names of the axes that the control recordings do not test;
+    /// `None` if there are no such axes. `untested` contains the indices of these axes of the accelerometer and
     /// of the gyroscope.
     pub(crate) fn axes_not_tested(untested: [Vec<usize>; 2]) -> Option<Self> {
         let [accelerometer, gyroscope] = untested;
@@ -378,8 +378,8 @@ impl fmt::Display for Reason {
             ),
             Self::AxesNotTested { axes } => write!(
                 f,
-                "{}: it does not test the scale of {}: record rests in different poses, with rotations about every axis \
-                 between them",
+                "{}: it would not show errors of 5 % of {}: record rests in more poses, also upside down, with rotations \
+                 about every axis between them",
                 RecordingSet::Control.name(),
                 axes.join(", ")
             ),
