@@ -292,7 +292,10 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "read_by_header": Code(
             cause="Names and units of the columns were taken from the header of a file of another program.",
-            cure="If names and units are right, nothing has to be done. Otherwise give `--columns`.",
+            cure=(
+                "If names and units are right, nothing has to be done. Otherwise give `--columns`; for one "
+                "file per sensor, give `--accel-unit` and `--gyro-unit`."
+            ),
         ),
         "counts_assumed": Code(
             cause="Files without a header were read as raw counts, but the numbers are not integers.",
