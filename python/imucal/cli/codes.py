@@ -606,7 +606,8 @@ its limit" refers to a limit in the file that was given with `--limits`.
 
 The column **kind** gives the consequence of a code:
 
-* **error**: the recording is refused, because the result would be wrong.
+* **error**: the recording is refused, because the result would be wrong. `imucal apply` prints errors of
+  units and time stamps as warnings.
 * **warning**: the result is computed; its message begins with "warning".
 * **error or warning**: the message begins with "warning" if a result can be computed in spite of the fault.
 * **reason**: the code explains the verdict of the result.
