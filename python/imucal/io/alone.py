@@ -53,8 +53,9 @@ def recording_of_any_text(
 def _only_sensor(text: Text, *, needs_time: bool) -> Sensor | None:
     """The only sensor of a file.
 
-    None if the file has no sensor, both sensors, or columns that may belong to another sensor. Also None if
-    it has a time column although `needs_time` is false, or no time column although `needs_time` is true.
+    None if the file has no sensor, both sensors, or columns that may belong to another sensor, and if the
+    caller must give `axes`. Also None if it has a time column although `needs_time` is false, or no time
+    column although `needs_time` is true.
     """
     header = layout_header(text.layout)
     try:
@@ -64,8 +65,8 @@ def _only_sensor(text: Text, *, needs_time: bool) -> Sensor | None:
     used = {*sensor.triad.columns, *(name for name, _ in header.times)}
     others = [name for name in text.layout.names or [] if name and name not in used]
     is_other = (header.accel and header.gyro) or header.linear or len(others) >= SECOND_SENSOR
-    has_time = bool(header.times) == needs_time
-    return sensor if sensor.what in ("accel", "gyro") and has_time and not is_other else None
+    is_unclear = is_other or bool(header.times) != needs_time or header.axes is not None
+    return sensor if sensor.what in ("accel", "gyro") and not is_unclear else None
 
 
 def alone(sensor: Sensor, units: Units, rate_hz: float | None = None) -> Recording:

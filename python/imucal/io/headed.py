@@ -229,9 +229,10 @@ def certain_time(
 ) -> tuple[tuple[str, str] | None, float | None] | None:
     """(name, canonical name) of the time column and its ticks per second, as from `time_of`.
 
-    The result is None if the header is ambiguous or contradicts the data.
+    The result is None if the header is ambiguous or contradicts the data, and for a program whose samples
+    have other signs, because the caller must then give `axes`.
     """
-    if len(header.accel) != 1 or len(header.gyro) != 1:
+    if len(header.accel) != 1 or len(header.gyro) != 1 or header.axes is not None:
         return None
     accel, gyro = header.accel[0], header.gyro[0]
     if accel.unit is None or gyro.unit is None:
@@ -317,11 +318,19 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
     is_known = (header.accel or header.linear) and header.gyro
     lead = "the format could not be determined; first line"
     if header.accel or header.gyro:
+        has_several = max(len(header.accel), len(header.gyro)) > 1
         has_units = all(triad.unit is not None for triad in (*header.accel[:1], *header.gyro[:1]))
         times = [name for name, _ in header.times if name not in header.unread]
         is_timeless = all(is_constant(head.numbers(name)) for name in times)
-        known = "gives no usable time" if has_units and is_timeless else "does not give every unit"
+        known = "does not give every unit"
+        if has_units and (has_several or is_timeless):
+            known = "names several sensors of a kind" if has_several else "gives no usable time"
         lead = f"the header {known if is_known else 'names the columns of one sensor only'}"
+    if header.program is not None and header.axes is not None:
+        lead = (
+            f"{header.program.name} writes the acceleration with the sign of iOS, which is reversed (-1 g on "
+            "the axis that points up)"
+        )
     proposal = suggestion(header, head.cells, works, head.numbers, layout.preamble)
     name = "Otherwise name" if "--columns" in proposal else "Name"
     return (

@@ -97,7 +97,9 @@ def suggestion(
         ]
         columns = ",".join([*pairs, *names, *temperature])
         if (pairs or names) and works(columns):
-            lines.append(("" if time else f"--rate-hz {_rate_in(preamble)} ") + f"--columns '{columns}'")
+            rate = "" if time else f"--rate-hz {_rate_in(preamble)} "
+            axes = f" --axes {header.axes}" if header.axes else ""
+            lines.append(f"{rate}--columns '{columns}'{axes}")
     if not lines:
         return shown
     if len(lines) > 1:
