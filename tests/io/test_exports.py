@@ -179,6 +179,9 @@ def test_the_advice_has_the_rate_that_stands_above_the_header(tmp_path, above, r
     rows = lines(np.arange(ROWS), FORCE, RATE, separator="\t")
     with pytest.raises(imucal.FormatError, match=f"--rate-hz {rate} "):
         imucal.read(write(tmp_path, "MT.txt", above, "\t".join(names), rows))
+    # A given rate is kept.
+    with pytest.raises(imucal.FormatError, match=r"--rate-hz 104\.1667 --columns 'accel_x"):
+        imucal.read(write(tmp_path, "MT.txt", above, "\t".join(names), rows), rate_hz=104.1667)
 
 
 @pytest.mark.parametrize("names", ["p q r", "roll_rate pitch_rate yaw_rate"])

@@ -130,3 +130,20 @@ def test_no_option_is_silently_ignored(tmp_path):
     for option in ({"time_unit": "ms"}, {"accel_unit": "g"}, {"gyro_unit": "deg/s"}):
         with pytest.raises(imucal.InputError, match=f"no option {next(iter(option))}: .*--columns"):
             imucal.read(table, **option)
+
+
+# Files that are given in another way
+
+
+def test_four_sensor_files_are_answered_with_folders(tmp_path, capsys):
+    folders = [folder_of(tmp_path / name, ACCEL, GYRO) for name in ("one", "two")]
+    files = [str(path) for folder in folders for path in sorted(folder.iterdir())]
+    assert main(["calibrate", *files, "-o", str(tmp_path / "unit.json")]) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "[sensor_missing]" in said and "give each recording as a folder with both files" in said
+
+
+def test_an_empty_folder_is_called_empty(tmp_path):
+    (tmp_path / "phone").mkdir()
+    with pytest.raises(imucal.InputError, match="phone is a folder without files"):
+        imucal.read(tmp_path / "phone")

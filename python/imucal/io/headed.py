@@ -200,7 +200,7 @@ def _by_header(text: Text, rate_hz: float | None) -> Table:
     header, head = layout_header(layout), Head(text)
     certain = certain_time(header, head, rate_hz is not None)
     if certain is None:
-        raise FormatError(_unsure(text, header, head))
+        raise FormatError(_unsure(text, header, head, rate_hz))
     time, ticks = certain
     names = canonical_names(layout.names or [], header, time)
     refuse_interleaved(text, names, head)
@@ -283,7 +283,7 @@ def as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:
     )
 
 
-def _unsure(text: Text, header: Header, head: Head) -> str:
+def _unsure(text: Text, header: Header, head: Head, rate_hz: float | None) -> str:
     """The error message for a header that does not give the sensor, axis and unit of all columns."""
     layout = text.layout
 
@@ -331,7 +331,7 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
             f"{header.program.name} writes the acceleration with the sign of iOS, which is reversed (-1 g on "
             "the axis that points up)"
         )
-    proposal = suggestion(header, head.cells, works, head.numbers, layout.preamble)
+    proposal = suggestion(header, head.cells, works, head.numbers, layout.preamble, rate_hz)
     name = "Otherwise name" if "--columns" in proposal else "Name"
     return (
         f"{text.name}: {lead}: {shown[:200]}. {proposal}{name} the columns (columns=..., --columns): {NAMES}"
