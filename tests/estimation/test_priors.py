@@ -22,6 +22,9 @@ FACES = (
     (1.1, -0.7, 88.9),
 )
 STEPS = tuple(imucal.Step(turn, 2.0 if k else 1.0, 3.0) for k, turn in enumerate(FACES))
+# Turns about x and y alone, as of a box that is tipped over its edges and never turned about z, deg.
+TIPPED = ((0, 1, 0), (90, 0, 1), (90, 1, 0), (90, 0, 0), (90, 90, 0), (0, 180, 1))
+TIPPED_STEPS = tuple(imucal.Step(turn, 2.0 if k else 1.0, 3.0) for k, turn in enumerate(TIPPED))
 
 
 def unit_of() -> imucal.Unit:
@@ -158,6 +161,35 @@ def test_the_offered_command_replaces_the_model_that_was_given(tmp_path, capsys)
         capsys.readouterr()
 
 
+def test_six_faces_in_counts_lead_to_a_result_by_the_advice(tmp_path, capsys) -> None:
+    """The nominal sensitivities are asked for, those per g are corrected, and the offered command works."""
+    recording = recorded(imucal.Program(TIPPED_STEPS), 2)
+    lsb_per_g, lsb_per_radps = 8192.0, 32.8 / np.radians(1.0)
+    counts = imucal.Recording(
+        recording.time_s,
+        np.round(recording.specific_force * lsb_per_g / 9.80665),
+        np.round(recording.angular_rate * lsb_per_radps),
+        accel_unit="lsb",
+        gyro_unit="lsb",
+    )
+    imucal.write(counts, tmp_path / "run.csv")
+    words = ["calibrate", str(tmp_path / "run.csv"), "-o", str(tmp_path / "unit.json")]
+    assert main(words) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "(accel_nominal=..., --accel-nominal, in lsb per m/s^2 and gyro_nominal=..., --gyro" in said
+    assert main([*words, "--accel-nominal", "8192", "--gyro-nominal", "32.8"]) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "8192 looks like lsb per g" in said and "lsb per deg/s times 57.29578" in said
+    per_mps2 = re.search(r"give (--accel-nominal) (\S+)\. ", said).groups()
+    assert float(per_mps2[1]) == pytest.approx(lsb_per_g / 9.80665)
+    assert main([*words, *per_mps2, "--gyro-nominal", str(lsb_per_radps)]) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "raw counts it needs" not in said
+    assert main(shlex.split(re.search(r": imucal (calibrate --model orthogonal .*)$", said)[1])) == 0
+    scales = np.diag(imucal.Calibration.load(tmp_path / "unit.json").accelerometer.sensitivity)
+    np.testing.assert_allclose(scales * 9.80665 / lsb_per_g, [1.01, 0.985, 1.02], atol=2e-3)
+
+
 def test_unknown_names_and_forms_name_the_possible_ones(recording: imucal.Recording) -> None:
     with pytest.raises(imucal.InputError, match=r"accel_misalignment \(_xy, _xz, _yz\)"):
         imucal.calibrate(recording, hold=["misalignment"])
@@ -205,10 +237,7 @@ def test_a_plan_contains_the_priors() -> None:
 
 
 def test_the_scale_of_a_gyroscope_axis_without_rotation_is_held() -> None:
-    """Turns about x and y alone, as of a box that is tipped over its edges and never turned about z."""
-    turns = ((0, 1, 0), (90, 0, 1), (90, 1, 0), (90, 0, 0), (90, 90, 0), (0, 180, 1))
-    steps = tuple(imucal.Step(turn, 2.0 if k else 1.0, 3.0) for k, turn in enumerate(turns))
-    result = imucal.calibrate(recorded(imucal.Program(steps), 2), model="orthogonal")
+    result = imucal.calibrate(recorded(imucal.Program(TIPPED_STEPS), 2), model="orthogonal")
     held = {held.name: held for held in result.fit.priors.held}
     assert len(held) == 10 and held["gyro_scale_z"].prior_share > 0.5
     assert any("gyro_scale_z" in reason for reason in result.reasons)

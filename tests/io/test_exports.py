@@ -2,6 +2,7 @@
 
 import gzip
 import re
+import shlex
 
 import numpy as np
 import pyarrow as pa
@@ -12,6 +13,7 @@ import maker_exports
 import phone_exports
 import program_exports
 from export_files import DEG, FORCE, NS, RATE, RATE_HZ, ROWS, TIME_S, G, colon_dates, lines, write, zipped
+from imucal.cli import main
 from imucal.cli.exports_page import EXPORTS
 from maker_exports import packets
 from program_exports import realsense_lines
@@ -177,6 +179,9 @@ def test_the_advice_has_the_rate_that_stands_above_the_header(tmp_path, above, r
     rows = lines(np.arange(ROWS), FORCE, RATE, separator="\t")
     with pytest.raises(imucal.FormatError, match=f"--rate-hz {rate} "):
         imucal.read(write(tmp_path, "MT.txt", above, "\t".join(names), rows))
+    # A given rate is kept.
+    with pytest.raises(imucal.FormatError, match=r"--rate-hz 104\.1667 --columns 'accel_x"):
+        imucal.read(write(tmp_path, "MT.txt", above, "\t".join(names), rows), rate_hz=104.1667)
 
 
 @pytest.mark.parametrize("names", ["p q r", "roll_rate pitch_rate yaw_rate"])
@@ -303,3 +308,41 @@ def test_the_rate_is_asked_for_where_no_name_has_the_unit_of_the_time(tmp_path):
     with pytest.raises(imucal.FormatError, match="--rate-hz HZ") as caught:
         imucal.read(path)
     assert "=SampleTimeFine" not in str(caught.value)
+
+
+def test_the_columns_proposed_for_sensorlog_are_right_as_pasted(tmp_path, capsys):
+    """The time is that of the samples, corrected samples are not used, and the sign of iOS is reversed."""
+    made = SAMPLES["SensorLog (iOS)"](tmp_path)
+    of_names, *rows = made.paths[0].read_text().splitlines()
+    motion = [f"motionRotationRate{a}(rad/s)" for a in "XYZ"]
+    # The same table with a number as the time of writing, and with the corrected rates first.
+    seconds = [f"{1.7e9 + at:.3f},9,9,9,{row.split(',', 1)[1]}" for at, row in zip(TIME_S, rows, strict=True)]
+    names = ",".join(["loggingTime(txt)", *motion, *of_names.split(",")[1:-3]])
+    other = write(tmp_path, "other.csv", names, [row.rsplit(",", 3)[0] for row in seconds])
+    for path in (made.paths[0], other):
+        assert main(["inspect", str(path)]) == 1
+        said = " ".join(capsys.readouterr().err.split())
+        assert "reversed (-1 g on the axis that points up)" in said and "no usable time" not in said
+        pasted = shlex.split(re.search(r"their units: (--columns '.*?' --axes \S+)\. ", said)[1])
+        assert pasted[1] == made.options["columns"]
+        assert main(["convert", str(path), *pasted, "-o", str(tmp_path / "rec.csv")]) == 0
+        recording = imucal.read(tmp_path / "rec.csv")
+        np.testing.assert_allclose(recording.specific_force, FORCE, atol=1e-9)
+        np.testing.assert_allclose(recording.angular_rate, RATE, atol=1e-9)
+        np.testing.assert_allclose(recording.time_s - recording.time_s[0], TIME_S, atol=2e-6)
+
+
+def test_no_file_of_sensorlog_is_read_with_the_reversed_sign(tmp_path):
+    names = ["accelerometerTimestamp_sinceReboot(s)", *(f"accelerometerAcceleration{a}(G)" for a in "XYZ")]
+    path = write(tmp_path, "accel.csv", ",".join(names), lines(TIME_S, -FORCE / G))
+    with pytest.raises(imucal.FormatError, match=r"--axes accel=-x,-y,-z"):
+        imucal.read(path)
+
+
+def test_two_sensors_of_a_kind_are_the_reason_for_a_refusal(tmp_path):
+    """Units and time are in the header."""
+    sensors = (("acc", "m/s^2"), ("gyro1", "rad/s"), ("gyro2", "rad/s"))
+    names = ["t (s)", *(f"{of} {a} ({unit})" for of, unit in sensors for a in "xyz")]
+    path = write(tmp_path, "two.csv", ",".join(names), lines(TIME_S, FORCE, RATE, RATE))
+    with pytest.raises(imucal.FormatError, match="the header names several sensors of a kind"):
+        imucal.read(path)

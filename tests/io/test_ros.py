@@ -126,7 +126,7 @@ def test_folder_of_a_bag_that_is_not_whole(tmp_path, known):
     (tmp_path / "bag" / "bag.db3").unlink()
     with pytest.raises(imucal.FormatError, match=r"bag cannot be read as a ROS bag.*reindex"):
         imucal.read(tmp_path / "bag")
-    (tmp_path / "bag" / "metadata.yaml").unlink()
+    (tmp_path / "bag" / "metadata.yaml").rename(tmp_path / "bag" / "old.yaml")
     with pytest.raises(imucal.InputError, match=r"is a folder: give the file in it"):
         imucal.read(tmp_path / "bag")
 

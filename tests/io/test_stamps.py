@@ -6,7 +6,20 @@ import pyarrow.parquet as pq
 import pytest
 
 import imucal
-from export_files import FORCE, NS, OF_FORCE, OF_RATE, RATE, RATE_HZ, ROWS, STAMP, START_NS, lines, write
+from export_files import (
+    FORCE,
+    NS,
+    OF_FORCE,
+    OF_RATE,
+    RATE,
+    RATE_HZ,
+    ROWS,
+    STAMP,
+    START_NS,
+    TIME_S,
+    lines,
+    write,
+)
 
 
 @pytest.mark.parametrize(
@@ -86,3 +99,18 @@ def test_stamps_of_a_parquet_file_are_joined_in_every_part(tmp_path):
     pq.write_table(pa.table(columns), tmp_path / "a.parquet")
     with pytest.raises(imucal.FormatError, match=f"row {rows}: the seconds and nanoseconds"):
         imucal.read(tmp_path / "a.parquet")
+
+
+def test_thousands_separators_are_no_decimal_commas(tmp_path):
+    """In a table of a spreadsheet the commas are in quotes, and other numbers have a decimal point."""
+    names = [*(f"Acc {a} (m/s^2)" for a in "xyz"), *(f"Gyro {a} (rad/s)" for a in "xyz")]
+    stamps = [f'"{10 * row:,}"' for row in range(ROWS)]
+    path = write(tmp_path, "run.csv", ",".join(["Time (ms)", *names]), lines(stamps, FORCE, RATE))
+    with pytest.raises(imucal.FormatError, match=r"comma between thousands \('\d,\d00'\): export"):
+        imucal.read(path)
+    # Decimal commas with three digits are no thousands separators.
+    numbers = np.column_stack([TIME_S, FORCE, RATE]).tolist()
+    rows = [",".join(f'"{number:.3f}"'.replace(".", ",") for number in row) for row in numbers]
+    recording = imucal.read(write(tmp_path, "comma.csv", ",".join(["Time (s)", *names]), rows))
+    np.testing.assert_allclose(recording.specific_force, FORCE.round(3), atol=1e-9)
+    np.testing.assert_allclose(recording.time_s, TIME_S, atol=1e-9)

@@ -223,8 +223,10 @@ def test_seconds_and_nanoseconds_with_the_source_at_the_end(tmp_path):
 def test_two_files_without_time_say_what_to_do(tmp_path):
     accel = write(tmp_path, table("ax (g),ay (g),az (g)", ACCEL_G.round(5)), "accel.csv")
     gyro = write(tmp_path, table("gx (deg/s),gy (deg/s),gz (deg/s)", GYRO_DPS.round(4)), "gyro.csv")
-    with pytest.raises(imucal.FormatError, match="side by side into one file, and give it with --rate-hz"):
+    with pytest.raises(imucal.FormatError, match="give the sampling rate with --rate-hz"):
         imucal.read(accel, gyro)
+    followed = imucal.read(accel, gyro, rate_hz=50)
+    np.testing.assert_allclose(followed.specific_force, ACCEL_G.round(5) * GRAVITY, rtol=1e-12)
     lines = [
         ",".join(pair)
         for pair in zip(accel.read_text().splitlines(), gyro.read_text().splitlines(), strict=True)

@@ -93,8 +93,14 @@ CODES: Final[dict[str, dict[str, Code]]] = {
     },
     "Time stamps and lost samples": {
         "time_not_increasing": Code(
-            cause="A time stamp is not later than the previous time stamp.",
-            cure="Sort the rows, remove rows that were written twice, or use the time stamps of the sensor.",
+            cause=(
+                "A time stamp is not later than the previous time stamp: rows are shuffled, two recordings "
+                "are in one file, a counter overflowed, or lines lost characters, as on a serial line."
+            ),
+            cure=(
+                "Remove damaged lines and rows that were written twice, cut the recording where it starts "
+                "again, sort the rows, or use the time stamps of the sensor."
+            ),
         ),
         "clock_rate": Code(
             cause="The sampling rate that follows from the time stamps is not plausible.",
@@ -143,7 +149,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             ),
             cure=(
                 "Rename the columns (`gyro_x_dps`, `gyro_x_radps`, `gyro_x_lsb`), or give `--gyro-unit`; "
-                "check the time column."
+                "check the time column. If only one axis has large rates, only this column is in another "
+                "unit: convert it to the unit of the other two."
             ),
         ),
         "counts_unsigned": Code(
@@ -165,8 +172,14 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             cure="Check how this column was scaled. For axes of different sensors, nothing has to be done.",
         ),
         "noise_implausible": Code(
-            cause="No sensor has this noise density, so the samples are probably in another unit.",
-            cure="Use the unit that the message names.",
+            cause=(
+                "Usual sensors do not have this noise density: the samples are in another unit, or the "
+                "sensor is noisy because of vibration, its supply or its wiring."
+            ),
+            cure=(
+                "Use the unit that the message names. If `gyro_units` or `accel_units` is reported with this "
+                "unit, the unit was right before, and the sensor is noisy: look for the source of the noise."
+            ),
         ),
         "bias_implausible": Code(
             cause="No gyroscope has this bias, so the rates are probably in another unit.",
@@ -292,7 +305,10 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "read_by_header": Code(
             cause="Names and units of the columns were taken from the header of a file of another program.",
-            cure="If names and units are right, nothing has to be done. Otherwise give `--columns`.",
+            cure=(
+                "If names and units are right, nothing has to be done. Otherwise give `--columns`; for one "
+                "file per sensor, give `--accel-unit` and `--gyro-unit`."
+            ),
         ),
         "counts_assumed": Code(
             cause="Files without a header were read as raw counts, but the numbers are not integers.",
@@ -609,7 +625,8 @@ its limit" refers to a limit in the file that was given with `--limits`.
 
 The column **kind** gives the consequence of a code:
 
-* **error**: the recording is refused, because the result would be wrong.
+* **error**: the recording is refused, because the result would be wrong. `imucal apply` prints errors of
+  units and time stamps as warnings.
 * **warning**: the result is computed; its message begins with "warning".
 * **error or warning**: the message begins with "warning" if a result can be computed in spite of the fault.
 * **reason**: the code explains the verdict of the result.

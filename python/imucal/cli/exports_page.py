@@ -161,10 +161,13 @@ EXPORTS: Final = (
         "SensorLog (iOS)",
         choose="CSV with accelerometer and gyroscope",
         command=(
-            "imucal convert log.csv --columns 'time_s=accelerometerTimestamp_sinceReboot(s),...' -o rec.csv"
+            "imucal convert log.csv --columns 'time_s=accelerometerTimestamp_sinceReboot(s),...' "
+            "--axes accel=-x,-y,-z -o rec.csv"
         ),
         remarks=(
-            "iOS reverses the sign of the accelerometer: a unit at rest reads -1 g on the axis that points up"
+            "without options, an error message gives the complete command line; iOS reverses the sign of the "
+            "accelerometer (at rest it reads -1 g on the axis that points up), and `--axes` corrects it; the "
+            "columns `motion...` are not read, because iOS has corrected them"
         ),
     ),
     Export(

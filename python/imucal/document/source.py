@@ -152,6 +152,10 @@ def _readable(given: str) -> Iterator[None]:
     except FileNotFoundError:
         raise InputError(f"{given}: there is no such file: check the path") from None
     except IsADirectoryError:
+        if not any(Path(given).iterdir()):
+            raise InputError(
+                f"{given} is a folder without files: give a recording, or check the path"
+            ) from None
         raise InputError(f"{given} is a folder: give the file in it, or both files of a recording") from None
     except PermissionError:
         raise InputError(f"{given}: no permission to read it: change its mode or copy it") from None

@@ -25,6 +25,7 @@ from imucal.document.whole import is_whole
 from imucal.errors import InputError
 from imucal.estimation.fit import Diagnosis, Fit, HeldOut
 from imucal.estimation.holds import Hold, holds_of, profile_of
+from imucal.estimation.nominal import nominals_named, require_nominals
 from imucal.estimation.options import Options, asked_for, wander_of
 from imucal.estimation.rests import FittedMove, FittedRest, of_library
 from imucal.estimation.result import CalibrationResult
@@ -171,7 +172,7 @@ def calibrate(
         )
     require_serial_number(serial_number)
     gravity, references = references_of(gravity_mps2, gravity_sigma_mps2, clock_ppm, latitude_deg, height_m)
-    _require_counts(unit_data[0], accel_nominal, gyro_nominal)
+    require_nominals(unit_data[0], accel_nominal, gyro_nominal)
     known = None
     if calibration is not None:
         from imucal.estimation.known import known_accelerometer, require_other_files
@@ -206,14 +207,15 @@ def calibrate(
 
         source = UserEffectSource(own, unit_data, judges)
     of_means: FromMeans | None = None
-    if means is not None:
-        from imucal.estimation.means import calibrated_means
+    with nominals_named(unit_data, accel_nominal, gyro_nominal):
+        if means is not None:
+            from imucal.estimation.means import calibrated_means
 
-        of_means, outcome = calibrated_means(means, noise_mps2, unit, options)
-    elif all(recording.angular_rate is None for recording in unit_data):
-        outcome = _core.calibrate_accelerometer(unit_data, options)
-    else:
-        outcome = _core.calibrate(unit_data, options, source)
+            of_means, outcome = calibrated_means(means, noise_mps2, unit, options)
+        elif all(recording.angular_rate is None for recording in unit_data):
+            outcome = _core.calibrate_accelerometer(unit_data, options)
+        else:
+            outcome = _core.calibrate(unit_data, options, source)
 
     def finished(found: _core.Evaluation | None = None) -> CalibrationResult:
         result = result_of(outcome, unit_data, options, own, judges, found, serial_number, references)
@@ -232,19 +234,6 @@ def calibrate(
     if of_means is None:
         _core.require_independent(unit_data, outcome.rest_ranges, judges, found.rest_ranges)
     return finished(found)
-
-
-def _require_counts(recording: Recording, accel_nominal: float | None, gyro_nominal: float | None) -> None:
-    """Raise InputError for a nominal sensitivity of a sensor that is not in raw counts."""
-    for name, nominal, samples, unit in (
-        ("accel_nominal", accel_nominal, recording.specific_force, recording.accel_unit),
-        ("gyro_nominal", gyro_nominal, recording.angular_rate, recording.gyro_unit),
-    ):
-        if nominal is not None and samples is not None and unit != "lsb":
-            raise InputError(
-                f"{name}={nominal} is only for a sensor in raw counts, but {recording.name} is in {unit}, "
-                "where the nominal sensitivity is 1: leave it out, or give the columns in counts"
-            )
 
 
 def result_of(

@@ -54,8 +54,9 @@ def read(
     columns    [columns] a canonical name for every column, `-` for a column to ignore;
                [csv, folder, labels, parquet, matlab, hdf5, numpy] "canonical=name,..." if the file uses other
                names
-    rate_hz    [columns, csv, folder, labels, vectornav, witmotion, parquet, matlab, hdf5, numpy] sampling
-               rate, Hz, if there is no time column
+    rate_hz    [columns, csv, pair, folder, labels, vectornav, witmotion, parquet, matlab, hdf5, numpy]
+               sampling rate, Hz, if there is no time column; for pair and folder also instead of the time
+               stamps
     skip_rows  [columns] number of lines to skip at the start of the file
     topic      [rosbag, mcap] topic of the messages; [ulog, dataflash] name of the message
     instance   [ulog, dataflash] number of the sensor, from 0

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from imucal.errors import FormatError
+from imucal.errors import FormatError, InputError
 from imucal.io.headed import layout_header, recording_of_text
-from imucal.io.names import SKIP, is_canonical
+from imucal.io.names import NAMES, SKIP, is_canonical
 from imucal.io.remarks import remark
 from imucal.io.sensor import (
     Sensor,
@@ -30,23 +30,32 @@ NO_UNITS = Units(None, None, None)
 
 
 def recording_of_any_text(
-    text: Text, columns: str | Sequence[str] | None, rate_hz: float | None
+    text: Text, columns: str | Sequence[str] | None, rate_hz: float | None, units: Units = NO_UNITS
 ) -> Recording:
     """The recording in a text table with a header. The table may contain both sensors or only one.
 
-    Arguments as for `read_csv`.
+    Arguments as for `read_csv`. Raises InputError if `units` are given for a table that states the units in
+    the names of its columns.
     """
     layout = text.layout
     is_named = columns is not None or layout.names is None or any(map(is_canonical, layout.names))
     sensor = None if is_named else _only_sensor(text, needs_time=rate_hz is None)
-    return recording_of_text(text, columns, rate_hz) if sensor is None else alone(sensor, NO_UNITS, rate_hz)
+    if sensor is not None:
+        return alone(sensor, units, rate_hz)
+    if unused := [name for name, unit in units._asdict().items() if unit is not None]:
+        raise InputError(
+            f"{text.name} is read as one table, for which there is no option {unused[0]}_unit: name the "
+            f"columns with their units (columns=..., --columns): {NAMES}"
+        )
+    return recording_of_text(text, columns, rate_hz)
 
 
 def _only_sensor(text: Text, *, needs_time: bool) -> Sensor | None:
     """The only sensor of a file.
 
-    None if the file has no sensor, both sensors, or columns that may belong to another sensor. Also None if
-    it has a time column although `needs_time` is false, or no time column although `needs_time` is true.
+    None if the file has no sensor, both sensors, or columns that may belong to another sensor, and if the
+    caller must give `axes`. Also None if it has a time column although `needs_time` is false, or no time
+    column although `needs_time` is true.
     """
     header = layout_header(text.layout)
     try:
@@ -56,13 +65,19 @@ def _only_sensor(text: Text, *, needs_time: bool) -> Sensor | None:
     used = {*sensor.triad.columns, *(name for name, _ in header.times)}
     others = [name for name in text.layout.names or [] if name and name not in used]
     is_other = (header.accel and header.gyro) or header.linear or len(others) >= SECOND_SENSOR
-    has_time = bool(header.times) == needs_time
-    return sensor if sensor.what in ("accel", "gyro") and has_time and not is_other else None
+    is_unclear = is_other or bool(header.times) != needs_time or header.axes is not None
+    return sensor if sensor.what in ("accel", "gyro") and not is_unclear else None
 
 
 def alone(sensor: Sensor, units: Units, rate_hz: float | None = None) -> Recording:
     """The recording of one sensor alone; `rate_hz` is needed if there is no time column."""
     what, text = sensor.what, sensor.text
+    other = "gyro" if what == "accel" else "accel"
+    if getattr(units, other) is not None:
+        raise InputError(
+            f"{text.name} contains one sensor, and {other}_unit is the unit of the other one: leave the "
+            "option out, or give the file of the other sensor, too"
+        )
     unit = unit_of_sensor(sensor, what, units)
     if what == "accel":
         require_gravity(sensor, unit)
@@ -80,7 +95,7 @@ def alone(sensor: Sensor, units: Units, rate_hz: float | None = None) -> Recordi
     as_read = remark(
         text.name,
         "read_by_header",
-        f"{how_read(sensor, what, units, unit, 'the header')}: {', '.join(shown)}",
+        f"{how_read([(sensor, what, unit)], units, 'the header')}: {', '.join(shown)}",
         "if they are wrong, give the right columns and units with --columns",
     )
     table = replace(table, ticks_per_s=ticks, findings=(*table.findings, as_read))

@@ -170,8 +170,12 @@ FORMATS: Final[dict[str, Format]] = {
             "from the headers, otherwise from --accel-unit (m/s^2, cm/s^2, mm/s^2, ft/s^2, g, mg, ug, lsb) "
             "and --gyro-unit (rad/s, mrad/s, deg/s, mdeg/s, deg/min, deg/h, rpm, gon/s, lsb)"
         ),
-        time=f"time stamps since 1970 if both files have them, otherwise the time column; {OWN_CLOCKS}",
-        options=("time_unit", "accel_unit", "gyro_unit"),
+        time=(
+            f"time stamps since 1970 if both files have them, otherwise the time column; {OWN_CLOCKS}; with "
+            "--rate-hz the time stamps are not read, and the samples of both files are taken together in "
+            "their order"
+        ),
+        options=("rate_hz", "time_unit", "accel_unit", "gyro_unit"),
         example="Accelerometer.csv Gyroscope.csv",
     ),
     "folder": Format(

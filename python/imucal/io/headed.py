@@ -200,7 +200,7 @@ def _by_header(text: Text, rate_hz: float | None) -> Table:
     header, head = layout_header(layout), Head(text)
     certain = certain_time(header, head, rate_hz is not None)
     if certain is None:
-        raise FormatError(_unsure(text, header, head))
+        raise FormatError(_unsure(text, header, head, rate_hz))
     time, ticks = certain
     names = canonical_names(layout.names or [], header, time)
     refuse_interleaved(text, names, head)
@@ -229,9 +229,10 @@ def certain_time(
 ) -> tuple[tuple[str, str] | None, float | None] | None:
     """(name, canonical name) of the time column and its ticks per second, as from `time_of`.
 
-    The result is None if the header is ambiguous or contradicts the data.
+    The result is None if the header is ambiguous or contradicts the data, and for a program whose samples
+    have other signs, because the caller must then give `axes`.
     """
-    if len(header.accel) != 1 or len(header.gyro) != 1:
+    if len(header.accel) != 1 or len(header.gyro) != 1 or header.axes is not None:
         return None
     accel, gyro = header.accel[0], header.gyro[0]
     if accel.unit is None or gyro.unit is None:
@@ -282,7 +283,7 @@ def as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:
     )
 
 
-def _unsure(text: Text, header: Header, head: Head) -> str:
+def _unsure(text: Text, header: Header, head: Head, rate_hz: float | None) -> str:
     """The error message for a header that does not give the sensor, axis and unit of all columns."""
     layout = text.layout
 
@@ -317,12 +318,20 @@ def _unsure(text: Text, header: Header, head: Head) -> str:
     is_known = (header.accel or header.linear) and header.gyro
     lead = "the format could not be determined; first line"
     if header.accel or header.gyro:
+        has_several = max(len(header.accel), len(header.gyro)) > 1
         has_units = all(triad.unit is not None for triad in (*header.accel[:1], *header.gyro[:1]))
         times = [name for name, _ in header.times if name not in header.unread]
         is_timeless = all(is_constant(head.numbers(name)) for name in times)
-        known = "gives no usable time" if has_units and is_timeless else "does not give every unit"
+        known = "does not give every unit"
+        if has_units and (has_several or is_timeless):
+            known = "names several sensors of a kind" if has_several else "gives no usable time"
         lead = f"the header {known if is_known else 'names the columns of one sensor only'}"
-    proposal = suggestion(header, head.cells, works, head.numbers, layout.preamble)
+    if header.program is not None and header.axes is not None:
+        lead = (
+            f"{header.program.name} writes the acceleration with the sign of iOS, which is reversed (-1 g on "
+            "the axis that points up)"
+        )
+    proposal = suggestion(header, head.cells, works, head.numbers, layout.preamble, rate_hz)
     name = "Otherwise name" if "--columns" in proposal else "Name"
     return (
         f"{text.name}: {lead}: {shown[:200]}. {proposal}{name} the columns (columns=..., --columns): {NAMES}"

@@ -76,6 +76,11 @@ class Header:
     unread: dict[str, str] = field(default_factory=dict)
     mixed: list[tuple[str, str, str]] = field(default_factory=list)
 
+    @property
+    def axes(self) -> str | None:
+        """The value of the option `axes` that corrects the signs of the samples; None if they are right."""
+        return None if self.program is None else self.program.axes
+
     def unread_in(self, columns: Iterable[str]) -> list[str]:
         """The units that the names of these columns state and that are not supported."""
         return list(dict.fromkeys(self.unread[name] for name in columns if name in self.unread))
@@ -121,14 +126,19 @@ def header_of(
     unread: dict[str, str] = {}
     # A common prefix of all names, such as the name of the device, is ignored.
     prefix = _shared_start([name for name in names if name])
+    only_time = None
+    if program is not None and program.time in [name.lower() for name in names]:
+        only_time = program.time
     for name, text in zip(names, described, strict=True):
+        if program is not None and program.unused and name.lower().startswith(program.unused):
+            continue
         bare, unit = split_unit(text)
         stated = bare.removeprefix(prefix)
         bare, unknown = split_unread(stated) if unit is None else (stated, "")
         bare = re.sub(r"_CAL$|_cal$", "", re.sub(DESCRIPTOR, "", bare))
         words = words_of(bare)
-        if is_time(words, unit):
-            if stamp is not None and name in stamp:
+        if is_time(words, unit) or name.lower() == only_time:
+            if (stamp is not None and name in stamp) or (only_time and name.lower() != only_time):
                 continue
             known = unit[1] if unit and unit[0] == "time" else time_unit_in(words_of(stated))
             multiple = re.search(MULTIPLE, text)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from imucal.arrays import FloatArray
 from imucal.document.source import Source
-from imucal.errors import FormatError
+from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
 from imucal.io.arrow_values import numpy_of
 from imucal.io.names import SKIP
@@ -37,9 +37,16 @@ __all__ = ["joined"]
 
 
 def joined(
-    accel: Sensor, gyro: Sensor, units: Units, sources_of: Callable[[], Sequence[Source]]
+    accel: Sensor,
+    gyro: Sensor,
+    units: Units,
+    sources_of: Callable[[], Sequence[Source]],
+    rate_hz: float | None = None,
 ) -> Recording:
     """One recording of both sensors, resampled to one clock if their time stamps differ.
+
+    With `rate_hz` the time stamps are not read. Sample i of the accelerometer and sample i of the gyroscope
+    then belong to the same instant.
 
     sources_of  function that returns the files with their hashes. It is called after both files were read,
                 because the hashes are computed during reading
@@ -48,10 +55,12 @@ def joined(
     require_gravity(accel, accel_unit)
     tables = []
     for sensor, what, unit in ((accel, "accel", accel_unit), (gyro, "gyro", gyro_unit)):
-        time, ticks = time_of_sensor(sensor, units.time)
         names = [SKIP[0]] * max(sensor.text.layout.width, len(sensor.text.layout.first))
         known = sensor.text.layout.names or [str(index) for index in range(len(names))]
-        names[known.index(time[0])] = time[1]
+        ticks = None
+        if rate_hz is None:
+            time, ticks = time_of_sensor(sensor, units.time)
+            names[known.index(time[0])] = time[1]
         for axis, column in zip("xyz", sensor.triad.columns, strict=True):
             names[known.index(column)] = f"{what}_{axis}_{unit}"
         table = read_rows(sensor.text, names)
@@ -61,13 +70,15 @@ def joined(
     findings = [finding for table in tables for finding in table.findings]
     is_headed = accel.text.layout.names is not None
     if is_headed:
-        how = how_read(accel, "accel", units, accel_unit, "the headers")
+        how = how_read([(accel, "accel", accel_unit), (gyro, "gyro", gyro_unit)], units, "the headers")
         findings.append(_as_read(file, how, accel, gyro, tables))
     elif units.accel is None and units.gyro is None:
         first = accel.head.triad(accel.triad)
         findings += [] if is_whole(first) else [_counts_assumed(file, first)]
-    stamps = [_nanoseconds(table) for table in tables]
-    if len(stamps[0]) == len(stamps[1]) and np.array_equal(stamps[0], stamps[1]):
+    if rate_hz is not None:
+        _require_equal_counts(file, tables)
+    stamps = [_nanoseconds(table) for table in tables if rate_hz is None]
+    if rate_hz is not None or np.array_equal(stamps[0], stamps[1]):
         accel_table, gyro_table = tables
         rest = [(n, c) for n, c in zip(gyro_table.names, gyro_table.columns, strict=True) if n[:4] != "time"]
         both = Table(
@@ -78,7 +89,7 @@ def joined(
             tuple(findings),
             accel_table.ticks_per_s,
         )
-        return recording_from_table(both, sources)
+        return recording_from_table(both, sources, rate_hz)
     streams = [
         _stream(table, ns, what) for table, ns, what in zip(tables, stamps, ("accel", "gyro"), strict=True)
     ]
@@ -92,6 +103,16 @@ def joined(
         gyro_unit="lsb" if gyro_unit == "lsb" else "rad/s",
     )
     return replace(recording, column_units=(accel_unit, gyro_unit))
+
+
+def _require_equal_counts(file: str, tables: Sequence[Table]) -> None:
+    accel, gyro = (len(table.columns[0]) for table in tables)
+    if accel != gyro:
+        raise InputError(
+            f"{file}: {accel} samples of the accelerometer, {gyro} of the gyroscope: rate_hz (--rate-hz) "
+            "takes the samples of both in their order, so both files need the same number: remove the "
+            "samples that one sensor has alone, or leave the option out"
+        )
 
 
 def _nanoseconds(table: Table) -> NDArray[np.int64]:
@@ -149,11 +170,12 @@ def _as_read(file: str, how: str, accel: Sensor, gyro: Sensor, tables: Sequence[
     shown = []
     for sensor, table, what in ((accel, tables[0], "accel"), (gyro, tables[1], "gyro")):
         names = [name for name in table.names if name.startswith(what)]
-        time = next(name for name in table.names if name.startswith("time_"))
-        shown.append(f"{', '.join(sorted(names))} from {', '.join(sensor.triad.columns)} by {time}")
+        by = "".join(f" by {name}" for name in table.names if name.startswith("time_"))
+        shown.append(f"{', '.join(sorted(names))} from {', '.join(sensor.triad.columns)}{by}")
     return remark(
         file,
         "read_by_header",
         f"{how}: {'; '.join(shown)}",
-        "if this is wrong, correct the headers, or give the files in the order accelerometer, gyroscope",
+        "if a unit that no header states is wrong, give --accel-unit or --gyro-unit; if anything else is "
+        "wrong, correct the headers, or give the files in the order accelerometer, gyroscope",
     )

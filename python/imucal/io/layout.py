@@ -31,6 +31,8 @@ SAMPLE_LINES: Final = 60
 LEAST_NUMBERS: Final = 3
 NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 DECIMAL_COMMA: Final = r"[-+]?\d*,\d+([eE][-+]?\d+)?"
+# A whole number with a thousands separator, which can also be a number with a decimal comma.
+THOUSANDS: Final = r"[-+]?[1-9]\d{0,2},\d{3}"
 # Matches the start of a date or a time of day, which `imucal.io.dates` parses.
 DATE: Final = (
     r"(?a)(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}|\d{4}_\d{1,2}_\d{1,2}_|\d{8}[T_ ]\d{4,}|\d{1,2}:\d{2}|"
@@ -134,7 +136,7 @@ def layout_of(
         raise FormatError(f"{name} contains only blank lines: a header line and rows are needed")
     sought = [line for line in lines if line.number > skip_rows]
     separator = _separator(sought, lines[:3], width)
-    decimal = _decimal(sought, separator)
+    decimal = _decimal(name, sought, separator)
     at = _first_row(sought, separator, decimal, width, used)
     if at is None:
         return _without_rows(lines, text)
@@ -250,13 +252,20 @@ def _separator(lines: list[_Line], first: list[_Line], width: int | None) -> str
     return best
 
 
-def _decimal(lines: list[_Line], separator: str) -> str:
-    if separator == "," and not any('"' in line.text for line in lines[-SAMPLE_LINES:]):
+def _decimal(name: str, lines: list[_Line], separator: str) -> str:
+    """The decimal point of the numbers. Raises FormatError if the commas are thousands separators."""
+    sample = lines[-SAMPLE_LINES:]
+    if not any('"' in line.text if separator == "," else "," in line.text for line in sample):
         return "."
-    for line in lines[-SAMPLE_LINES:]:
-        if "," in line.text and any(re.fullmatch(DECIMAL_COMMA, f) for f in split_line(line.text, separator)):
-            return ","
-    return "."
+    fields = {field for line in sample for field in split_line(line.text, separator)}
+    commas = [field for field in fields if re.fullmatch(DECIMAL_COMMA, field)]
+    has_points = any("." in field and is_number(field) for field in fields)
+    if commas and has_points and all(re.fullmatch(THOUSANDS, field) for field in commas):
+        raise FormatError(
+            f"{name}: some numbers have a decimal point, and others have a comma between thousands "
+            f"({min(commas)!r}): export the numbers without thousands separators"
+        )
+    return "," if commas else "."
 
 
 def _first_row(

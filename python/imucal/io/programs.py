@@ -16,6 +16,10 @@ class Program(NamedTuple):
                  is not fixed
     times        units of time columns whose names do not state them, by name in lower case
     is_corrected whether the program has applied its own calibration to the samples
+    time         name, in lower case, of the only column with the times of the samples, if the program also
+                 writes less exact times
+    unused       start of the names, in lower case, of columns that the operating system has corrected
+    axes         value of the option `axes` that corrects the signs of the samples; None if they are right
     """
 
     name: str
@@ -23,6 +27,9 @@ class Program(NamedTuple):
     gyro: str
     times: dict[str, str]
     is_corrected: bool = False
+    time: str | None = None
+    unused: str | None = None
+    axes: str | None = None
 
 
 def program_of(names: Sequence[str], preamble: Sequence[str]) -> Program | None:
@@ -38,6 +45,18 @@ def program_of(names: Sequence[str], preamble: Sequence[str]) -> Program | None:
         if text.startswith("//"):
             return Program("Xsens MT Manager", "mps2", "radps", {"sampletimefine": "100us"})
         return None
+    if "accelerometeraccelerationx(g)" in low:
+        # In SensorLog's files, loggingTime is the time of writing, motion... are the samples that Core Motion
+        # has corrected, and the accelerometer reads -1 g on the axis that points up, as everywhere on iOS.
+        return Program(
+            "SensorLog",
+            "g",
+            "radps",
+            {"accelerometertimestamp_sincereboot(s)": "s"},
+            time="accelerometertimestamp_sincereboot(s)",
+            unused="motion",
+            axes="accel=-x,-y,-z",
+        )
     if "seconds_elapsed" in low and {"x", "y", "z"} <= low:
         return Program("Sensor Logger", "", "radps", {"time": "ns"})
     is_combined = {"gyro_rad[0]", "accelerometer_m_s2[0]"} <= low

@@ -26,6 +26,7 @@ __all__ = [
     "Reading",
     "accel_reading",
     "epoch_unit",
+    "excludes_radps",
     "gravity_g",
     "gyro_reading",
     "is_constant",
@@ -147,6 +148,11 @@ def is_still(accel: FloatArray, unit: str | None) -> bool:
     return _noise(accel)[0] * COLUMN_UNITS["accel"][unit or ""] / STANDARD_GRAVITY_MPS2 < STILL_G
 
 
+def excludes_radps(values: FloatArray) -> bool:
+    """Whether a gyroscope's samples, (N, 3), are too large for rates in rad/s."""
+    return float(np.nanmax(np.abs(values), initial=0.0)) > LARGEST_RATE_RADPS
+
+
 def gyro_reading(values: FloatArray, *, is_moving: bool = False) -> Reading:
     """The interpretation of a gyroscope's first samples, (N, 3).
 
@@ -163,7 +169,7 @@ def gyro_reading(values: FloatArray, *, is_moving: bool = False) -> Reading:
         counts = _counts_per_dps(values * factor)
         if counts is not None:
             return Reading(unit, f"{text}; its steps are {counts:.4g} counts per deg/s as {UNIT_TEXT[unit]}")
-    if largest > LARGEST_RATE_RADPS:
+    if excludes_radps(values):
         return Reading(
             "dps" if largest < 6000 else "mdps", f"{text}; rates up to {largest:.4g} exclude rad/s"
         )

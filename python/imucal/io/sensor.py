@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -11,7 +12,15 @@ from imucal.errors import FormatError, InputError
 from imucal.io.head import Head
 from imucal.io.headed import layout_header, time_of
 from imucal.io.header import Header, Triad
-from imucal.io.scale import NO_GRAVITY_G, accel_reading, epoch_unit, gravity_g, gyro_reading, time_reading
+from imucal.io.scale import (
+    NO_GRAVITY_G,
+    accel_reading,
+    epoch_unit,
+    excludes_radps,
+    gravity_g,
+    gyro_reading,
+    time_reading,
+)
 from imucal.io.text import Text
 from imucal.units import COLUMN_UNITS, TICKS_PER_S, UNIT_TEXT
 
@@ -67,8 +76,18 @@ class Units(NamedTuple):
     gyro: str | None
 
 
-def units_given(time_unit: str | None, accel_unit: str | None, gyro_unit: str | None) -> Units:
-    """The units given by the options of the caller. Raises InputError for an unknown unit."""
+def units_given(
+    time_unit: str | None, accel_unit: str | None, gyro_unit: str | None, rate_hz: float | None = None
+) -> Units:
+    """The units given by the options of the caller.
+
+    Raises InputError for an unknown unit, and for a unit of time if a sampling rate replaces the time stamps.
+    """
+    if time_unit is not None and rate_hz is not None:
+        raise InputError(
+            "time_unit and rate_hz are both given, but the sampling rate replaces the time stamps: leave one "
+            "of the options out"
+        )
     for what, unit, known in (
         ("time_unit", time_unit, list(TICKS_PER_S)),
         ("accel_unit", accel_unit, list(ACCEL_UNITS)),
@@ -122,24 +141,44 @@ def _time_first_or_last(head: Head) -> tuple[str, str, str, str]:
     return "0", "1", "2", "3"
 
 
-def stated_unit(sensor: Sensor, what: str, units: Units) -> str | None:
-    """The unit of a sensor that the header, the manual of its program, or the caller states, or None."""
-    given = units.accel if what == "accel" else units.gyro
-    of_header = sensor.triad.unit
+def _unit_given(what: str, units: Units) -> str | None:
+    """The unit of a sensor that the caller gives, or None."""
+    return units.accel if what == "accel" else units.gyro
+
+
+def _unit_in_header(sensor: Sensor) -> str | None:
+    """The unit that the header itself states, or None."""
+    return sensor.triad.unit if sensor.triad.source == "header" else None
+
+
+def _unit_of_manual(sensor: Sensor, what: str) -> str | None:
+    """The unit that the manual of the program states, or None.
+
+    The manual is not used if the samples exclude its unit: users can set some programs to other units.
+    """
     program = sensor.header.program
-    if of_header is None and program is not None and not sensor.unread:
-        of_header = (program.accel if what == "accel" else program.gyro) or None
+    if program is None or sensor.unread:
+        return None
+    if what == "accel":
+        return program.accel or None
+    if program.gyro == "radps" and excludes_radps(sensor.head.triad(sensor.triad)):
+        return None
+    return program.gyro or None
+
+
+def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
+    """The unit of a sensor.
+
+    The unit is stated by the header or the caller. If neither states it, it is that of the manual of the
+    program, or is inferred from the size of gravity.
+    """
+    of_header, given = _unit_in_header(sensor), _unit_given(what, units)
     if given is not None and of_header is not None and given != of_header:
         raise InputError(
             f"{sensor.text.name}: the header contradicts the given unit: it says {of_header}, --{what}-unit "
             f"is {given}: leave the option out, or correct it"
         )
-    return of_header or given
-
-
-def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
-    """The unit of a sensor: stated by the header or the caller, or inferred from the size of gravity."""
-    stated = stated_unit(sensor, what, units)
+    stated = given or of_header or _unit_of_manual(sensor, what)
     if stated is not None:
         return stated
     if sensor.text.layout.names is None:
@@ -167,14 +206,28 @@ def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
     )
 
 
-def how_read(sensor: Sensor, what: str, units: Units, unit: str, source: str) -> str:
-    """The start of a message on columns and units.
+def how_read(read: Sequence[tuple[Sensor, str, str]], units: Units, source: str) -> str:
+    """The start of a message on columns and units, with the origin of each unit that the header omits.
 
-    It states whether the unit is given by `source` or was inferred from the size of gravity.
+    read    each sensor, with "accel" or "gyro", and its unit as a suffix of canonical names
+    source  the headers from which the columns were read
     """
-    if stated_unit(sensor, what, units) is not None:
-        return f"columns and units were read from {source}"
-    return f"columns were read from {source}; the unit {unit} follows from the size of gravity"
+    origins = [
+        f"the unit {unit} {_origin(sensor, what, units)}"
+        for sensor, what, unit in read
+        if _unit_in_header(sensor) is None
+    ]
+    return "; ".join([f"columns {'' if origins else 'and units '}were read from {source}", *origins])
+
+
+def _origin(sensor: Sensor, what: str, units: Units) -> str:
+    """The end of a sentence on the origin of a unit that the header does not state."""
+    if _unit_given(what, units) is not None:
+        return f"is that of --{what}-unit"
+    program = sensor.header.program
+    if program is not None and _unit_of_manual(sensor, what) is not None:
+        return f"is assumed, because {program.name} writes it by default"
+    return "follows from the size of gravity"
 
 
 def has_gravity(sensor: Sensor) -> bool:
@@ -222,8 +275,7 @@ def time_of_sensor(sensor: Sensor, given: str | None) -> tuple[tuple[str, str], 
     if not sensor.header.times:
         raise FormatError(
             f"{sensor.text.name}: there is no time column: two files need their own time stamps; if the "
-            "samples of both are taken together, write the columns of both side by side into one file, and "
-            "give it with --rate-hz"
+            "samples of both are taken together, give the sampling rate with --rate-hz"
         )
     head = sensor.head
     if sensor.text.layout.names is None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from imucal.document.source import File, is_folder, open_file, open_large
 from imucal.errors import FormatError, InputError
 from imucal.io.alone import alone, recording_of_any_text
-from imucal.io.headed import layout_header, recording_of_text
+from imucal.io.headed import layout_header
 from imucal.io.joined import joined
 from imucal.io.packed import TEXT_ENDINGS, ZIP, Archive
 from imucal.io.sensor import Sensor, has_gravity, sensor_of, units_given
@@ -26,6 +26,7 @@ def read_pair(
     first_path: str | os.PathLike[str],
     second_path: str | os.PathLike[str],
     *,
+    rate_hz: float | None = None,
     time_unit: str | None = None,
     accel_unit: str | None = None,
     gyro_unit: str | None = None,
@@ -34,6 +35,8 @@ def read_pair(
 
     If the files do not identify the sensors, the first file is the accelerometer.
 
+    rate_hz     sampling rate, Hz; the time stamps are then not read, and the samples of both files are taken
+                together in their order
     time_unit   s, ms, us or ns
     accel_unit  m/s^2, g, mg or lsb
     gyro_unit   rad/s, deg/s, mdeg/s or lsb
@@ -41,9 +44,9 @@ def read_pair(
     A unit is needed only if the header does not state it. If the header contradicts a given unit, InputError
     is raised.
     """
-    units = units_given(time_unit, accel_unit, gyro_unit)
+    units = units_given(time_unit, accel_unit, gyro_unit, rate_hz)
     sensors = [sensor_of(open_path(path)) for path in (first_path, second_path)]
-    return joined(*_by_role(sensors), units, lambda: [sensor.text.sources[0] for sensor in sensors])
+    return joined(*_by_role(sensors), units, lambda: [sensor.text.sources[0] for sensor in sensors], rate_hz)
 
 
 def read_folder(
@@ -59,18 +62,22 @@ def read_folder(
 
     If there is no file with the samples of the gyroscope, the recording contains only the accelerometer.
 
-    The other arguments are those of `read_csv` and `read_pair`.
+    The other arguments are those of `read_csv` and `read_pair`. Raises InputError for an argument that the
+    files do not need.
     """
-    units = units_given(time_unit, accel_unit, gyro_unit)
+    units = units_given(time_unit, accel_unit, gyro_unit, rate_hz)
     texts, name = list(_texts(path)), Path(path).name
-    if len(texts) == 1:
-        return recording_of_any_text(texts[0], columns, rate_hz)
     both = [text for text in texts if _has_both(text)]
-    if len(both) == 1:
-        return recording_of_text(both[0], columns, rate_hz)
+    if len(texts) == 1 or len(both) == 1:
+        return recording_of_any_text((both or texts)[0], columns, rate_hz, units)
     if len(both) > 1:
         raise InputError(
             f"{name}: {len(both)} files hold a recording ({_listed(both)}): give one of them, unpacked"
+        )
+    if columns is not None:
+        raise InputError(
+            f"{name}: no file contains both sensors, and columns (--columns) names the columns of one table: "
+            "leave the option out; to replace the time stamps of both sensors, give rate_hz (--rate-hz) alone"
         )
     sensors = []
     for text in texts:
@@ -81,10 +88,16 @@ def read_folder(
     accels = [sensor for sensor in sensors if sensor.what == "accel"]
     gyros = [sensor for sensor in sensors if sensor.what == "gyro"]
     if accels and not gyros:
-        return alone(_chosen(name, accels, "accelerometer", texts), units)
+        return alone(_chosen(name, accels, "accelerometer", texts), units, rate_hz)
     accel = _chosen(name, accels, "accelerometer", texts)
     gyro = _chosen(name, gyros, "gyroscope", texts)
-    return joined(accel, gyro, units, lambda: list(dict.fromkeys([*accel.text.sources, *gyro.text.sources])))
+    return joined(
+        accel,
+        gyro,
+        units,
+        lambda: list(dict.fromkeys([*accel.text.sources, *gyro.text.sources])),
+        rate_hz,
+    )
 
 
 def are_pair(paths: Sequence[str | os.PathLike[str]]) -> bool:

@@ -44,6 +44,7 @@ def suggestion(
     works: Callable[[str], bool],
     numbers: Callable[[str], Any],
     preamble: Sequence[str] = (),
+    rate_hz: float | None = None,
 ) -> str:
     """Sentences on the columns of a file whose header is ambiguous; empty if the columns are unknown.
 
@@ -51,6 +52,7 @@ def suggestion(
     works     function that tests whether the file can be read with a value of --columns
     numbers   function that returns the first numbers of a column
     preamble  lines before the header
+    rate_hz   sampling rate that the caller gives, Hz; no time column is then proposed
     """
     header = _likely_first(_with_rates(_with_gravity(header, numbers), list(cells)), numbers)
     lead = ""
@@ -76,7 +78,7 @@ def suggestion(
         units, sentence = _units(triad, gyro_reading(_values(triad, numbers), is_moving=is_moving))
         sentences += sentence
         guessed.append((triad, "gyro", units or (() if lead else ("dps", "radps"))))
-    time, sentence = _time(header, cells, numbers)
+    time, sentence = _time(header, cells, numbers) if rate_hz is None else (None, [])
     sentences += sentence
     if any(triad in header.linear for triad in header.accel[:1]):
         sentences.append("linear acceleration is without gravity in most apps, but these values include it")
@@ -97,7 +99,9 @@ def suggestion(
         ]
         columns = ",".join([*pairs, *names, *temperature])
         if (pairs or names) and works(columns):
-            lines.append(("" if time else f"--rate-hz {_rate_in(preamble)} ") + f"--columns '{columns}'")
+            rate = _rate_in(preamble) if rate_hz is None else f"{rate_hz:.12g}"
+            axes = f" --axes {header.axes}" if header.axes else ""
+            lines.append(f"{'' if time else f'--rate-hz {rate} '}--columns '{columns}'{axes}")
     if not lines:
         return shown
     if len(lines) > 1:

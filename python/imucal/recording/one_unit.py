@@ -32,7 +32,9 @@ def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
             missing = next(sensor for sensor in having.sensors if sensor not in lacking.sensors)
             raise InputError(
                 f"{having.name} has a {missing}, but {lacking.name} has none [sensor_missing]: recordings of "
-                f"one unit need the same sensors; `of_sensor` removes the {missing} of {having.name}"
+                "one unit need the same sensors: if each file contains one sensor, give each recording as a "
+                f"folder with both files; in Python, Recording.of_sensor removes the {missing} of "
+                f"{having.name}"
             )
         if (other.accel_unit, other.gyro_unit) != (first.accel_unit, first.gyro_unit):
             raise InputError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 from imucal.cli.options import JsonPath, RecordingPath
 from imucal.cli.output import Output, require_apart
@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 
 __all__ = ["apply"]
 
+# Codes of the findings that `apply` reports: units and time stamps of the input that are probably wrong. All
+# other findings concern the suitability of a recording for a calibration.
+REPORTED: Final = ("accel_units", "gyro_units", "time_not_increasing", "clock_rate")
+
 
 @reading_options
 def apply(
@@ -34,6 +38,8 @@ def apply(
     json: JsonPath = None,
 ) -> None:
     """Correct a recording: the output has samples in SI units along the body frame, and all other columns.
+
+    A warning is printed if units or time stamps of the recording look wrong.
 
     CSV and Parquet files are corrected in pieces, so that memory does not grow with the file. A calibration
     with a lever arm or a delay needs the derivative of the rate; the file is then corrected as a whole.
@@ -111,6 +117,7 @@ class _Empty:
 class _Corrected:
     """Corrects the pieces of a recording, and counts the samples that cannot be corrected.
 
+    findings        the first finding of each code of `REPORTED`, as text
     missing         samples whose rate or force is missing in the recording
     no_temperature  samples without a result because their temperature is missing
     lost            samples without a result for other reasons
@@ -120,16 +127,18 @@ class _Corrected:
         from imucal.io.pieces import Whole
 
         self.whole = Whole(self._each(unit, pieces))
+        self.findings: dict[str, str] = {}
         self.missing, self.no_temperature, self.lost = _Empty(), _Empty(), _Empty()
         self.temperature_range_degc: tuple[float, float] | None = None
         self._unit = unit
 
     def warnings(self) -> list[str]:
-        """Warnings about empty samples."""
+        """Warnings about units, time stamps and empty samples."""
         too_large = "the effects are too large to be removed"
         if self.missing.count and not self._unit.takes_pieces:
             too_large += ", or the derivative of the rate is unknown next to missing samples"
         return [
+            *self.findings.values(),
             *self.missing.warning("the rate or the force is not a number"),
             *self.no_temperature.warning("the temperature is not a number"),
             *self.lost.warning(too_large),
@@ -141,10 +150,14 @@ class _Corrected:
         from imucal.calibration.correction import empty_samples
 
         start_s: float | None = None
+        last_s: float | None = None
         before = 0
         for raw in pieces:
             if start_s is None and len(raw):
                 start_s = float(raw.time_s[0])
+            if len(raw):
+                self._check(raw if last_s is None else _after(last_s, raw, before))
+                last_s = float(raw.time_s[-1])
             # If an effect needs the whole recording, the recording is one piece, and `apply_recording` does
             # not accept a start time.
             corrected = unit.apply_recording(raw, start_s=start_s if unit.takes_pieces else None)
@@ -161,6 +174,16 @@ class _Corrected:
             before += len(raw)
             yield corrected
 
+    def _check(self, raw: Recording) -> None:
+        """Run the checks of a recording, and keep the findings to report."""
+        import imucal._core as _core
+        from imucal.units import STANDARD_GRAVITY_MPS2
+
+        seen = _core.inspect(raw.without_copies(), STANDARD_GRAVITY_MPS2, _core.MIN_REST_S, grows=True)
+        for finding in seen.findings:
+            if finding.code in REPORTED:
+                self.findings.setdefault(finding.code, str(finding))
+
     def _see_temperature(self, temperature_degc: FloatArray) -> None:
         if len(temperature_degc):
             low, high = self.temperature_range_degc or (float("inf"), float("-inf"))
@@ -168,3 +191,26 @@ class _Corrected:
                 min(low, float(temperature_degc.min())),
                 max(high, float(temperature_degc.max())),
             )
+
+
+def _after(last_s: float, raw: Recording, before: int) -> Recording:
+    """The samples of a later piece after the last time stamp of the piece before, for checks.
+
+    The first sample is repeated at that time stamp, so that a jump of the time between the pieces is found.
+
+    before   number of samples of the recording before this piece
+    """
+    import numpy as np
+
+    from imucal.recording.recording import Recording
+
+    rows = np.arange(-1, len(raw)).clip(0)
+    return Recording(
+        np.append(last_s, raw.time_s),
+        None if raw.specific_force is None else raw.specific_force[rows],
+        None if raw.angular_rate is None else raw.angular_rate[rows],
+        accel_unit=raw.accel_unit,
+        gyro_unit=raw.gyro_unit,
+        name=f"{raw.name}, from sample {before - 1}",
+        column_units=raw.column_units,
+    )
