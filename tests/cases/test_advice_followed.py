@@ -80,7 +80,7 @@ def test_implausible_noise_names_the_likely_unit(case_file, capsys):
     main(["noise", str(path), "--columns", in_radps])
     said = " ".join("".join(capsys.readouterr()).split())
     assert "[noise_implausible]" in said
-    assert "no gyroscope has that" in said
+    assert "no usual gyroscope has that" in said
     advised = in_radps
     for axis in "xyz":
         assert f"gyro_{axis}_dps" in said

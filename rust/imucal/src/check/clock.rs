@@ -162,7 +162,8 @@ impl Steps {
                 recording.time_s[first]
             ),
             way_out:
-                "cut the recording there, sort its rows if they were shuffled, or unwrap the counter if it overflowed"
+                "cut the recording there, sort its rows if they were shuffled, unwrap the counter if it overflowed, or \
+                 remove lines that lost characters"
                     .into(),
             ..Finding::error("time_not_increasing", recording.name)
         })

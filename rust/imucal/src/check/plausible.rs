@@ -22,7 +22,7 @@ use std::f64::consts::PI;
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 
-use super::units::{given_accel_unit, given_gyro_unit};
+use super::units::{given_accel_unit, given_gyro_unit, if_only};
 use super::values::converter_step;
 use super::{CHANNELS, names};
 use crate::finding::{Finding, general};
@@ -139,7 +139,7 @@ fn densities(
         value: worst / shown.si,
         unit: shown.unit,
         message: format!(
-            "the noise density at rest is {} {}, {beyond} {} {}: no {} has that",
+            "the noise density at rest is {} {}, {beyond} {} {}: no usual {} has that",
             general(worst / shown.si, 3),
             shown.unit,
             general(limit / shown.si, 3),
@@ -214,7 +214,8 @@ fn gyro_way_out(recording: &Recording, density: f64, accel: &[RestNoise; 3]) -> 
             _ => String::new(),
         };
         return format!(
-            "in deg/s the density would be {} deg/s/sqrt(Hz){counts}: {names}{or_moving}",
+            "in deg/s the density would be {} deg/s/sqrt(Hz){counts}: {names}{or_moving}; if the columns are in rad/s, \
+             the gyroscope is noisy: look for vibration or a fault of its supply or wiring",
             general(in_file, 3)
         );
     }
@@ -277,6 +278,7 @@ fn biases(recording: &Recording, triad: &[RestNoise; 3]) -> Option<Finding> {
         .filter_map(|(k, axis)| Some((k, axis.mean.filter(|mean| mean.abs() > GYRO_BIAS_RADPS)?)))
         .collect();
     let (_, worst) = *wrong.iter().max_by(|(_, a), (_, b)| a.abs().total_cmp(&b.abs()))?;
+    let axes: Vec<&str> = wrong.iter().map(|(k, _)| CHANNELS[3 + k]).collect();
     let way_out = if worst.abs() < GYRO_BIAS_RADPS / DEGREE_RAD {
         format!(
             "in deg/s it would be {} deg/s: name the columns gyro_x_dps, gyro_y_dps, gyro_z_dps; raw counts are gyro_x_lsb",
@@ -286,7 +288,7 @@ fn biases(recording: &Recording, triad: &[RestNoise; 3]) -> Option<Finding> {
         "give the columns in the unit of their names: gyro_x_dps, gyro_x_mdps or, for raw counts, gyro_x_lsb".into()
     };
     Some(Finding {
-        columns: names(wrong.iter().map(|(k, _)| CHANNELS[3 + k])),
+        columns: names(axes.iter().copied()),
         count: wrong.len(),
         value: worst / DEGREE_RAD,
         unit: "deg/s",
@@ -295,7 +297,7 @@ fn biases(recording: &Recording, triad: &[RestNoise; 3]) -> Option<Finding> {
             general(worst / DEGREE_RAD, 3),
             GYRO_BIAS_RADPS / DEGREE_RAD
         ),
-        way_out,
+        way_out: way_out + &if_only(&axes),
         ..Finding::warning("bias_implausible", recording.name)
     })
 }

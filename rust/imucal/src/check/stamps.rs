@@ -46,8 +46,8 @@ pub(super) fn even(recording: &Recording) -> String {
     });
     let pauses = blocks.filter(|_| rate_hz.is_none()).and_then(|blocks| blocks.pauses(recording)).unwrap_or_default();
     format!(
-        "if the sensor samples evenly and no sample is lost, leave out the time column (columns='-,accel_x_mps2,...') and pass \
-         {rate}{pauses}"
+        "if the sensor samples evenly and no sample is lost, leave out the time column of a single table \
+         (columns='-,accel_x_mps2,...') and pass {rate}{pauses}"
     )
 }
 

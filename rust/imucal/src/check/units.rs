@@ -274,6 +274,12 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
         .filter(|rate| rate.is_finite())
         .collect();
     let rate = quantile(&mut fastest, 0.999);
+    let is_fast = |axis: &usize| {
+        let mut rates: Vec<f64> =
+            recording.angular_rate.iter().map(|row| row[*axis].abs()).filter(|rate| rate.is_finite()).collect();
+        quantile(&mut rates, 0.999) > FASTEST_RADPS
+    };
+    let axes = || (0..3).filter(is_fast).map(|axis| GYRO[axis]).collect::<Vec<_>>();
     (rate > FASTEST_RADPS).then(|| Finding {
         columns: names(GYRO),
         place: Some(Place::new(recording, first, first)),
@@ -285,9 +291,17 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
             rate.to_degrees(),
             recording.time_s[first]
         ),
-        way_out: smaller_gyro_units(recording),
+        way_out: smaller_gyro_units(recording) + &if_only(&axes()),
         ..Finding::error("gyro_units", recording.name)
     })
+}
+
+/// Recommendation for the case that only these axes of the gyroscope are in another unit; empty for no or all axes.
+pub(super) fn if_only(axes: &[&str]) -> String {
+    match axes.len() {
+        1 | 2 => format!("; if only {} has another unit, convert it to the unit of the others", axes.join(" and ")),
+        _ => String::new(),
+    }
 }
 
 /// Reports `gyro_units` for a gyroscope whose bias is too large for any MEMS gyroscope. A bias is steady within a rest.
