@@ -66,6 +66,16 @@ CODES: Final[dict[str, dict[str, Code]]] = {
                 "warning may be ignored if the motion does not excite this axis."
             ),
         ),
+        "columns_identical": Code(
+            cause=(
+                "Two columns have the same value in every sample, because a column was written or named "
+                "twice."
+            ),
+            cure=(
+                "Correct the program that writes the file, or the names of the columns. Other motion does "
+                "not help."
+            ),
+        ),
         "accel_saturation": Code(
             cause="Samples of the accelerometer are at the end of its measurement range.",
             cure=(
@@ -119,6 +129,20 @@ CODES: Final[dict[str, dict[str, Code]]] = {
                 "A few lost samples do no harm. If many are lost, look for lost packets or a full buffer, "
                 "and record again."
             ),
+        ),
+        "samples_zero": Code(
+            cause=(
+                "All values of some rows are exactly zero. An accelerometer measures gravity, so these rows "
+                "are not measurements; some loggers write zeros in place of lost samples."
+            ),
+            cure="Leave these rows out of the file. Gaps are detected and handled.",
+        ),
+        "samples_spiked": Code(
+            cause=(
+                "Single samples are far from both neighbours, while all other consecutive samples are close "
+                "to each other: errors of the transmission or of the reader, or a blow to the unit."
+            ),
+            cure="Leave these rows out of the file, and look for the cause in the cable or the reader.",
         ),
         "samples_duplicated": Code(
             cause=(
@@ -216,7 +240,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             ),
             cure=(
                 "Give the files of one unit and one recording. If one sensor is late, correct its time "
-                "stamps. Without this correction, only the total rotation of each move is correct."
+                "stamps. Without this correction, only the total rotation of each move is correct. If the "
+                "unit was carried and the verdict is good, nothing has to be done."
             ),
         ),
         "axes_turned": Code(
@@ -404,6 +429,11 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             cause="The recordings contradict the prior of a parameter that is held.",
             cure="Give a wider standard deviation to `--hold`, or estimate the parameter.",
         ),
+            cure=(
+                "Give a wider standard deviation to `--hold`, or estimate the parameter. Check that the "
+                "given calibration is of this unit."
+            ),
+        ),
     },
     "Verdict incomplete": {
         "calibration_uncertain": Code(
@@ -577,6 +607,7 @@ WARNINGS: Final = (
     "temperature_jump",
     "temperature_raw",
     "axes_turned",
+    "samples_spiked",
     "seen_by_the_fit",
     "temperature_extrapolated",
     "biases_moved",
