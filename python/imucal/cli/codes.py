@@ -236,7 +236,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         "sensors_not_together": Code(
             cause=(
                 "The rates do not follow the rotation of gravity inside moves: the two sensors were recorded "
-                "at different times, or belong to different units."
+                "at different times, or belong to different units. The message is only a warning if the "
+                "unit may also have been accelerated during the moves, as when it is carried."
             ),
             cure=(
                 "Give the files of one unit and one recording. If one sensor is late, correct its time "

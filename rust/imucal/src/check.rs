@@ -42,6 +42,7 @@ use survey::Survey;
 
 pub use gains::{check_accelerometer_gains, check_gains};
 pub use independence::{AtRest, at_rest, check_control, check_independent};
+pub(crate) use kinematics::check_calibrated;
 pub use kinematics::check_kinematics;
 pub use plausible::{RestNoise, check_noise};
 pub use rails::saturated_samples;
