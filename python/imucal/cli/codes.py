@@ -427,9 +427,10 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             cure="Hold the unit still in each pose.",
         ),
         "prior_contradicted": Code(
-            cause="The recordings contradict the prior of a parameter that is held.",
-            cure="Give a wider standard deviation to `--hold`, or estimate the parameter.",
-        ),
+            cause=(
+                "The recordings contradict the prior of a parameter that is held, or the calibration that "
+                "was given with `--calibration`."
+            ),
             cure=(
                 "Give a wider standard deviation to `--hold`, or estimate the parameter. Check that the "
                 "given calibration is of this unit."
