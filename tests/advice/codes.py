@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 # Literals in the files that make findings which are no codes: columns, units and words of messages.
 NO_CODES = re.compile(
     r"(accel|gyro)_[xyz]\w*|time_\w*s|temp_degc|lsb|mps2|radps|mradps|dps|mdps|dpmin|dph|rpm|gonps|ug|mg|g|s|ms|deg|samples|ratio|correlation|none|"
-    r"short|long|sigma|three|six|sample|gap|interval|is|are|rests|once|"
+    r"short|long|sigma|three|six|sample|row|pairs|gap|interval|is|are|differs|differ|rests|once|"
     r"contradicts|accel|gyro|truth|above|below|accelerometer|gyroscope|degf|k|kelvin|hundredths|thousandths"
 )
 

@@ -31,6 +31,11 @@ def nothing(recording, _):
     return recording
 
 
+def zeros_in(values):
+    """Every 700th row is zero."""
+    return np.where(np.arange(len(values))[:, None] % 700 == 500, 0.0, values)
+
+
 def with_options(*names):
     """The next attempt is the same, with the options in the advice."""
     return lambda recording, advice: (recording, {name: option_in(advice, name) for name in names})
@@ -317,6 +322,29 @@ ADVISED = [
         rate(lambda w: np.where(np.arange(len(w))[:, None] == 3000, 1e153, w)),
         "leave out these rows",
         lambda r, _: without(r, 3000),
+    ),
+    Advised(
+        "samples_zero",
+        "rows of zeros for lost samples",
+        lambda r: changed(
+            r, specific_force=zeros_in(r.specific_force), angular_rate=zeros_in(r.angular_rate)
+        ),
+        "leave these rows out of the file",
+        lambda r, _: without(r, np.flatnonzero(~r.specific_force.any(axis=1))),
+    ),
+    Advised(
+        "samples_spiked",
+        "three samples of 20 rad/s",
+        rate(lambda w: w + 20.0 * np.isin(np.arange(len(w)), (700, 3000, 4100))[:, None]),
+        "leave out their rows",
+        lambda r, _: without(r, [700, 3000, 4100]),
+    ),
+    Advised(
+        "columns_identical",
+        "accel_x written twice",
+        force(lambda f: f[:, [0, 0, 2]]),
+        "a column was written or named twice",
+        again,
     ),
     Advised("stuck_axis", "dead", rate(lambda w: w * [1, 0, 1]), "wiring|record|check", again),
     Advised(

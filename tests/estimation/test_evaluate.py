@@ -142,3 +142,32 @@ def test_temperatures_beyond_the_calibration_are_said_and_the_advice_removes_the
     within = imucal.simulate("random", seed=13, **warm).recording
     assert imucal.evaluate(of_warm_runs, within).findings == ()
     assert imucal.evaluate(calibration, control).findings == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "late", "code", "words"),
+    [
+        (lambda w: w * [-1, 1, 1], 0, "left_handed_axes", "gyro_x is reversed"),
+        (lambda w: w[:, [1, 0, 2]], 0, "left_handed_axes", "gyro_x and gyro_y are exchanged"),
+        (lambda w: 0.5 * w, 0, "gyro_units", "the sample rate is wrong by this factor"),
+        (lambda w: w + np.array([0, 0, 1.7]), 0, "gyro_units", "looks like deg/s"),
+        (lambda w: w, 90, "sensors_not_together", "time stamps"),
+    ],
+)
+def test_the_cause_in_a_control_recording_is_named_as_calibrate_names_it(change, late, code, words):
+    run, control = (imucal.simulate("random", seed=seed).recording for seed in (1, 2))
+    wrong = imucal.Recording(
+        control.time_s[late:],
+        control.specific_force[late:],
+        change(control.angular_rate)[: len(control) - late],
+        name="control.csv",
+    )
+    result = imucal.calibrate(run)
+    assert not [f for f in imucal.evaluate(result.calibration, control).findings if "gyro_x" in f.columns]
+    for findings in (
+        imucal.evaluate(result.calibration, wrong).findings,
+        imucal.calibrate(run, control=wrong).control.findings,
+    ):
+        (finding,) = [finding for finding in findings if finding.recording == "control.csv"]
+        assert (finding.code, finding.severity) == (code, "warning")
+        assert words in f"{finding.message}: {finding.way_out}"

@@ -5,6 +5,7 @@ import pytest
 
 import imucal
 from imucal.cli import main
+from imucal.estimation.fit import triad_of_fit
 
 
 @pytest.fixture(scope="module")
@@ -68,3 +69,17 @@ def test_a_residual_with_a_kink(run):
 def test_bounds_that_are_none(run, bound):
     with pytest.raises(imucal.InputError, match="max_iterations"):
         imucal.calibrate(run, max_iterations=bound)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "nominal", "cause"),
+    [
+        ("accel", 8192.0, r"accel_nominal = 8192 is in lsb per m/s\^2, not per g"),
+        ("gyro", 32.75, "gyro_nominal = 32.75 is in lsb per rad/s, not per deg/s"),
+        ("gyro", None, "check the units of its columns"),
+    ],
+)
+def test_a_sensitivity_that_no_sensor_has_names_its_cause(sensor, nominal, cause):
+    singular = np.array([[2.78e6, 306.0, -2.92e6], [306.0, 2103.0, 0.1], [-2.92e6, 0.1, 3.08e6]])
+    with pytest.raises(imucal.InputError, match=f"that no sensor has: .*{cause}"):
+        triad_of_fit(sensor, singular, np.zeros(3), nominal)

@@ -179,7 +179,9 @@ def test_a_large_bias_instability_is_seen_and_standard_deviations_are_true():
         truth = np.array([parameter.value for parameter in run.truth.calibration.parameters])
         estimate, sigma = np.array([(p.value, p.std) for p in result.calibration.parameters]).T
         squares.append(((estimate - truth) / sigma)[12:] ** 2)
-        assert any("bias instability of" in note for note in result.notes) == (found[-1] is not None)
+        notes = [note for note in result.notes if "bias instability of" in note]
+        assert len(notes) == (found[-1] is not None)
+        assert all("those of the mean over the recording" in note for note in notes)
     seen = np.degrees([b for b in found if b is not None]) * 3600.0
     # 46 rests are some 40 degrees of freedom on each of three axes; one run in ten may look like white noise.
     assert len(seen) >= 12
@@ -196,3 +198,12 @@ def test_a_filter_does_not_make_a_stand_a_hand(seed):
     chi2, free = result.fit.joint.chi2, result.fit.joint.degrees_of_freedom
     # Four standard deviations of what noise leaves.
     assert chi2 < free + 4.0 * (2.0 * free) ** 0.5
+
+
+def test_the_acceleration_by_a_hand_is_named_beside_a_verdict_that_is_not_good():
+    hand = imucal.Tumble(seed=1, poses=18, hold_s=3.0, tremor_deg=0.1)
+    result = imucal.calibrate(imucal.simulate(hand, seed=1, rate_hz=100).recording)
+    assert result.verdict == "good"
+    for judged, is_named in ((result, False), (replace(result, verdict="incomplete"), True)):
+        (note,) = [note for note in judged.notes if "hand-held with a tremor" in note]
+        assert ("hold the unit against something rigid" in note) == is_named

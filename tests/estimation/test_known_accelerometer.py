@@ -119,3 +119,14 @@ def test_a_result_is_no_better_than_its_prior(runs, accelerometer, verdict):
     reason = f"the given calibration of the accelerometer is {verdict}: the unit was dropped"
     assert (result.verdict, result.reasons[0]) == (verdict, reason)
     assert result.calibration.judged == (result.verdict, result.reasons)
+
+
+def test_the_calibration_of_another_unit_is_named_once(runs):
+    other = imucal.simulate("random", unit="random:bmi088:8", seed=3, rate_hz=100.0).recording
+    known = imucal.calibrate(other.of_sensor("accelerometer")).calibration
+    result = imucal.calibrate(runs[0][0], calibration=known)
+    assert result.verdict == "poor"
+    (reason,) = [reason for reason in result.reasons if "prior_contradicted" in reason]
+    assert "contradict the accelerometer of the given calibration by" in reason
+    assert "most of all its accel_" in reason
+    assert "another unit" in reason

@@ -100,10 +100,11 @@ class Triad:
         # The matrix is divided by its largest entry, because squares of the entries may overflow.
         condition = np.linalg.cond(sensitivity / (np.abs(sensitivity).max() or 1.0))
         if not condition < MAX_CONDITION:
+            rows = [[float(f"{entry:.4g}") for entry in row] for row in sensitivity.tolist()]
             raise InputError(
-                f"the sensitivity {sensitivity.tolist()} is nearly singular: its condition number is "
-                f"{condition:.3g}, that of a sensor is below {MAX_CONDITION:g}: an axis is missing, or two "
-                "axes are nearly parallel"
+                f"the sensitivity {rows} is nearly singular: an axis is missing, or two axes are nearly "
+                f"parallel; its condition number is {condition:.3g}, that of a sensor is below "
+                f"{MAX_CONDITION:g}"
             )
 
 

@@ -66,6 +66,16 @@ CODES: Final[dict[str, dict[str, Code]]] = {
                 "warning may be ignored if the motion does not excite this axis."
             ),
         ),
+        "columns_identical": Code(
+            cause=(
+                "Two columns have the same value in every sample, because a column was written or named "
+                "twice."
+            ),
+            cure=(
+                "Correct the program that writes the file, or the names of the columns. Other motion does "
+                "not help."
+            ),
+        ),
         "accel_saturation": Code(
             cause="Samples of the accelerometer are at the end of its measurement range.",
             cure=(
@@ -125,6 +135,20 @@ CODES: Final[dict[str, dict[str, Code]]] = {
                 "A few lost samples do no harm. If many are lost, look for lost packets or a full buffer, "
                 "and record again."
             ),
+        ),
+        "samples_zero": Code(
+            cause=(
+                "All values of some rows are exactly zero. An accelerometer measures gravity, so these rows "
+                "are not measurements; some loggers write zeros in place of lost samples."
+            ),
+            cure="Leave these rows out of the file. Gaps are detected and handled.",
+        ),
+        "samples_spiked": Code(
+            cause=(
+                "Single samples are far from both neighbours, while all other consecutive samples are close "
+                "to each other: errors of the transmission or of the reader, or a blow to the unit."
+            ),
+            cure="Leave these rows out of the file, and look for the cause in the cable or the reader.",
         ),
         "samples_duplicated": Code(
             cause=(
@@ -225,11 +249,13 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         "sensors_not_together": Code(
             cause=(
                 "The rates do not follow the rotation of gravity inside moves: the two sensors were recorded "
-                "at different times, or belong to different units."
+                "at different times, or belong to different units. The message is only a warning if the "
+                "unit may also have been accelerated during the moves, as when it is carried."
             ),
             cure=(
                 "Give the files of one unit and one recording. If one sensor is late, correct its time "
-                "stamps. Without this correction, only the total rotation of each move is correct."
+                "stamps. Without this correction, only the total rotation of each move is correct. If the "
+                "unit was carried and the verdict is good, nothing has to be done."
             ),
         ),
         "axes_turned": Code(
@@ -417,8 +443,14 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             cure="Hold the unit still in each pose.",
         ),
         "prior_contradicted": Code(
-            cause="The recordings contradict the prior of a parameter that is held.",
-            cure="Give a wider standard deviation to `--hold`, or estimate the parameter.",
+            cause=(
+                "The recordings contradict the prior of a parameter that is held, or the calibration that "
+                "was given with `--calibration`."
+            ),
+            cure=(
+                "Give a wider standard deviation to `--hold`, or estimate the parameter. Check that the "
+                "given calibration is of this unit."
+            ),
         ),
     },
     "Verdict incomplete": {
@@ -599,6 +631,7 @@ WARNINGS: Final = (
     "temperature_jump",
     "temperature_raw",
     "axes_turned",
+    "samples_spiked",
     "seen_by_the_fit",
     "temperature_extrapolated",
     "biases_moved",

@@ -16,14 +16,14 @@ from imucal.calibration.figures import Figures
 from imucal.calibration.provenance import Provenance, require_serial_number
 from imucal.calibration.references import References, references_of
 from imucal.calibration.temperature import temperature_range
-from imucal.calibration.triad import Frame, Triad, as_estimated_frame
+from imucal.calibration.triad import Frame, as_estimated_frame
 from imucal.calibration.verdict import ResidualFit, verdict_of, worst
 from imucal.document.date import now
 from imucal.document.plain import plain
 from imucal.document.source import Source
 from imucal.document.whole import is_whole
 from imucal.errors import InputError
-from imucal.estimation.fit import Diagnosis, Fit, HeldOut
+from imucal.estimation.fit import Diagnosis, Fit, HeldOut, triad_of_fit
 from imucal.estimation.holds import Hold, holds_of, profile_of
 from imucal.estimation.nominal import nominals_named, require_nominals
 from imucal.estimation.options import Options, asked_for, wander_of
@@ -264,10 +264,12 @@ def result_of(
     verdict = worst(verdict_of(outcome.verdict), "good" if found is None else verdict_of(found.verdict))
     reasons = (*outcome.reasons, *(() if found is None else found.reasons))
     calibration = Calibration(
-        accelerometer=Triad(outcome.accel_sensitivity, outcome.accel_bias),
+        accelerometer=triad_of_fit(
+            "accel", outcome.accel_sensitivity, outcome.accel_bias, options.accel_nominal
+        ),
         gyroscope=None
         if outcome.gyro_sensitivity is None or outcome.gyro_bias is None
-        else Triad(outcome.gyro_sensitivity, outcome.gyro_bias),
+        else triad_of_fit("gyro", outcome.gyro_sensitivity, outcome.gyro_bias, options.gyro_nominal),
         frame=options.frame,
         accel_unit=unit_data[0].accel_unit,
         gyro_unit=unit_data[0].gyro_unit,

@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from imucal.arrays import FloatArray
+from imucal.calibration.triad import Triad
 from imucal.document.plain import plain, without_nan
+from imucal.errors import InputError
 from imucal.estimation.rests import of_library
 
 if TYPE_CHECKING:
@@ -247,3 +250,30 @@ class Diagnosis:
     def of_library(fields: Mapping[str, Any]) -> Diagnosis:
         """The diagnosis in the fields that the compiled library returns."""
         return of_library(Diagnosis, fields)
+
+
+def triad_of_fit(
+    sensor: Literal["accel", "gyro"], sensitivity: FloatArray, bias: FloatArray, nominal: float | None
+) -> Triad:
+    """The triad that a fit has estimated.
+
+    nominal  the given nominal sensitivity in lsb per SI unit; None if it was not given
+
+    Raises InputError with the likely cause if no sensor has this sensitivity.
+    """
+    try:
+        return Triad(sensitivity, bias)
+    except InputError:
+        name, unit, other = {
+            "accel": ("accelerometer", "m/s^2", "g"),
+            "gyro": ("gyroscope", "rad/s", "deg/s"),
+        }[sensor]
+        cause = (
+            "check the units of its columns and the values of held parameters"
+            if nominal is None
+            else f"check that {sensor}_nominal = {nominal:g} is in lsb per {unit}, not per {other}"
+        )
+        raise InputError(
+            f"the fit has found a sensitivity of the {name} that no sensor has: two of its axes are "
+            f"nearly parallel, or one has almost no sensitivity; {cause}"
+        ) from None

@@ -32,6 +32,11 @@ ACCELEROMETER_ALONE: Final = (
     "the recordings have no gyroscope: the accelerometer is calibrated alone, and the tremor of a hand is "
     "not separated from its noise"
 )
+# Addition to the note on hand tremor, for a result that is not good.
+TRANSLATION: Final = (
+    "the acceleration by the hand is not: if residuals exceed their noise, hold the unit against something "
+    "rigid at each rest"
+)
 # If the p-value of the residuals is below this threshold, a note says that noise alone does not explain the
 # residuals.
 UNLIKELY: Final = 1e-6
@@ -121,15 +126,17 @@ class CalibrationResult:
         if self.fit.bias_instability_radps is not None:
             deg_per_h = math.degrees(max(self.fit.bias_instability_radps)) * 3600.0
             notes.append(
-                f"the gyroscope has a bias instability of {significant(deg_per_h, 2)} deg/h: it is included "
-                "in the standard deviations, and the estimated bias is the mean over the recording "
-                "(docs/model.md (28))"
+                f"the gyroscope has a bias instability of {significant(deg_per_h, 2)} deg/h, which the "
+                "standard deviations include: the estimated bias and its standard deviation are those of the "
+                "mean over the recording; the bias at any one time differs from this mean by about the "
+                "instability, and by more if it drifts (docs/model.md (28))"
             )
         tremors = [tremor for tremor in self.fit.tremor_deg if tremor is not None]
         if tremors:
             notes.append(
                 f"the unit is hand-held with a tremor of {max(tremors):.2g} deg: the rotation measured by "
                 "the gyroscope is compensated in the mean gravity directions (docs/model.md (27))"
+                + ("" if self.verdict == "good" else f"; {TRANSLATION}")
             )
         notes += [
             f"{effect.name}: chi2 of its {effect.dof} parameters is {effect.statistic:.4g}; about "

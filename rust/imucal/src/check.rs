@@ -16,6 +16,7 @@ mod example;
 mod gains;
 mod gaps;
 mod gravity_sign;
+mod identical;
 mod independence;
 mod kinematics;
 mod noise_search;
@@ -27,6 +28,7 @@ mod rails;
 mod repeats;
 mod runs;
 mod shared;
+mod spikes;
 mod stamps;
 mod stuck;
 mod survey;
@@ -34,11 +36,13 @@ mod temperature;
 mod units;
 mod unsigned;
 mod values;
+mod zeros;
 
 use survey::Survey;
 
 pub use gains::{check_accelerometer_gains, check_gains};
 pub use independence::{AtRest, at_rest, check_control, check_independent};
+pub(crate) use kinematics::check_calibrated;
 pub use kinematics::check_kinematics;
 pub use plausible::{RestNoise, check_noise};
 pub use rails::saturated_samples;
@@ -83,8 +87,9 @@ pub fn sensor_missing(recording: &Recording) -> Option<Finding> {
 /// no fault was found.
 ///
 /// Codes: `lengths_differ`, `empty`, `too_short`, `non_finite`, `value_impossible`, `time_not_increasing`,
-/// `samples_duplicated`, `samples_missing`, `clock_irregular`, `clock_rate`, `stuck_axis`, `counts_unsigned`,
-/// `accel_saturation`, `gyro_saturation`, `accel_units`, `gyro_units`, `temperature_implausible`, `temperature_jump`.
+/// `samples_zero`, `samples_duplicated`, `samples_missing`, `samples_spiked`, `clock_irregular`, `clock_rate`,
+/// `stuck_axis`, `columns_identical`, `counts_unsigned`, `accel_saturation`, `gyro_saturation`, `accel_units`,
+/// `gyro_units`, `temperature_implausible`, `temperature_jump`.
 pub fn check_one_or_both(recording: &Recording) -> Vec<Finding> {
     if let Err(error) = recording.check_lengths() {
         return vec![Finding {
@@ -105,16 +110,19 @@ pub fn check_one_or_both(recording: &Recording) -> Vec<Finding> {
             ..Finding::error("empty", recording.name)
         }];
     }
-    let survey = Survey::of(recording);
+    let mut survey = Survey::of(recording);
     let mut findings = values::check_finite(recording, &survey.not_finite);
     findings.extend(clock::check(recording, &survey.steps));
-    let impossible = values::check_possible(recording, &survey.extremes);
-    if !impossible.is_empty() {
-        // Impossible values distort the statistics of all later checks, so these checks are skipped.
-        findings.extend(impossible);
+    let mut not_measured = values::check_possible(recording, &survey.extremes);
+    not_measured.extend(zeros::check(recording, &survey.zeros, &survey.extremes));
+    if !not_measured.is_empty() {
+        // Values that no sensor has measured distort the statistics of all later checks, so these checks are skipped.
+        findings.extend(not_measured);
         return findings;
     }
     findings.extend(stuck::check(recording, &survey.runs));
+    findings.extend(identical::check(recording, &survey.identical, &survey.extremes));
+    findings.extend(spikes::check(recording, &mut survey.spikes));
     let discontinuous = continuity::check(recording, &survey.repeats);
     let counts_repeats = discontinuous.as_ref().is_some_and(|finding| finding.code == "samples_duplicated");
     findings.extend(repeats::check(recording, &survey.repeats).filter(|_| !counts_repeats));

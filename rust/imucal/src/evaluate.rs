@@ -1,6 +1,7 @@
 //! Evaluation of a calibration on control recordings.
 
 mod accelerometer_alone;
+mod contradictions;
 mod coverage;
 mod group_misfits;
 mod uncertainty;
@@ -26,6 +27,7 @@ use crate::rests::tremor::{self, Sensors};
 use crate::rests::unit_rest::{UnitRest, rests_of};
 use crate::verdict::{GroupMisfit, Reason, RecordingSet, Verdict};
 pub use accelerometer_alone::evaluate_accelerometer;
+use contradictions::contradictions;
 use group_misfits::Judged;
 pub use uncertainty::Uncertainty;
 pub(crate) use verdict::unknown_direction;
@@ -234,10 +236,17 @@ fn with_nominal(
         judge(triads, uncertainty, recordings, corrected, gravity_mps2, min_rest_s)
     };
     let before = judge(&nominal, None, None)?;
-    let evaluation = judge(calibration, uncertainty, corrected)?;
+    let mut evaluation = judge(calibration, uncertainty, corrected)?;
+    let judged = corrected.map_or((recordings, triads_of(calibration)), |own| (own, Calibration::identity()));
+    evaluation.findings.extend(contradictions(recordings, (judged.0, &judged.1), &evaluation, gravity_mps2));
     let mut reasons = evaluation.verdict.reasons().to_vec();
     reasons.extend(worse(&evaluation.groups, &before.groups));
     Ok(Evaluation { before: before.figures, verdict: Verdict::of(reasons), ..evaluation })
+}
+
+/// The calibration without its effects.
+fn triads_of(calibration: &Calibration<f64>) -> Calibration<f64> {
+    Calibration::new(calibration.accelerometer, calibration.gyroscope)
 }
 
 /// Evaluates one calibration. The checks and the rest detection use the recordings as measured. The figures of merit
@@ -258,7 +267,7 @@ fn judge(
     findings.extend(recordings.iter().zip(&segments).filter_map(|(recording, of)| of.noise_below_lsb(recording)));
     let saturated = saturated_stretches(recordings, &findings);
     let (judged, triads) = match corrected {
-        None => (recordings, Calibration::new(calibration.accelerometer, calibration.gyroscope)),
+        None => (recordings, triads_of(calibration)),
         Some(corrected) => {
             for (segments, corrected) in segments.iter_mut().zip(corrected) {
                 segments.correct(corrected, calibration);

@@ -23,6 +23,7 @@ use faer::Mat;
 
 use crate::parameters::BASE;
 pub use known::KnownAccelerometer;
+pub(crate) use known::most_changed;
 pub use priors::{Hold, ParameterModel, Priors};
 
 /// Names of the groups of parameters. A prior can be requested for all parameters of a group together.
@@ -114,6 +115,11 @@ impl HeldParameter {
             Quantity::Entry { parameter, .. } | Quantity::Misalignment { parameter, .. } => parameter,
             Quantity::Combination { number, .. } => number,
         }
+    }
+
+    /// Whether the prior is part of a given calibration of the accelerometer.
+    pub(crate) fn is_of_calibration(&self) -> bool {
+        matches!(self.quantity, Quantity::Combination { .. })
     }
 
     fn is_scale(&self) -> bool {

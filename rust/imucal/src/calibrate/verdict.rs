@@ -5,8 +5,10 @@ use super::held_estimates::{HeldEstimate, listed};
 use super::unit_data::NOT_STILL;
 use crate::evaluate::unknown_direction;
 use crate::finding::{Finding, general};
-use crate::held::PriorCost;
+use crate::frame::Frame;
+use crate::held::{PriorCost, most_changed};
 use crate::numerics::lsq::Termination;
+use crate::parameters::parameter_names;
 use crate::recording::Recording;
 use crate::verdict::{Reason, RecordingSet, Verdict};
 
@@ -49,14 +51,24 @@ impl Outcome {
         Verdict::of(reasons)
     }
 
-    /// Returns one reason for each prior that the recordings contradict.
+    /// Returns one reason for each prior that the recordings contradict. All priors of a given calibration have one
+    /// reason together.
     fn contradicted_priors(&self) -> Vec<Reason> {
+        let sigmas = |held: &HeldEstimate| held.contradiction.unwrap_or_default();
         let of = |held: &HeldEstimate| Reason::PriorContradicted {
             parameter: held.prior.name.clone(),
             prior: [held.prior.value, held.prior.sigma],
-            sigmas: held.contradiction.unwrap_or_default(),
+            sigmas: sigmas(held),
         };
-        self.held.iter().filter(|held| held.is_contradicted()).map(of).collect()
+        let contradicted = self.held.iter().filter(|held| held.is_contradicted());
+        let (calibrated, given): (Vec<_>, Vec<_>) = contradicted.partition(|held| held.prior.is_of_calibration());
+        let most = calibrated.iter().map(|held| sigmas(held).abs()).reduce(f64::max);
+        let changed = most_changed(self.held.iter().map(|held| (&held.prior, held.estimate)));
+        let of_calibration = most.zip(changed).map(|(sigmas, (parameter, _))| Reason::CalibrationContradicted {
+            parameter: parameter_names(Frame::Symmetric)[parameter].clone(),
+            sigmas,
+        });
+        of_calibration.into_iter().chain(given.into_iter().map(of)).collect()
     }
 
     /// Returns one reason for each fit that has not converged. If there is a joint fit, only this fit is examined,

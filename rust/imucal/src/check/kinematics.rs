@@ -20,6 +20,8 @@ use crate::recording::{RawUnit, Recording};
 /// Limits of the scale |det P|^(1/3) of the matrix P in true rate = P (raw - bias), for a gyroscope in the correct unit
 /// (ideal: 1). The scale errors of sensors are far smaller.
 const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
+/// The same limits for a gyroscope whose calibration has been applied.
+const CALIBRATED: [f64; 2] = [0.7, 1.4];
 /// The measured rates are too large by the factor 1 / (scale of P). A unit is recommended if the relative difference
 /// between this factor and the unit's conversion factor is below this value. An example of a conversion factor is 57.3
 /// for deg/s read as rad/s.
@@ -51,7 +53,16 @@ const CLEAR: f64 = 0.85;
 /// If the raw x axis is reversed, P is near diag(-1, 1, 1) and det P < 0: the finding `left_handed_axes` names
 /// `gyro_x`.
 pub fn check_kinematics(recording: &Recording, rate_from_raw: &Matrix3<f64>, explained: f64) -> Vec<Finding> {
-    let p = rate_from_raw;
+    check_rates(recording, (rate_from_raw, explained), RIGHT_UNIT)
+}
+
+/// Like [`check_kinematics`], for a recording whose rates a calibration has corrected: `p` is P in true_rate = P
+/// (corrected rate - bias).
+pub(crate) fn check_calibrated(recording: &Recording, p: &Matrix3<f64>, explained: f64) -> Vec<Finding> {
+    check_rates(recording, (p, explained), CALIBRATED)
+}
+
+fn check_rates(recording: &Recording, (p, explained): (&Matrix3<f64>, f64), right_unit: [f64; 2]) -> Vec<Finding> {
     if explained < LEAST_EXPLAINED {
         return vec![not_together(recording, explained)];
     }
@@ -61,7 +72,7 @@ pub fn check_kinematics(recording: &Recording, rate_from_raw: &Matrix3<f64>, exp
     let scale = p.determinant().abs().cbrt();
     let mut findings = Vec::new();
     if recording.gyro_unit == RawUnit::Si {
-        findings.extend(unit(recording, scale));
+        findings.extend(unit(recording, scale, right_unit));
     }
     let (axes, correlation) = SignedPermutation::closest(&(p / scale));
     if correlation < CLEAR {
@@ -73,25 +84,36 @@ pub fn check_kinematics(recording: &Recording, rate_from_raw: &Matrix3<f64>, exp
 }
 
 /// Reports that the sensors did not move together. The finding is only a warning if the rates explain part of the
-/// motion. The gyroscope may then only be late, and a late gyroscope still measures the whole rotation between two
-/// rests that are longer than its delay.
+/// motion, because two other causes do not make the result wrong. First, the unit may have been accelerated during the
+/// moves: rests alone determine the directions of gravity that the calibration uses. Second, the gyroscope may be late,
+/// and it then still measures the whole rotation between two rests that are longer than its delay.
 fn not_together(recording: &Recording, explained: f64) -> Finding {
-    let is_unrelated = explained < UNRELATED;
-    let kind = if is_unrelated { Finding::error } else { Finding::warning };
+    let share = format!(
+        "the rates explain only {:.0} % of the changes of the direction of gravity inside moves",
+        100.0 * explained.max(0.0)
+    );
+    let (kind, cause, way_out) = if explained < UNRELATED {
+        (
+            Finding::error as fn(_, &_) -> _,
+            "as if the two sensors had not moved together",
+            "check that both sensors are of the same unit and recording, and that their time stamps have the same zero",
+        )
+    } else {
+        (
+            Finding::warning as fn(_, &_) -> _,
+            "because the unit was accelerated during the moves, as when it is carried, or because the two sensors did not \
+             move together",
+            "if the unit was carried and the verdict is good, nothing has to be done; otherwise check that both sensors \
+             are of the same unit and recording, and that their time stamps have the same zero",
+        )
+    };
     Finding {
         columns: names(GYRO),
         count: recording.len(),
         value: explained,
         unit: "ratio",
-        message: format!(
-            "the rates explain only {:.0} % of the changes of the direction of gravity inside moves, as if the two \
-             sensors had not moved together",
-            100.0 * explained.max(0.0)
-        ),
-        way_out:
-            "check that both sensors are of the same unit and recording, and that their time stamps have the same \
-                  zero"
-                .into(),
+        message: format!("{share}, {cause}"),
+        way_out: way_out.into(),
         ..kind("sensors_not_together", recording.name)
     }
 }
@@ -106,8 +128,8 @@ fn is_well_determined(p: &Matrix3<f64>) -> bool {
 const OTHERWISE: &str = "give the columns in the unit of their names, or as raw counts: gyro_x_lsb; or the time or the \
                          sample rate is wrong by this factor: correct it";
 
-fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
-    if (RIGHT_UNIT[0]..=RIGHT_UNIT[1]).contains(&scale) {
+fn unit(recording: &Recording, scale: f64, [least, most]: [f64; 2]) -> Option<Finding> {
+    if (least..=most).contains(&scale) {
         return None;
     }
     let known = [
@@ -220,6 +242,7 @@ mod tests {
             let findings = check_kinematics(&Columns::tumbling().recording(), &p, explained);
             assert_eq!((findings.len(), findings[0].code), (1, "sensors_not_together"));
             assert_eq!(findings[0].severity, severity);
+            assert_eq!(findings[0].way_out.contains("was carried"), severity == Severity::Warning);
         }
     }
 
@@ -236,6 +259,16 @@ mod tests {
             assert_eq!((findings.len(), findings[0].code), (1, "gyro_units"));
             assert!(findings[0].way_out.contains(hint), "{}", findings[0]);
         }
+    }
+
+    #[test]
+    fn a_calibrated_gyroscope_has_tighter_limits() {
+        let recording = Columns::tumbling();
+        let of = |p| check_calibrated(&recording.recording(), &p, EXPLAINED);
+        assert!(of(near(Matrix3::identity())).is_empty());
+        let half = near(Matrix3::identity() * 1.9);
+        assert!(judge(half).is_empty());
+        assert_eq!(of(half)[0].code, "gyro_units");
     }
 
     #[test]

@@ -57,6 +57,12 @@ impl<'a> Part<'a> {
         let own = usize::from(self.samples.start > 0);
         self.triads.each_ref().map(|rows| &rows[own..])
     }
+
+    /// Samples of the accelerometer and of the gyroscope in this block, after the sample before the block. There is no
+    /// such sample before the first block.
+    pub(super) fn triads_and_before(&self) -> [&[[f64; 3]]; 2] {
+        self.triads.each_ref().map(|rows| &rows[..])
+    }
 }
 
 /// Compares each number, from the second row (three axes) on, with the number of the same axis in the previous row. The

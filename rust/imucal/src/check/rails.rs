@@ -15,9 +15,12 @@ use crate::recording::{RawUnit, Recording, Samples};
 /// a triad have the same range, so their rails differ only by the scales of the axes.
 const SHARE_OF_REACH: f64 = 0.8;
 
-/// Lowest rail (value at which an axis is clipped) of an accelerometer, as a multiple of the median norm of the
-/// specific force, which is 1 g. No accelerometer has a smaller range.
+/// Lowest rail (value at which an axis is clipped) of an accelerometer that may have no noise at rest, as a multiple of
+/// the median norm of the specific force, which is 1 g. Below this value, a plateau may be a rest without noise.
 const LOWEST_RAIL_G: f64 = 1.3;
+/// If at most this share of the consecutive samples of an axis is equal away from its extreme values, the noise of the
+/// axis is several steps of the converter. A plateau at any extreme value of this axis is then a rail.
+const FEW_EQUAL: f64 = 0.1;
 /// Two rails belong to one measurement range if the relative difference of their distances from the zero reading is
 /// below this value.
 const ONE_RANGE: f64 = 1e-4;
@@ -137,7 +140,8 @@ fn finding(
 /// * Plateaus (sequences of equal samples) at the channel's extreme value. A plateau is evidence if the channel changes
 ///   by several steps just before and after it, while another axis moves. In addition, plateaus at other values of the
 ///   channel must be rare or short, and noise must be an unlikely cause of the plateaus. The rail must be at least
-///   `lowest_over_median` times the median norm of the rows.
+///   `lowest_over_median` times the median norm of the rows, unless the noise of the axis is several steps of the
+///   converter.
 ///
 /// Other powers of two are no evidence of a rail, because common accelerometers read 2048 or 16384 counts at 1 g. For
 /// each axis, `ends` contains the lowest and the highest of all values. `held` contains the lowest and the highest of
@@ -173,7 +177,7 @@ fn triad_rails(
         .map(|row| row.iter().map(|v| (v - zero).powi(2)).sum::<f64>().sqrt())
         .filter(|norm| norm.is_finite())
         .collect();
-    let lowest_rail = (SHARE_OF_REACH * reach).max(lowest_over_median * quantile(&mut norms, 0.5));
+    let lowest_rail = lowest_over_median * quantile(&mut norms, 0.5);
     let steps = [0, 1, 2].map(|axis| converter_step(rows, axis));
     let mut rails: [Rails; 3] = [0, 1, 2].map(|axis| {
         let [low, high] = ends[axis];
@@ -182,12 +186,15 @@ fn triad_rails(
             return [None; 2];
         }
         let plateaus = plateaus(rows, axis, ends, &steps);
+        let equal = equal_neighbours(rows, axis, &ends[axis]);
         [0, 1].map(|side| {
             let end = ends[axis][side];
-            let cut_off = (end - zero).abs() >= lowest_rail
+            let distance = (end - zero).abs();
+            let cut_off = distance >= SHARE_OF_REACH * reach
+                && (distance >= lowest_rail || equal <= FEW_EQUAL)
                 && plateaus.at_end[side].stand_out_from(&plateaus.elsewhere)
                 && piles_up(rows, axis, end, steps[axis])
-                && !plateaus.at_end[side].is_chance(equal_neighbours(rows, axis, &ends[axis]));
+                && !plateaus.at_end[side].is_chance(equal);
             (is_16_bit_end(end) || cut_off).then_some(end)
         })
     });
@@ -312,6 +319,18 @@ mod tests {
         let findings = found(&columns.recording());
         assert_eq!(findings[0].code, "accel_saturation");
         assert_eq!(findings[0].columns, ["accel_y"]);
+    }
+
+    /// The range ends below 1 g, so the axis has one constant value in whole rests.
+    #[test]
+    fn an_accelerometer_that_is_clipped_at_rest_is_named() {
+        for step in [1e-4, 0.005] {
+            let mut columns = Columns::tumbling().quantised(step, 1e-4);
+            columns.force.iter_mut().for_each(|row| *row = row.map(|v| v.min(9.7)));
+            let findings = found(&columns.recording());
+            assert_eq!((findings.len(), findings[0].code), (1, "accel_saturation"));
+            assert!(findings[0].columns.contains(&"accel_z".into()) && findings[0].value == 9.7, "{}", findings[0]);
+        }
     }
 
     #[test]

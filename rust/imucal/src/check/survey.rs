@@ -6,11 +6,14 @@
 use pulp::{Simd, WithSimd};
 
 use super::clock::Steps;
+use super::identical::Identical;
 use super::part::{PART, Part};
 use super::repeats::Repeats;
 use super::runs::Runs;
+use super::spikes::Spikes;
 use super::units::Lengths;
 use super::values::{Extremes, NotFinite};
+use super::zeros::Zeros;
 use crate::cancellation::checkpoint;
 use crate::numerics::instructions::Instructions;
 use crate::recording::Recording;
@@ -24,6 +27,9 @@ pub(super) struct Survey {
     pub(super) runs: Runs,
     pub(super) extremes: Extremes,
     pub(super) lengths: Lengths,
+    pub(super) zeros: Zeros,
+    pub(super) identical: Identical,
+    pub(super) spikes: Spikes,
 }
 
 impl Survey {
@@ -50,6 +56,9 @@ impl WithSimd for Surveying<'_> {
             runs: Runs::default(),
             extremes: Extremes::default(),
             lengths: Lengths::default(),
+            zeros: Zeros::default(),
+            identical: Identical::default(),
+            spikes: Spikes::default(),
         };
         for start in (0..recording.len()).step_by(PART) {
             checkpoint();
@@ -60,6 +69,9 @@ impl WithSimd for Surveying<'_> {
             survey.runs.feed(&part);
             survey.extremes.feed(&part);
             survey.lengths.feed(&part);
+            survey.zeros.feed(&part);
+            survey.identical.feed(&part);
+            survey.spikes.feed(&part);
         }
         survey.runs.finish(recording);
         survey

@@ -10,7 +10,7 @@
 //!
 //! `value` are the calibrated parameters. Each component of h becomes one prior.
 
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector};
 
 use super::{HeldParameter, PriorSource, Quantity};
 use crate::error::Error;
@@ -66,5 +66,47 @@ impl KnownAccelerometer {
             }
         };
         Ok((0..9).map(combination).collect())
+    }
+}
+
+/// Returns the parameter of a given calibration whose estimate differs most from its calibrated value, in standard
+/// deviations of this value: its index among the nine parameters, and this difference. `estimates` are the held
+/// parameters with their estimates. `None` if they do not contain the nine combinations of a calibration.
+pub(crate) fn most_changed<'a>(estimates: impl Iterator<Item = (&'a HeldParameter, f64)>) -> Option<(usize, f64)> {
+    let (mut rows, mut values) = (SMatrix::<f64, 9, 9>::zeros(), SVector::<f64, 9>::zeros());
+    for (held, estimate) in estimates {
+        if let Quantity::Combination { number, by, .. } = held.quantity {
+            (0..9).for_each(|p| rows[(number, p)] = by[p]);
+            values[number] = estimate;
+        }
+    }
+    let to_parameters = rows.try_inverse()?;
+    let change = to_parameters * values;
+    (0..9)
+        .map(|p| (p, change[p] / to_parameters.row(p).norm()))
+        .max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_changed_parameter_is_found_from_the_combinations() {
+        let sigma: [f64; 9] = std::array::from_fn(|p| 0.01 * (p + 1) as f64);
+        let correlation = |i: usize, j: usize| if i == j { 1.0 } else { 0.3 };
+        let known = KnownAccelerometer {
+            parameters: [0.5; 9],
+            covariance: std::array::from_fn(|i| std::array::from_fn(|j| correlation(i, j) * sigma[i] * sigma[j])),
+        };
+        let held = known.combinations().unwrap();
+        for changed in 0..9 {
+            let mut parameters = known.parameters;
+            parameters[changed] -= 7.0 * sigma[changed];
+            let (found, size) = most_changed(held.iter().map(|own| (own, own.estimate(&parameters)))).unwrap();
+            assert_eq!(found, changed);
+            assert!((size + 7.0).abs() < 1e-9, "{size}");
+        }
+        assert_eq!(most_changed(held.iter().take(3).map(|own| (own, 1.0))), None);
     }
 }

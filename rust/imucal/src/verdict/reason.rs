@@ -123,6 +123,14 @@ pub enum Reason {
         /// of this difference.
         sigmas: f64,
     },
+    /// The recordings contradict the given calibration of the accelerometer, which is a prior of its nine parameters.
+    CalibrationContradicted {
+        /// Name of the parameter that differs most, relative to its standard deviation in the calibration.
+        parameter: String,
+        /// Largest difference between the calibration and the values that the recordings determine, over all
+        /// combinations of the nine parameters, in standard deviations of this difference.
+        sigmas: f64,
+    },
     /// The recordings do not determine some parameters, so these parameters have the default prior. The verdict is
     /// `incomplete`.
     ParametersHeld {
@@ -199,7 +207,7 @@ impl Reason {
             Self::ContradictingRests { .. } => "contradicting_rests",
             Self::ContradictingMoves { .. } => "contradicting_moves",
             Self::MovingRests { .. } => "moving_rests",
-            Self::PriorContradicted { .. } => "prior_contradicted",
+            Self::PriorContradicted { .. } | Self::CalibrationContradicted { .. } => "prior_contradicted",
             Self::ParametersHeld { .. } => "parameters_held",
             Self::CalibrationUncertain { .. } => "calibration_uncertain",
             Self::AxesNotTested { .. } => "axes_not_tested",
@@ -355,6 +363,13 @@ impl fmt::Display for Reason {
                 "{of_calibration}: the recordings contradict the prior of {parameter}, {value} +- {sigma}, by {} standard \
                  deviations: give the prior a larger standard deviation or another mean, or remove the prior",
                 general(sigmas.abs(), 3)
+            ),
+            Self::CalibrationContradicted { parameter, sigmas } => write!(
+                f,
+                "{of_calibration}: the recordings contradict the accelerometer of the given calibration by {} standard \
+                 deviations, most of all its {parameter}: the calibration is of another unit, or the unit has changed \
+                 since then; give the calibration of this unit, or calibrate without it",
+                general(*sigmas, 3)
             ),
             Self::ParametersHeld { parameters, cost: PriorCost { gravity_direction_deg, rotation_deg } } => {
                 write!(
