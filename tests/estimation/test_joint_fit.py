@@ -200,10 +200,10 @@ def test_a_filter_does_not_make_a_stand_a_hand(seed):
     assert chi2 < free + 4.0 * (2.0 * free) ** 0.5
 
 
-def test_the_acceleration_by_a_hand_is_named_beside_a_verdict_that_is_not_good():
+def test_the_acceleration_by_a_hand_is_named_beside_a_poor_verdict():
     hand = imucal.Tumble(seed=1, poses=18, hold_s=3.0, tremor_deg=0.1)
     result = imucal.calibrate(imucal.simulate(hand, seed=1, rate_hz=100).recording)
     assert result.verdict == "good"
-    for judged, is_named in ((result, False), (replace(result, verdict="incomplete"), True)):
+    for judged, is_named in ((result, False), (replace(result, verdict="poor"), True)):
         (note,) = [note for note in judged.notes if "hand-held with a tremor" in note]
         assert ("hold the unit against something rigid" in note) == is_named

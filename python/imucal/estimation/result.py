@@ -32,7 +32,7 @@ ACCELEROMETER_ALONE: Final = (
     "the recordings have no gyroscope: the accelerometer is calibrated alone, and the tremor of a hand is "
     "not separated from its noise"
 )
-# Addition to the note on hand tremor, for a result that is not good.
+# Addition to the note on hand tremor if the verdict is poor.
 TRANSLATION: Final = (
     "the acceleration by the hand is not: if residuals exceed their noise, hold the unit against something "
     "rigid at each rest"
@@ -136,7 +136,7 @@ class CalibrationResult:
             notes.append(
                 f"the unit is hand-held with a tremor of {max(tremors):.2g} deg: the rotation measured by "
                 "the gyroscope is compensated in the mean gravity directions (docs/model.md (27))"
-                + ("" if self.verdict == "good" else f"; {TRANSLATION}")
+                + (f"; {TRANSLATION}" if self.verdict == "poor" else "")
             )
         notes += [
             f"{effect.name}: chi2 of its {effect.dof} parameters is {effect.statistic:.4g}; about "
