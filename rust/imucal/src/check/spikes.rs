@@ -3,7 +3,7 @@
 use super::part::Part;
 use super::{CHANNELS, Tally, names, unit_name};
 use crate::finding::{Finding, counted, general};
-use crate::recording::Recording;
+use crate::recording::{Recording, SIDE_BY_SIDE, each_step};
 
 /// Largest number of spikes of a channel that are reported. If more samples are far from their neighbours, the
 /// distances are a property of the signal.
@@ -68,11 +68,17 @@ impl Spikes {
     #[inline(always)]
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         let first = part.samples.start.max(1);
-        for (triad, rows) in part.triads_and_before().into_iter().enumerate() {
+        for (rows, channels) in part.triads_and_before().into_iter().zip(self.channels.as_chunks_mut::<3>().0) {
+            // Most blocks have no large step. This loop has no branches, so the compiler can vectorise it.
+            let floors: [f64; SIDE_BY_SIDE] = std::array::from_fn(|k| channels[k % 3].floor);
+            let mut is_large = [false; SIDE_BY_SIDE];
+            each_step(rows, |k, before, after| is_large[k] |= (after - before).abs() > floors[k]);
+            if is_large == [false; SIDE_BY_SIDE] {
+                continue;
+            }
             for (i, pair) in (first..).zip(rows.windows(2)) {
-                for axis in 0..3 {
+                for (axis, largest) in channels.iter_mut().enumerate() {
                     let step = pair[1][axis] - pair[0][axis];
-                    let largest = &mut self.channels[3 * triad + axis];
                     if step.abs() > largest.floor && step.is_finite() {
                         largest.add(step, i);
                     }
