@@ -463,12 +463,12 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
         "axes_not_tested": Code(
             cause=(
-                "The control recordings do not test every axis: errors of 5 % would not be visible, alone or where "
-                "they compensate each other."
+                "The control recordings do not test every axis: errors of 5 % would not be visible, alone or "
+                "where they compensate each other."
             ),
             cure=(
-                "Record rests in more poses, with each axis of the accelerometer up and down, and with rotations "
-                "about every axis between them."
+                "Record rests in more poses, with each axis of the accelerometer up and down, and with "
+                "rotations about every axis between them."
             ),
         ),
         "residuals_above_noise": Code(
