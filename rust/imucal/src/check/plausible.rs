@@ -207,15 +207,14 @@ fn gyro_way_out(recording: &Recording, density: f64, accel: &[RestNoise; 3]) -> 
             format!(", and the values are multiples of {text}, a usual size of a count in deg/s")
         });
         let names = "name the columns gyro_x_dps, gyro_y_dps, gyro_z_dps";
-        let or_moving = match motion {
-            Motion::Possible if count.is_none() => {
-                format!("; or, because the accelerometer is noisier than usual, too, {NEVER_RESTS}")
-            }
-            _ => String::new(),
+        let or_else = match motion {
+            _ if count.is_some() => String::new(),
+            Motion::Possible => format!("; or, because the accelerometer is noisier than usual, too, {NEVER_RESTS}"),
+            _ => "; if the columns are in rad/s, the gyroscope is noisy: look for vibration or a fault of its supply or wiring"
+                .into(),
         };
         return format!(
-            "in deg/s the density would be {} deg/s/sqrt(Hz){counts}: {names}{or_moving}; if the columns are in rad/s, \
-             the gyroscope is noisy: look for vibration or a fault of its supply or wiring",
+            "in deg/s the density would be {} deg/s/sqrt(Hz){counts}: {names}{or_else}",
             general(in_file, 3)
         );
     }
