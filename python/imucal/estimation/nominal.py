@@ -19,6 +19,9 @@ __all__ = ["nominals_named", "require_nominals"]
 IN_G: Final = (0.75, 1.25)
 # Start of the sentence with which the compiled library offers a model with fewer parameters.
 OFFER: Final = "Without more motion"
+# Words of the compiled library for recordings whose rests and moves leave parameters undetermined. Recordings
+# without usable rests or moves need other recordings for every model.
+UNDETERMINED: Final = "not determine"
 
 
 def require_nominals(recording: Recording, accel_nominal: float | None, gyro_nominal: float | None) -> None:
@@ -68,7 +71,7 @@ def nominals_named(
             )
             if raw_unit == "lsb" and nominal is None
         ]
-        if not missing or OFFER in str(error):
+        if not missing or OFFER in str(error) or UNDETERMINED not in str(error):
             raise
         raise NotEnoughMotionError(
             f"{error}. A model with fewer parameters may need less motion, but for raw counts it needs the "
