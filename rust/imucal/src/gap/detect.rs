@@ -3,6 +3,7 @@
 //! equally likely.
 
 use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
 
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 use statrs::function::gamma::ln_gamma;
@@ -16,9 +17,11 @@ const POWER: f64 = 0.9;
 
 /// Step of the table of probabilities, in the square root of the non-centrality.
 const STEP: f64 = 1.0 / 16.0;
-/// Largest square root of the non-centrality in the table. A larger one is detected almost certainly: the threshold of
-/// the test grows with the number of parameters, and no effect has enough parameters to need a larger value.
+/// Largest square root of the non-centrality in the table. The threshold of the test grows with the number of
+/// parameters, and no effect has enough parameters to need a larger value.
 const MOST: f64 = 32.0;
+/// The table ends at this probability. Larger non-centralities are detected with certainty.
+const CERTAIN: f64 = 1.0 - 1e-6;
 /// Number of directions over which the probability of detection is averaged. The average is accurate enough for a limit
 /// within 1 %.
 const DIRECTIONS: usize = 512;
@@ -32,14 +35,15 @@ pub(crate) struct Detection {
     tests: usize,
     /// Probability of detection by degrees of freedom, at multiples of [`STEP`].
     powers: BTreeMap<usize, Vec<f64>>,
-    /// Squared components of unit vectors by number of parameters.
-    directions: BTreeMap<usize, Vec<f64>>,
 }
+
+/// Squared components of unit vectors by number of parameters. They are the same in all searches.
+static SQUARED_DIRECTIONS: Mutex<BTreeMap<usize, Vec<f64>>> = Mutex::new(BTreeMap::new());
 
 impl Detection {
     /// The false-alarm probability of each test is [`FALSE_ALARM`] divided by the number of `tests` (Bonferroni).
     pub(crate) fn new(tests: usize) -> Self {
-        Self { tests, powers: BTreeMap::new(), directions: BTreeMap::new() }
+        Self { tests, powers: BTreeMap::new() }
     }
 
     /// Smallest rms size of the parameters of an effect at which a chi2 test with `dof` degrees of freedom detects the
@@ -49,7 +53,9 @@ impl Detection {
     pub(crate) fn limit(&mut self, information: &[f64], dof: usize) -> f64 {
         let powers = self.powers.entry(dof).or_insert_with(|| powers(dof, self.tests));
         let count = information.len();
-        let directions = self.directions.entry(count).or_insert_with(|| squared_directions(count));
+        // The table is complete or absent even if another thread has panicked.
+        let mut known = SQUARED_DIRECTIONS.lock().unwrap_or_else(PoisonError::into_inner);
+        let directions = known.entry(count).or_insert_with(|| squared_directions(count));
         let mut information: Vec<f64> = information.iter().map(|value| value.max(0.0)).collect();
         information.sort_by(f64::total_cmp);
         let total: f64 = information.iter().sum();
@@ -60,15 +66,31 @@ impl Detection {
         let roots: Vec<f64> = directions.chunks(count).map(|each| (count as f64 * of(each)).sqrt()).collect();
         let power = |size: f64| roots.iter().map(|root| at(powers, size * root)).sum::<f64>() / roots.len() as f64;
         // With equal eigenvalues the limit is `single / total.sqrt()`.
-        let (mut low, mut high) = (0.0, single / total.sqrt());
-        while power(high) < POWER {
-            (low, high) = (high, GROWTH * high);
+        let mut low = [0.0, -POWER];
+        let mut high = [single / total.sqrt(), 0.0];
+        high[1] = power(high[0]) - POWER;
+        while high[1] < 0.0 {
+            low = high;
+            high[0] *= GROWTH;
+            high[1] = power(high[0]) - POWER;
         }
-        while high - low > LAST_STEP * high {
-            let middle = f64::midpoint(low, high);
-            if power(middle) < POWER { low = middle } else { high = middle }
+        // The Illinois method: the secant through both ends, with the excess of an end that stays halved.
+        let mut at = high[0];
+        loop {
+            let next = high[0] - high[1] * (high[0] - low[0]) / (high[1] - low[1]);
+            if (next - at).abs() <= LAST_STEP * next {
+                return next;
+            }
+            at = next;
+            let excess = power(at) - POWER;
+            if excess < 0.0 {
+                low = [at, excess];
+                high[1] /= 2.0;
+            } else {
+                high = [at, excess];
+                low[1] /= 2.0;
+            }
         }
-        f64::midpoint(low, high)
     }
 }
 
@@ -76,8 +98,11 @@ impl Detection {
 fn powers(dof: usize, tests: usize) -> Vec<f64> {
     let Ok(central) = ChiSquared::new(dof as f64) else { return Vec::new() };
     let mut tails = Tails::new(dof, central.inverse_cdf(1.0 - FALSE_ALARM / tests.max(1) as f64));
-    let count = (MOST / STEP) as usize;
-    (0..=count).map(|step| exceeds(&mut tails, (step as f64 * STEP).powi(2))).collect()
+    let mut powers = Vec::new();
+    while powers.last().is_none_or(|power| *power < CERTAIN) && powers.len() as f64 * STEP < MOST {
+        powers.push(exceeds(&mut tails, (powers.len() as f64 * STEP).powi(2)));
+    }
+    powers
 }
 
 /// Linear interpolation in a table of [`powers`].
