@@ -34,11 +34,11 @@ impl Judged<'_> {
     }
 
     fn untested_forces(&self) -> Vec<usize> {
-        let [accelerometer, gyroscope] = self.triads;
-        let before = self.move_residuals(self.triads, self.rotations);
+        let accelerometer = self.triads[0];
+        let before = self.move_residuals(accelerometer, self.rotations);
         let of = |error: usize| {
             let changed = with_error(accelerometer, error)?;
-            let after = self.move_residuals([&changed, gyroscope], self.rotations);
+            let after = self.move_residuals(&changed, self.rotations);
             let mut changes = self.norm_changes(&changed);
             changes.extend(after.iter().zip(&before).map(|(after, before)| after - before));
             Some(changes)

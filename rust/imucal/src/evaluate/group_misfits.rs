@@ -42,9 +42,7 @@ impl Judged<'_> {
             let of_norms: Vec<Vec<f64>> = changed.iter().map(|[triad, _]| self.norm_changes(triad)).collect();
             let of_moves: Vec<Vec<f64>> = changed
                 .iter()
-                .map(|triads| {
-                    change(self.move_residuals([&triads[0], &triads[1]], &self.rotations_by(&triads[1])), &moves)
-                })
+                .map(|triads| change(self.move_residuals(&triads[0], &self.rotations_by(&triads[1])), &moves))
                 .collect();
             groups = [
                 self.group(ResidualGroup::RestNorms, &norms, &of_norms),
@@ -58,7 +56,7 @@ impl Judged<'_> {
     /// divided by their standard deviations due to noise.
     fn residuals(&self) -> [Vec<f64>; 2] {
         let norm = |rest: &&RestReport| rest.norm_error_mps2 / rest.norm_sigma_mps2;
-        [self.rests.iter().map(norm).collect(), self.move_residuals(self.triads, self.rotations)]
+        [self.rests.iter().map(norm).collect(), self.move_residuals(self.triads[0], self.rotations)]
     }
 
     /// Computes chi2 per degree of freedom of the norm and direction residuals without outliers. This chi2 compares the
@@ -140,7 +138,7 @@ impl Judged<'_> {
 
     /// Computes the direction residuals of the moves, divided by their standard deviations due to noise, with the
     /// accelerometer `accelerometer` and the rotations `rotations`, which may differ from those of the calibration.
-    pub(super) fn move_residuals(&self, [accelerometer, _]: [&Triad<f64>; 2], rotations: &[Matrix3<f64>]) -> Vec<f64> {
+    pub(super) fn move_residuals(&self, accelerometer: &Triad<f64>, rotations: &[Matrix3<f64>]) -> Vec<f64> {
         let again = |up: &Vector3<f64>| {
             let measured = self.triads[0].sensitivity() * up * GRAVITY_MPS2 + self.triads[0].bias();
             accelerometer.correct(measured).normalize()
@@ -152,7 +150,7 @@ impl Judged<'_> {
         self.ends.iter().zip(rotations).flat_map(of).collect()
     }
 
-    pub(super) fn rotations_by(&self, gyroscope: &Triad<f64>) -> Vec<Matrix3<f64>> {
+    fn rotations_by(&self, gyroscope: &Triad<f64>) -> Vec<Matrix3<f64>> {
         let rotation = |m: &Move| integrate_rotation(&self.recordings[m.recording], m.first, m.last, gyroscope);
         self.moves.iter().map(rotation).collect()
     }
