@@ -7,6 +7,7 @@ pub(crate) mod noise_density;
 pub(crate) mod rest;
 mod rounded;
 pub(crate) mod segment;
+mod sway;
 pub(crate) mod tremor;
 pub(crate) mod unit_rest;
 

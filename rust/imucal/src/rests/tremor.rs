@@ -26,7 +26,7 @@ use crate::numerics::instructions::Instructions;
 use crate::numerics::stats::{median, quantile, random_effects_mean, sample_interval_s};
 use crate::numerics::workers::{in_order, threads_for};
 use crate::recording::{Recording, Samples};
-use crate::rests::noise_density::{NoiseDensity, variance_per_axis};
+use crate::rests::noise_density::{NoiseDensity, variance_by_axis, variance_per_axis};
 use crate::rests::rest::Rest;
 use crate::rests::segment::epochs::LONG_REST_S;
 use crate::rests::unit_rest::{PropagatedMean, UnitRest};
@@ -43,7 +43,7 @@ const REACH: f64 = 5.0;
 const FEW: f64 = 0.1;
 /// The gravity direction at an end of a rest is averaged with a time constant of at most (duration of the rest) / ROOM
 /// (model.md (27)). Only short rests reach this limit.
-const ROOM: f64 = 6.0;
+pub(super) const ROOM: f64 = 6.0;
 
 /// Model of the tremor of the hand, and of the sensor noise, in a hand-held recording.
 #[derive(Clone, Copy, Debug)]
@@ -52,10 +52,12 @@ pub(crate) struct Hand {
     pub(crate) noise: NoiseDensity,
     /// Variance of the rotation of the hand about each axis from the first to the last sample of a rest, rad^2.
     turn_rad2: f64,
-    /// Spectral density of the tilt error that accelerometer noise causes, rad^2 s; r in model.md (27).
-    tilt_rad2_s: f64,
+    /// Spectral density of the tilt error that accelerometer noise and sway cause, rad^2 s; r in model.md (27).
+    pub(super) tilt_rad2_s: f64,
+    /// Variance of the velocity of the hand along gravity at a rest, m^2/s^2; 0 without significant sway.
+    pub(super) sway_m2_per_s2: f64,
     /// Spectral density of the rate error that gyroscope noise causes, rad^2/s; q in model.md (27).
-    walk_rad2_per_s: f64,
+    pub(super) walk_rad2_per_s: f64,
 }
 
 /// Current estimates of the calibration of both sensors.
@@ -117,7 +119,13 @@ impl Hand {
         // positive at nearly all rests.
         let everywhere = quantile(&mut tremors, FEW) > 0.0;
         let trembles = tilt * walk > 0.0 && tremor_rad2 > (tilt * walk).sqrt() && everywhere;
-        trembles.then_some(Self { noise, turn_rad2: 2.0 * tremor_rad2, tilt_rad2_s: tilt, walk_rad2_per_s: walk })
+        trembles.then_some(Self {
+            noise,
+            turn_rad2: 2.0 * tremor_rad2,
+            tilt_rad2_s: tilt,
+            sway_m2_per_s2: 0.0,
+            walk_rad2_per_s: walk,
+        })
     }
 
     /// Standard deviation of the rotation angle of the tremor about each axis, rad.
@@ -129,7 +137,7 @@ impl Hand {
     /// that the gyroscope rotates to the attitude at this end, with exponential weights. The time constant is
     /// `sqrt(r / q)` with r = `tilt_rad2_s` and q = `walk_rad2_per_s`. A Kalman filter that combines both sensors has
     /// this time constant in the steady state. In short rests, it is limited to (duration of the rest) / [`ROOM`].
-    fn averaging_s(&self, rest: &Rest) -> f64 {
+    pub(super) fn averaging_s(&self, rest: &Rest) -> f64 {
         (self.tilt_rad2_s / self.walk_rad2_per_s).sqrt().min((rest.end_s - rest.start_s) / ROOM)
     }
 
@@ -178,7 +186,7 @@ impl Hand {
     }
 
     /// Corrects the means of a rest for the tremor. The variance of the mean force is set to the variance that sensor
-    /// noise alone causes. The rotation of the hand from the first to the last sample, divided by the duration of the
+    /// noise and sway cause. The rotation of the hand from the first to the last sample, divided by the duration of the
     /// rest, is subtracted from the mean rate. The component of the rotation about gravity is unknown and not
     /// subtracted. Returns the subtracted rotation, rad.
     fn remove_tremor(&self, recording: &Recording<'_>, rest: &mut UnitRest, sensors: Sensors<'_>) -> Vector3<f64> {
@@ -197,7 +205,9 @@ impl Hand {
         let of_rate = (along * (walk + self.turn_rad2) + across * self.turn_variance_rad2(&rest.rest))
             / (duration_s * duration_s);
         let sensitivity = sensors.gyroscope.sensitivity();
-        rest.rest.specific_force.variance_of_mean = self.noise.specific_force.map(|d| d * d / duration_s);
+        let sway = Vector3::repeat(self.sway_variance(duration_s).sqrt());
+        rest.rest.specific_force.variance_of_mean = self.noise.specific_force.map(|d| d * d / duration_s)
+            + variance_by_axis(sensors.accelerometer.sensitivity(), &sway);
         rest.rest.angular_rate.mean = seen / (end - first - 1) as f64 - sensitivity * turn / duration_s;
         rest.rate_covariance = sensitivity * of_rate * sensitivity.transpose();
         rest.rest.angular_rate.variance_of_mean = rest.rate_covariance.diagonal();
@@ -234,6 +244,9 @@ pub(crate) fn hands(
         }
         let contributing: Vec<&Rest> = own.iter().filter(|own| own.contributes).map(|own| &own.rest.rest).collect();
         let mut hand = Hand::of(recording, &contributing, sensors)?;
+        // Sway causes large errors of the gravity directions, which are known only roughly. The rotation of the hand
+        // computed from them is then not used if it is below that of the tremor.
+        let least_turn_rad2 = if hand.add_sway(recording, &contributing, sensors) { hand.turn_rad2 } else { 0.0 };
         noise[index] = hand.noise;
         own.iter_mut().for_each(|own| own.rest.bias = *sensors.gyroscope.bias());
         // `turn` is the hand's rotation between both ends of the rest, about the two axes perpendicular to gravity. Its
@@ -246,7 +259,7 @@ pub(crate) fn hands(
             own.contributes.then_some(turn.norm_squared() / 2.0 - errors)
         };
         let turns: Vec<f64> = own.iter_mut().filter_map(turned).collect();
-        hand.turn_rad2 = (turns.iter().sum::<f64>() / turns.len() as f64).max(0.0);
+        hand.turn_rad2 = (turns.iter().sum::<f64>() / turns.len() as f64).max(least_turn_rad2);
         // The covariances of the mean rates depend on `turn_rad2`, the variance of the rotation, which is known only
         // now. The tremor is therefore removed a second time.
         own.iter_mut().for_each(|own| {
