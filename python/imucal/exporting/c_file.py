@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from imucal.errors import InputError
 
-__all__ = ["PREFIX", "guarded", "require_prefix"]
+__all__ = ["PREFIX", "assigned_sum", "guarded", "matrix_constant", "require_prefix"]
 
 PREFIX: Final = "imucal"
 
@@ -45,3 +45,26 @@ def require_prefix(prefix: str) -> None:
         raise InputError(
             f"{prefix!r} cannot start a C name: use letters, digits and _, starting with a letter"
         )
+
+
+def matrix_constant(
+    name: str, rows: Sequence[Sequence[float]], row: Callable[[Sequence[float]], str]
+) -> list[str]:
+    """A constant matrix in a C function.
+
+    name   type and name
+    row    function that writes the initialiser of a row
+    """
+    return [
+        f"    static const {name}[3][3] = {{",
+        *(f"        {row(numbers)}," for numbers in rows),
+        "    };",
+    ]
+
+
+def assigned_sum(start: str, terms: Sequence[str]) -> list[str]:
+    """A C statement that assigns a sum, with one term per line."""
+    if len(terms) == 1:
+        return [f"{start} {terms[0]};"]
+    indent = " " * (len(start) - len(start.lstrip()) + 4)
+    return [start, *(f"{indent}{term} +" for term in terms[:-1]), f"{indent}{terms[-1]};"]

@@ -20,7 +20,16 @@ from imucal.calibration.calibration import Calibration
 from imucal.effects.effect import EffectValues
 from imucal.effects.formula_effect import FormulaEffect
 from imucal.exporting.c_fields import FIELDS, WARM_UPS, Field, product_of
-from imucal.exporting.c_file import PREFIX, guarded, require_prefix
+from imucal.exporting.c_file import PREFIX, assigned_sum, guarded, matrix_constant, require_prefix
+from imucal.exporting.c_single_precision import (
+    Split,
+    comment,
+    constants,
+    corrected_row,
+    split,
+    sum_function,
+    sum_of,
+)
 from imucal.exporting.c_temperature import memory_code, memory_type
 from imucal.exporting.format import SI, Format, Written, block_comment, number
 from imucal.exporting.formula_code import (
@@ -47,6 +56,9 @@ ARGUMENTS: Final = {
     "time": "{real} time_s",
     "angular_acceleration": "const {real} angular_acceleration_radps2[3]",
 }
+# Number of passes in single precision that use the strict limit of convergence. Effects of ordinary size
+# (q < 0.1, docs/model.md (16)) reach it in about seven passes.
+STRICT_PASSES: Final = 16
 
 
 def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PREFIX) -> Written:
@@ -57,6 +69,9 @@ def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PRE
     needs = [need for need in ARGUMENTS if any(need in _needs(calibration, values) for values in effects)]
     columns = sorted({column for own in formulas for column in auxiliary_of(own)})
     arguments = [*(ARGUMENTS[need] for need in needs), *(f"{{real}} {argument_of(c)}" for c in columns)]
+    has_si_units = calibration.accel_unit != "lsb" or (
+        calibration.gyroscope is not None and calibration.gyro_unit != "lsb"
+    )
     includes = ["#include <float.h>", "#include <math.h>", ""] if effects else []
     content = [
         *_macros(calibration, prefix),
@@ -69,6 +84,7 @@ def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PRE
         ),
         *_function(calibration, effects, arguments, prefix, single=False),
         "",
+        *(sum_function(prefix) if has_si_units else []),
         *_function(calibration, effects, arguments, prefix, single=True),
     ]
     return Written(
@@ -186,20 +202,34 @@ def _function(
         f"    {', '.join(f'{real} {output}[3]' for _, _, output, _ in triads)})",
         "{",
     ]
+    units = {"gyro": calibration.gyro_unit, "accel": calibration.accel_unit}
+    splits = {sensor: split(triad, units[sensor]) for sensor, _, _, triad in triads} if single else {}
+    lines += comment(list(splits.values())) if single else []
     for sensor, _, _, triad in triads:
-        lines.append(f"    static const {real} {sensor}_bias[3] = {row(triad.bias.tolist())};")
-        lines.append(f"    static const {real} {sensor}_inverse[3][3] = {{")
-        lines += [f"        {row(numbers)}," for numbers in inverse(triad).tolist()]
-        lines.append("    };")
+        if single:
+            lines += constants(sensor, splits[sensor], row)
+        else:
+            lines.append(f"    static const {real} {sensor}_bias[3] = {row(triad.bias.tolist())};")
+            lines += matrix_constant(f"{real} {sensor}_inverse", inverse(triad).tolist(), row)
+    kept = (
+        "large_w[3], small_w[3], large_f[3], small_f[3], size_w = 0, size_f = 0"
+        if single
+        else "seen_w[3], seen_f[3]"
+    )
     lines += [
         f"    {real} {', '.join(f'{local}[3]' for _, local, _, _ in triads)};",
-        *([f"    {real} seen_w[3], seen_f[3];", "    int pass;"] if effects else []),
+        *([f"    {real} {kept};", "    int pass;"] if effects else []),
         "    int i;",
         "",
         "    for (i = 0; i < 3; ++i) {",
-        *(line for sensor, local, output, _ in triads for line in _row(local, sensor, f"raw_{output}")),
-        "    }",
     ]
+    for sensor, local, output, _ in triads:
+        raw = f"raw_{output}"
+        if single:
+            lines += corrected_row(local, sensor, raw, splits[sensor], prefix, has_effects=bool(effects))
+        else:
+            lines += _row(local, sensor, raw)
+    lines.append("    }")
     sign = f"{prefix}_sign_{'f32' if single else 'f64'}"
     fields = {
         **FIELDS,
@@ -210,7 +240,7 @@ def _function(
         },
     }
     on_force = [v.name for v in effects if calibration.definition(v).sensor == "accelerometer"]
-    lines += _removal(effects, fields, on_force, real, literal, single) if effects else []
+    lines += _removal(effects, fields, on_force, real, literal, splits, prefix, single) if effects else []
     lines += [
         "    for (i = 0; i < 3; ++i) {",
         *(f"        {output}[i] = {local}[i];" for _, local, output, _ in triads),
@@ -223,15 +253,7 @@ def _function(
 
 def _row(target: str, sensor: str, raw: str) -> list[str]:
     products = [f"{sensor}_inverse[i][{k}] * ({raw}[{k}] - {sensor}_bias[{k}])" for k in range(3)]
-    return _broken(f"        {target}[i] =", products)
-
-
-def _broken(start: str, terms: Sequence[str]) -> list[str]:
-    """A C statement that assigns a sum, with one term per line."""
-    if len(terms) == 1:
-        return [f"{start} {terms[0]};"]
-    indent = " " * (len(start) - len(start.lstrip()) + 4)
-    return [start, *(f"{indent}{term} +" for term in terms[:-1]), f"{indent}{terms[-1]};"]
+    return assigned_sum(f"        {target}[i] =", products)
 
 
 def _removal(
@@ -240,48 +262,70 @@ def _removal(
     on_force: Sequence[str],
     real: str,
     literal: Callable[[float], str],
+    splits: Mapping[str, Split],
+    prefix: str,
     single: bool,
 ) -> list[str]:
     """C code of the fixed-point iteration that compensates the effects.
 
     fields    for each effect, the error per unit of each parameter as C expressions
     on_force  names of the effects of the accelerometer
+    splits    for each sensor, the constants of its single-precision correction; empty in double precision
     """
     epsilon, largest = ("FLT_EPSILON", "FLT_MAX") if single else ("DBL_EPSILON", "DBL_MAX")
-    lines = [
+    kept = [
         "    for (i = 0; i < 3; ++i) {",
         "        seen_w[i] = w[i];",
         "        seen_f[i] = f[i];",
         "    }",
     ]
+    # In single precision the effects are subtracted from the small part, before the larger parts are added.
+    next_w, next_f = (
+        sum_of(f"large_{v}[i]", sensor, f"small_{v}[i] - on_{v}[i]", splits[sensor], prefix)
+        if single
+        else f"seen_{v}[i] - on_{v}[i]"
+        for v, sensor in (("w", "gyro"), ("f", "accel"))
+    )
+    tolerance, sizes = "16", "size_w = 0, size_f = 0, "
+    if single:
+        # Up to this multiple of the rounding error, a change counts as settled. If a pass multiplies the
+        # error by q, an error of q / (1 - q) times the last change remains. With a multiple of 16, this error
+        # would be up to 3 units in the last place for q = 0.1. The rounding errors of large effects may
+        # exceed the strict limit, so later passes use the wide one.
+        tolerance, sizes = f"(pass < {STRICT_PASSES} ? 1 : 16)", ""
+        # If the parts nearly cancel, the rounding errors are those of the larger part.
+        kept = [
+            "    for (i = 0; i < 3; ++i) {",
+            *_largest("size", "large_"),
+            *_largest("size", ""),
+            "    }",
+        ]
+    lines = kept
     lines += _constants_of_a_sample(effects, fields, real, literal, single)
     lines += [
         f"    for (pass = 0; pass < {_core.MAX_PASSES}; ++pass) {{",
         f"        {real} on_w[3] = {{0, 0, 0}}, on_f[3] = {{0, 0, 0}};",
-        f"        {real} size_w = 0, size_f = 0, added_w = 0, added_f = 0, limit_w, limit_f;",
+        f"        {real} {sizes}added_w = 0, added_f = 0, limit_w, limit_f;",
         "        int settled = 1;",
     ]
     for values in effects:
         lines.append(f"        /* {values.name} */")
         target = "on_f" if values.name in on_force else "on_w"
         for axis, terms in _sums(values, fields[values.name], literal).items():
-            lines += _broken(f"        {target}[{axis}] +=", terms)
+            lines += assigned_sum(f"        {target}[{axis}] +=", terms)
     lines += [
         "        for (i = 0; i < 3; ++i) {",
-        *(
-            line
-            for size, of in (("size", "seen"), ("added", "on"))
-            for v in "wf"
-            for line in (
-                f"            if ({of}_{v}[i] > {size}_{v}) {size}_{v} = {of}_{v}[i];",
-                f"            if (-{of}_{v}[i] > {size}_{v}) {size}_{v} = -{of}_{v}[i];",
-            )
-        ),
+        *([] if single else _largest("size", "seen_", "    ")),
+        *_largest("added", "on_", "    "),
         "        }",
-        f"        limit_w = 16 * {epsilon} * (size_w + added_w);",
-        f"        limit_f = 16 * {epsilon} * (size_f + added_f);",
+        f"        limit_w = {tolerance} * {epsilon} * (size_w + added_w);",
+        f"        limit_f = {tolerance} * {epsilon} * (size_f + added_f);",
         "        for (i = 0; i < 3; ++i) {",
-        f"            const {real} next_w = seen_w[i] - on_w[i], next_f = seen_f[i] - on_f[i];",
+        *(
+            (f"            const float next_w = {next_w};", f"            const float next_f = {next_f};")
+            if single
+            else (f"            const double next_w = {next_w}, next_f = {next_f};",)
+        ),
         f"            const {real} change_w = next_w - w[i], change_f = next_f - f[i];",
         "            /* Comparisons with NaN are false, so NaN never counts as settled. */",
         "            settled = settled && change_w <= limit_w && -change_w <= limit_w;",
@@ -297,6 +341,18 @@ def _removal(
         "    }",
     ]
     return lines
+
+
+def _largest(size: str, of: str, indent: str = "") -> list[str]:
+    """C code that raises size_w and size_f to the absolute values of the components i of two vectors."""
+    return [
+        line
+        for v in "wf"
+        for line in (
+            f"{indent}        if ({of}{v}[i] > {size}_{v}) {size}_{v} = {of}{v}[i];",
+            f"{indent}        if (-{of}{v}[i] > {size}_{v}) {size}_{v} = -{of}{v}[i];",
+        )
+    ]
 
 
 def _constants_of_a_sample(
