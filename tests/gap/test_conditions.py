@@ -30,6 +30,22 @@ def test_a_hand_that_carries_the_unit_a_little_is_no_effect(unit, translation_mm
     assert "translated during the moves" in gap.summary()
 
 
+def test_a_nonlinear_converter_of_the_gyroscope_is_no_hand():
+    """A triangular error of 0.35 deg/s with a period of 65 deg/s, which no effect describes."""
+    period_radps, peak_radps = np.deg2rad([65.0, 0.35])
+
+    def run(seed):
+        recording = on_a_stand(seed, rate_hz=100.0)
+        phase = 2.0 * np.pi * recording.angular_rate / period_radps + [0.5, 1.5, 2.5]
+        wave = peak_radps * 2.0 / np.pi * np.arcsin(np.sin(phase))
+        return dataclasses.replace(recording, angular_rate=recording.angular_rate + wave)
+
+    gap = find_gap(run(51), control=run(52))
+    assert not gap.is_hand_moved, gap.summary()
+    assert gap.verdict == "unknown", gap.summary()
+    assert [law.sensor for law in gap.laws] == ["gyroscope"], gap.summary()
+
+
 def test_a_stand_that_shakes_is_no_hand():
     shaking = imucal.Stand(vibration_deg=0.01, vibration_mm=0.02, vibration_hz=37.0)
     measured, control = (on_a_stand(seed, rate_hz=100.0, stand=shaking) for seed in (11, 12))

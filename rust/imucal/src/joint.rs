@@ -58,7 +58,9 @@ pub(crate) use encoders::{Encoders, StandModel, mount_rotation};
 pub(crate) use fields::{Field, move_segments};
 pub(crate) use histories::SharedHistories;
 pub(crate) use lanes::Lanes;
-pub(crate) use linear::{EPOCH_RATES, INSIDE, Insides, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
+pub(crate) use linear::{
+    EPOCH_RATES, INSIDE, Insides, Line, Linear, MOVE_DIRECTIONS, STAND_MOVES, STAND_RESTS, Source,
+};
 pub use misfit::Misfit;
 pub(crate) use misfit::Misfits;
 pub(crate) use model::{Model, force_by_parameters};

@@ -23,8 +23,6 @@ use std::ops::Range;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
-use crate::joint::INSIDE;
-
 /// For each residual group: the Gram matrix `[J r]^T [J r]` of the Jacobian J and the residual r, and the number of
 /// residuals.
 #[derive(Clone)]
@@ -68,16 +66,16 @@ pub(crate) struct Evidence {
 pub(super) const RIDGE: f64 = 1e-13;
 
 impl Gram {
-    /// Index of the group of the specific force inside moves; `None` if this force is not used.
-    pub(super) fn place_inside(&self) -> Option<usize> {
-        self.groups.iter().position(|group| *group == INSIDE)
+    /// Index of the Gram matrix of a group of residuals; `None` if the group has no residuals.
+    pub(super) fn place(&self, group: usize) -> Option<usize> {
+        self.groups.iter().position(|own| *own == group)
     }
 
     /// Lower bound of the noise scale s_g^2 of a group of residuals in a model with these columns. The model is fitted
     /// to the residuals of this group alone. The bound is chi2 of this fit, divided by the number of residuals in the
     /// group. `None` if the group has no rows or the normal matrix is singular.
     pub(crate) fn least_scale(&self, group: usize, columns: &[Column]) -> Option<f64> {
-        let place = self.groups.iter().position(|own| *own == group)?;
+        let place = self.place(group)?;
         let (sum, n) = (&self.sums[place], columns.len());
         let size: Vec<f64> = columns.iter().map(|c| sum[(c.place, c.place)].sqrt().max(1e-300)).collect();
         let normal = Mat::from_fn(n, n, |i, j| {

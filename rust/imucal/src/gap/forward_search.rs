@@ -2,6 +2,7 @@
 //! refitted. At the end, an effect is removed if the model without this effect explains the residuals equally well.
 
 mod beside_patterns;
+mod translation;
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -12,6 +13,7 @@ use imucal_core::sensor::Triad;
 
 pub(super) use self::beside_patterns::OF_TIME;
 use self::beside_patterns::{KnownEffects, OF_FIELDS, turns_with_heading};
+use self::translation::Left;
 use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::earth;
@@ -22,7 +24,7 @@ use super::stage::{Beside, FitKey, Member, Stage};
 use super::{Linearised, NotPredictive, Scattering, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
-use crate::joint::{Kinds, Linear, Model, Prepared};
+use crate::joint::{INSIDE, Kinds, Linear, Model, Prepared};
 use crate::numerics::stats::sample_interval_s;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
@@ -40,16 +42,6 @@ const LEAST_CHANGE_K: f64 = 0.5;
 /// Time, s, over which temperature readings are averaged to reduce the noise of the readings.
 const MEAN_S: f64 = 1.0;
 
-/// Smallest chi2 per degree of freedom of the specific force inside moves that is attributed to a hand if a generic
-/// hypothesis wins. The accelerations by the hand may have caused the evidence of the hypothesis.
-const LEAST_INSIDE: f64 = 1.1;
-/// As [`LEAST_INSIDE`], if effects are selected and no hypothesis wins. Noise that is larger in motion also increases
-/// chi2.
-const LEAST_INSIDE_BESIDE_EFFECTS: f64 = 2.0;
-/// Smallest share of the excess chi2 (chi2 beyond noise) of the specific force inside moves that remains if a hand has
-/// caused it. A hypothesis or an effect that describes the cause leaves a smaller share.
-const LEFT_BY_HAND: f64 = 0.25;
-
 /// Searches the checked recordings for effects among `candidates` and `user_fields`.
 ///
 /// `is_hand_moved` is true if an earlier search with more candidates detected hand motion ([`Search::is_hand_moved`]).
@@ -63,16 +55,19 @@ pub fn search(
     user_fields: &[UserField<'_>],
     is_hand_moved: bool,
 ) -> Result<Search, Error> {
-    let known = is_hand_moved.then_some(true);
-    let (mut search, open) = ForwardSearch::new(checked, candidates, user_fields, known);
     let temperatures_degc = centred_temperatures(checked.recordings());
-    let found = checked.prepare(&temperatures_degc, search.kinds, |prepared, accelerometer, gyroscope| {
-        search.run(prepared, [accelerometer, gyroscope], open)
-    })?;
-    match found {
-        Some(found) => Ok(found),
-        None => self::search(checked, candidates, user_fields, true),
+    let run = |known| {
+        let (mut search, open) = ForwardSearch::new(checked, candidates, user_fields, known);
+        checked.prepare(&temperatures_degc, search.kinds, |prepared, accelerometer, gyroscope| {
+            search.run(prepared, [accelerometer, gyroscope], open)
+        })
+    };
+    let (found, left) = run(is_hand_moved.then_some(true))?;
+    if !left.may_be_of_hand {
+        return Ok(found);
     }
+    let (without_inside, left_without) = run(Some(true))?;
+    Ok(if left_without.is_consistent_with_hand(&left) { without_inside } else { found })
 }
 
 /// Computes the whitened residuals of the model without effects, and their Jacobian. They serve as input of other
@@ -245,14 +240,13 @@ impl<'a> ForwardSearch<'a> {
         open
     }
 
-    /// `None` if the end of the search shows that a hand translated the unit. The search must then be repeated without
-    /// the accelerometer samples inside moves.
+    /// Searches for effects. The second result tells whether a hand may have translated the unit.
     fn run(
         &mut self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],
         open: Vec<EffectChoice>,
-    ) -> Result<Option<Search>, Error> {
+    ) -> Result<(Search, Left), Error> {
         let (mut start, mut open) = self.start(prepared, triads, open)?;
         let mut first = judge(&start);
         let mut selected = self.select(prepared, &open, start.clone(), &first)?;
@@ -265,7 +259,7 @@ impl<'a> ForwardSearch<'a> {
             selected = self.select(prepared, &open, start.clone(), &first)?;
         }
         let traces = traces(&start);
-        let (scale_inside, plain_scales) = (start.scale_inside(), start.evidence.scales);
+        let (scale_inside, plain_scales) = (start.scale(INSIDE), start.evidence.scales);
         let (mut patterns, mut contradiction) = self.patterns(prepared, triads, &open, &selected.stage)?;
         let of_stand = |scattering: &Scattering| scattering.0.starts_with("stand");
         let scattering = contradiction.or_else(|| scattering_rests(&selected.stage, &plain_scales)).filter(of_stand);
@@ -309,10 +303,7 @@ impl<'a> ForwardSearch<'a> {
             false => pattern.besides(),
         });
         let best = winners.max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
-        // Encoders show that the unit turns on a stand.
-        if self.kinds.in_motion && !self.kinds.encoders && is_translated(&stage, scale_inside, best, &path) {
-            return Ok(None);
-        }
+        let left = Left::of(&stage, scale_inside, best, !path.is_empty(), self.kinds);
         let mut generic = best.map(BestGeneric::finding);
         if let Some(found) = generic.as_mut().filter(|found| found.kernel == Kernel::RandomWalk) {
             found.kernel = self.course(prepared, triads, &open, &stage.members, found.block)?;
@@ -329,7 +320,7 @@ impl<'a> ForwardSearch<'a> {
             }
         }
         self.left_out.extend(blind);
-        Ok(Some(Search {
+        let found = Search {
             path,
             ranking,
             generic,
@@ -342,7 +333,8 @@ impl<'a> ForwardSearch<'a> {
             kinds: self.kinds,
             is_hand_moved: !self.kinds.in_motion,
             warm_start: stage.warm_start(),
-        }))
+        };
+        Ok((found, left))
     }
 
     /// Selects effects, and evaluates generic hypotheses, without the angles of the stand.
@@ -429,18 +421,6 @@ impl<'a> ForwardSearch<'a> {
         }
         Ok(Selected { stage, path, not_predictive, last })
     }
-}
-
-/// Whether a hand translated the unit inside the moves. The specific force inside the moves then contains accelerations
-/// that no effect and no hypothesis explains. `before` is chi2 per degree of freedom of this force in the model without
-/// effects, and `generic` the generic hypothesis with the largest evidence.
-fn is_translated(stage: &Stage, before: Option<f64>, generic: Option<&BestGeneric>, path: &[Score]) -> bool {
-    let (left, least) = match generic {
-        Some(own) => (own.scale_inside, LEAST_INSIDE),
-        None if path.is_empty() => return false,
-        None => (stage.scale_inside(), LEAST_INSIDE_BESIDE_EFFECTS),
-    };
-    before.zip(left).is_some_and(|(before, left)| left > least && left - 1.0 > LEFT_BY_HAND * (before - 1.0))
 }
 
 /// The result of a forward selection.

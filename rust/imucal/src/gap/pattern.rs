@@ -55,9 +55,9 @@ pub(super) struct BestGeneric {
     pub(super) width: f64,
     /// Decrease of chi2 if the hypothesis is added to the model.
     chi2: f64,
-    /// chi2 per degree of freedom of the specific force inside moves if the hypothesis is added to the model; `None` if
-    /// the specific force inside moves is not used.
-    pub(super) scale_inside: Option<f64>,
+    /// Noise scale of each group of residuals if the hypothesis is added to the model. The order of the groups is that
+    /// of the evidence of the model.
+    pub(super) scales: Vec<f64>,
     /// For each rest: its index, and the deviation of the parameter on each axis, SI units. For a hypothesis about
     /// moves, one entry for each move: the index of the rest before the move, and the deviation inside the move.
     wrong: Vec<(usize, Vector3<f64>)>,
@@ -131,7 +131,7 @@ pub(super) fn best_generics<const N: usize>(
             log_bayes_factor: with.log - before.log,
             width: *width,
             chi2: before.chi2 - with.chi2,
-            scale_inside: stages[judge].design.gram.place_inside().map(|place| with.scales[place]),
+            scales: with.scales.clone(),
             wrong: setting.wrong(hypothesis, &with.theta[model.len()..]),
         })
     })

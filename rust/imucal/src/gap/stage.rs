@@ -32,9 +32,9 @@ impl Stage {
         self.places.iter().find(|(member, _)| member == name).map(|(_, place)| place.clone())
     }
 
-    /// chi2 per degree of freedom of the specific force inside moves; `None` if this force is not used.
-    pub(super) fn scale_inside(&self) -> Option<f64> {
-        self.design.gram.place_inside().map(|place| self.evidence.scales[place])
+    /// chi2 per degree of freedom of a group of residuals, at least one; `None` if the group has no residuals.
+    pub(super) fn scale(&self, group: usize) -> Option<f64> {
+        self.design.gram.place(group).map(|place| self.evidence.scales[place])
     }
 
     /// A copy of this stage without the candidate effect `name`. The model is unchanged.

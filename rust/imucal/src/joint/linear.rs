@@ -143,14 +143,14 @@ impl Linear {
         found
     }
 
-    /// Kind of each row of the whitened residuals, as an index: 0 for force norms, 1 for gravity directions after
-    /// moves, 2 to 4 for mean rates about x, y and z. The other kinds are [`INSIDE`], [`STAND_RESTS`], [`STAND_MOVES`],
-    /// [`EPOCH_NORMS`], [`EPOCH_STEPS`] and [`EPOCH_RATES`].
+    /// Kind of each row of the whitened residuals, as an index: 0 for force norms, 2 to 4 for mean rates about x, y and
+    /// z. The other kinds are [`MOVE_DIRECTIONS`], [`INSIDE`], [`STAND_RESTS`], [`STAND_MOVES`], [`EPOCH_NORMS`],
+    /// [`EPOCH_STEPS`] and [`EPOCH_RATES`].
     pub(crate) fn groups_of_rows(&self) -> Vec<usize> {
         let groups = self.groups();
         let lines = self.lines.iter().map(|line| match (line.source, line.is_of_later_epoch) {
             (Source::Norm(_), false) => 0,
-            (Source::Move(_), false) => 1,
+            (Source::Move(_), false) => MOVE_DIRECTIONS,
             (Source::Norm(_), true) => EPOCH_NORMS,
             (Source::Move(_), true) => EPOCH_STEPS,
         });
@@ -162,6 +162,9 @@ impl Linear {
     }
 }
 
+/// Index of a kind of residuals: gravity directions after moves. If the specific force inside the moves is used, these
+/// residuals belong to it, and there are none of this kind.
+pub(crate) const MOVE_DIRECTIONS: usize = 1;
 /// Index of a kind of residuals: the specific force inside the moves. [`Linear::groups_of_rows`] lists the other kinds.
 pub(crate) const INSIDE: usize = 5;
 /// Index of a kind of residuals: gravity directions computed from the stand's encoder angles, minus the directions
