@@ -115,7 +115,7 @@ class Calibration(SensorModel):
     def left_in_data(self) -> tuple[str, ...]:
         """Names of the effects that no correction removes.
 
-        They are errors of the stand, and effects that depend on the attitude of the unit. For example, the
+        These are errors of the stand, and effects that depend on the attitude of the unit. For example, the
         Earth's rate stays in the data, because it is a true angular rate and not an error of the gyroscope.
         """
         return left_in_data(self)

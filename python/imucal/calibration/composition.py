@@ -194,7 +194,10 @@ def _definitions(first: SensorModel, second: SensorModel) -> tuple[UserEffect, .
 def _moved(
     first: SensorModel, values: EffectValues, accel2: Triad, gyro2: Triad, second: SensorModel
 ) -> EffectValues:
-    """An effect of the first calibration as a function of the true values, T2^-1 e1(x(true)).
+    """An effect e1 of the first calibration as a function of the true values, T2^-1 e1(x(true)).
+
+    The docstring of the module defines T2, e1 and x. `accel2` and `gyro2` are the triads of the second
+    calibration.
 
     Raises InputError if the effect cannot be written in this form.
     """

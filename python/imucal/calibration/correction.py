@@ -142,7 +142,7 @@ def empty_samples(
 def left_in_data(model: SensorModel) -> tuple[str, ...]:
     """Names of effects that remain in corrected samples.
 
-    They are errors of the stand's encoders, and effects that depend on a quantity that a recording does not
+    These are errors of the stand's encoders, and effects that depend on a quantity that a recording does not
     contain, such as the attitude.
     """
     return tuple(
@@ -223,8 +223,8 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     sizes = _rounded_size(gyroscope, raw_rate), _rounded_size(accelerometer, raw_force)
     corrected = _core.correct_recording(others, recording)
     # The rate is differentiated only once, because differentiation in each iteration would add noise. The
-    # time since the last motion is also computed only once. It changes abruptly when the rate crosses a
-    # threshold, so a sample near the threshold might never converge.
+    # time since the last motion is also computed only once. This time changes abruptly when the rate crosses
+    # a threshold, so a sample near the threshold might never converge.
     start = State.of(recording, *corrected)
     acceleration = start.angular_acceleration
     measured = [np.isfinite(samples) for samples in corrected]

@@ -20,9 +20,10 @@ from imucal.effects.effect import EffectValues
 
 __all__ = ["jacobian", "known_covariance", "values_of", "with_values"]
 
-# Step of the central difference in an entry of a sensitivity, relative to the largest entry. The function F
-# that is differentiated is smooth in the sensitivities, so the relative error of the derivative is about
-# 1e-9. F is linear in all other parameters, so their step has no effect on the derivative.
+# Step of the central difference in an entry of a sensitivity matrix, relative to the largest entry of the
+# matrix. The function F that is differentiated is smooth in the sensitivities, so the relative error of the
+# derivative is about 1e-9. F is linear in all other parameters, so their step has no effect on the
+# derivative.
 STEP: Final = 1e-4
 
 

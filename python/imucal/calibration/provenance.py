@@ -73,6 +73,6 @@ class Provenance:
 
 
 def require_serial_number(serial_number: str | None) -> None:
-    """Raise InputError for a serial number that is not a valid name. It appears in file names and tables."""
+    """Raise InputError for a serial number that cannot be a name in files, file names and tables."""
     if serial_number is not None:
         require_name(serial_number, "the serial number")

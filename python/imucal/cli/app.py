@@ -1,6 +1,6 @@
 """The command line application: its commands, error messages and exit codes.
 
-    0  good, incomplete   1  bad input, or no result          2  finished, but the verdict is poor
+    0  finished, the verdict is good or incomplete   1  bad input, or no result   2  the verdict is poor
     130  interrupted, 143 and 129 ended by SIGTERM and SIGHUP; no output file is left incomplete
 
 If a program that reads standard output closes it early, the written files and the exit code are not affected.

@@ -18,7 +18,9 @@ __all__ = ["show_calibration"]
 def show_calibration(
     out: Output, result: CalibrationResult, saved: Path | None, require: str, *, verbose: bool = False
 ) -> None:
-    """Print parameters, figures, findings and verdict. A poor verdict ends the command with exit code 2.
+    """Print parameters, figures of merit, findings and verdict.
+
+    A poor verdict ends the command with exit code 2.
 
     saved  path of the calibration file, if one was written
     """

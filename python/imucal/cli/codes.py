@@ -611,7 +611,8 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         ),
     },
 }
-# Kind of the codes under these headings. All other codes are errors, except those in the two lists below.
+# Kind of the codes in a group, by the heading of the group. The codes of all other groups are errors, except
+# the codes in the two lists below.
 KIND_OF_GROUP: Final = {
     "Reading files": "warning",
     "Verdict poor": "reason",
@@ -619,7 +620,8 @@ KIND_OF_GROUP: Final = {
     "Diagnosis of a fit": "warning",
     "Noise of a unit at rest": "warning",
 }
-# Codes under the other headings that are warnings: imucal computes a result in spite of the fault.
+# Warnings in the groups that `KIND_OF_GROUP` does not list. A warning means that imucal computes a result in
+# spite of the fault.
 WARNINGS: Final = (
     "noise_below_lsb",
     "gyro_common_gain",

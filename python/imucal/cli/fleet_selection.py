@@ -32,7 +32,9 @@ def _text(name: str, help: str) -> Any:
 class Selection:
     """Options that select calibrations; the fields are the arguments of `Fleet.measurements`."""
 
-    since: Annotated[str | None, option("--since", metavar="DATE", help="First date.", panel=PANEL)] = None
+    since: Annotated[
+        str | None, option("--since", metavar="DATE", help="Only from this date on.", panel=PANEL)
+    ] = None
     until: Annotated[
         str | None, option("--until", metavar="DATE", help="Only before this date.", panel=PANEL)
     ] = None

@@ -34,7 +34,7 @@ class LivePage:
         self._started_s = self._next_s = time.monotonic()
 
     def step(self) -> None:
-        """Start a process that writes the page if the last page is old enough. Called after each unit."""
+        """If the last page is old enough, start a process that writes a new one. Called after each unit."""
         now_s = time.monotonic()
         if self._process is not None and self._process.poll() is not None:
             self._process = None

@@ -138,7 +138,8 @@ class UserEffect:
         """The error that the effect adds to the true rate, rad/s, or force, m/s^2, at each sample, (N, 3)."""
         check_values(self, values)
         columns = self.columns(state)
-        # One product of a matrix and a vector takes a fraction of the time of one for each sample.
+        # One product of the matrix of all samples and the vector is several times faster than a product for
+        # each sample.
         added: FloatArray = columns.reshape(-1, columns.shape[2]) @ values.values
         return added.reshape(-1, 3)
 
@@ -161,7 +162,7 @@ def definitions(user_effects: Sequence[UserEffect]) -> Mapping[str, Effect | Use
 
 
 def counts_of(effect: Effect | UserEffect) -> range:
-    """The possible numbers of parameters of an effect, one for each of its forms."""
+    """The possible numbers of parameters of an effect: one for each form, from the plain to the full form."""
     return range(effect.plain, len(effect.parameters) + 1, effect.plain)
 
 

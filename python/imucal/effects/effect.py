@@ -57,6 +57,7 @@ class Effect:
                 "temperature", "time", ...
     formula     formula of the error that the effect adds, as text
     observable  the data in which the effect is observable
+    aliases     other effects with similar residuals
     """
 
     name: str

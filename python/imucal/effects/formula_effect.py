@@ -25,7 +25,7 @@ UNITS: Final = {"gyroscope": "rad/s", "accelerometer": "m/s^2"}
 # sizes of the warm-up effects in the catalogue.
 TYPICAL: Final = {"gyroscope": 8.7e-4, "accelerometer": 9.8e-3}
 # Assumed angular rate of a typical rotation, rad/s. If gyroscope samples are in counts of unknown scale, they
-# are scaled to this rate before typical sizes of effects are computed.
+# are scaled such that the largest sample has this rate, before typical sizes of effects are computed.
 TURN_RADPS: Final = 1.0
 OPERATIONS: Final[Mapping[type[ast.AST], Callable[..., Any]]] = {
     ast.Add: np.add,

@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 
 __all__ = ["calibrate", "result_of"]
 
-# Largest accepted number of folds of the cross-validation. More folds are useless, because recordings have
-# fewer moves than that.
+# Largest accepted number of folds of the cross-validation. More folds are useless, because each fold excludes
+# at least one move, and recordings have fewer than 1000 moves.
 MOST_FOLDS: Final = 1000
 # Largest accepted value of `max_iterations`. If a fit has not converged after this number of iterations, more
 # iterations do not help.

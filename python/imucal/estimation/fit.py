@@ -41,7 +41,8 @@ class FitReport:
                                noise explains the residuals
     iterations                 number of iterations
     termination                why the fit stopped: "converged", or a reason that makes the verdict poor:
-                               "stalled" (no step decreases chi2 although the gradient is not zero),
+                               "stalled" (no change of the parameters decreases chi2 although the gradient is
+                               not zero),
                                "iteration_limit", "not_finite", "weights_not_settled" (the weights of the
                                residuals still changed), or "fields_not_settled" (the errors per unit of the
                                parameters of a user-defined effect still changed)

@@ -207,7 +207,7 @@ def _predicted(
 ) -> tuple[tuple[PredictedSigma, ...], tuple[str, ...]]:
     """Predict the standard deviations, and find the parameters that only the moves determine.
 
-    Both are empty for a recording with faults.
+    Both results are empty for a recording with faults.
 
     A parameter in `not_determined` has no standard deviation, even if the data determine it in theory,
     because the calibration may lack a start value for it.

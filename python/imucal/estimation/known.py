@@ -110,8 +110,9 @@ def _refuse_files(
 def with_prior(result: CalibrationResult, calibration: Calibration) -> CalibrationResult:
     """The result with the origin and the verdict of the calibration that was its prior.
 
-    The result is no better than its prior: if the residuals of the prior exceed their noise, its covariance
-    is too small, and so are the standard deviations of the result.
+    The verdict of the result is not better than that of the prior calibration. If the residuals of the prior
+    calibration exceed their noise, its covariance is too small, and so are the standard deviations of the
+    result.
     """
     found, prior = result.calibration, calibration.provenance
     known, why = calibration.judged

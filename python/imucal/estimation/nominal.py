@@ -14,13 +14,13 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["nominals_named", "require_nominals"]
 
-# Range of the median acceleration, in the unit of the nominal sensitivity, in which this unit is g and not
-# m/s^2. It allows for biases and motion.
+# If the median raw acceleration divided by the nominal sensitivity is in this range, the nominal sensitivity
+# is in counts per g and not per m/s^2. The range allows for biases and motion.
 IN_G: Final = (0.75, 1.25)
 # Start of the sentence with which the compiled library offers a model with fewer parameters.
 OFFER: Final = "Without more motion"
-# Words of the compiled library for recordings whose rests and moves leave parameters undetermined. Recordings
-# without usable rests or moves need other recordings for every model.
+# Words in the message of the compiled library if the rests and moves leave parameters undetermined. Other
+# messages state that there are no usable rests or moves; a model with fewer parameters then does not help.
 UNDETERMINED: Final = "not determine"
 
 

@@ -32,10 +32,11 @@ ACCELEROMETER_ALONE: Final = (
     "the recordings have no gyroscope: the accelerometer is calibrated alone, and the tremor of a hand is "
     "not separated from its noise"
 )
-# Addition to the note on hand tremor if the verdict is poor.
+# Addition to the note that the rotation of a hand-held unit by the tremor is compensated, if the verdict is
+# poor.
 TRANSLATION: Final = (
-    "the acceleration by the hand is not: if residuals exceed their noise, hold the unit against something "
-    "rigid at each rest"
+    "the acceleration by the hand is not compensated: if residuals exceed their noise, hold the unit against "
+    "something rigid at each rest"
 )
 # If the p-value of the residuals is below this threshold, a note says that noise alone does not explain the
 # residuals.

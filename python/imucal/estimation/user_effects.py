@@ -36,7 +36,8 @@ class UserEffectSource:
     effects     the definitions
     recordings  the calibration recordings
     control     the control recordings, which are not fitted
-    given       a calibration with which the fit is compared; None to compare it with the fit without effects
+    given       a calibration with which the fit with effects is compared; None to compare that fit with the
+                fit without effects
     """
 
     effects: tuple[UserEffect, ...]

@@ -56,8 +56,8 @@ ARGUMENTS: Final = {
     "time": "{real} time_s",
     "angular_acceleration": "const {real} angular_acceleration_radps2[3]",
 }
-# Number of passes in single precision that use the strict limit of convergence. Effects of ordinary size
-# (q < 0.1, docs/model.md (16)) reach it in about seven passes.
+# Number of passes of the fixed-point iteration in single precision that use the strict limit of convergence.
+# Effects of ordinary size (q < 0.1, docs/model.md (16)) reach this limit in about seven passes.
 STRICT_PASSES: Final = 16
 
 
@@ -279,7 +279,8 @@ def _removal(
         "        seen_f[i] = f[i];",
         "    }",
     ]
-    # In single precision the effects are subtracted from the small part, before the larger parts are added.
+    # In single precision the effects are subtracted from the small part of the correction (see `Split`),
+    # before the larger parts are added.
     next_w, next_f = (
         sum_of(f"large_{v}[i]", sensor, f"small_{v}[i] - on_{v}[i]", splits[sensor], prefix)
         if single
@@ -288,12 +289,12 @@ def _removal(
     )
     tolerance, sizes = "16", "size_w = 0, size_f = 0, "
     if single:
-        # Up to this multiple of the rounding error, a change counts as settled. If a pass multiplies the
-        # error by q, an error of q / (1 - q) times the last change remains. With a multiple of 16, this error
-        # would be up to 3 units in the last place for q = 0.1. The rounding errors of large effects may
-        # exceed the strict limit, so later passes use the wide one.
+        # A change up to this multiple of the rounding error counts as settled. If a pass multiplies the error
+        # by q, an error of q / (1 - q) times the last change remains. With a multiple of 16, this error would
+        # be up to 3 units in the last place for q = 0.1. The rounding errors of large effects may exceed the
+        # strict limit (a multiple of 1), so later passes use the wide limit (a multiple of 16).
         tolerance, sizes = f"(pass < {STRICT_PASSES} ? 1 : 16)", ""
-        # If the parts nearly cancel, the rounding errors are those of the larger part.
+        # If the large and the small part nearly cancel, the rounding errors are those of the larger one.
         kept = [
             "    for (i = 0; i < 3; ++i) {",
             *_largest("size", "large_"),

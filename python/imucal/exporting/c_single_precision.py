@@ -3,11 +3,11 @@
 If T^-1 (raw - bias) is computed with a rounded T^-1, the error can reach four units. The largest coefficient,
 its product, the difference from the bias and each sum contribute half a unit each, and twice as much if an
 intermediate value has a larger exponent than the result. This code therefore keeps the low part of that
-coefficient, adds the small terms first, and makes the difference exact (counts) or avoids it (SI units). The
-rounding errors of the product and of the last sum remain.
+coefficient (the part lost by rounding), adds the small terms first, and makes the difference exact (counts)
+or avoids it (SI units). The rounding errors of the product and of the last sum remain.
 
-The limit applies if each sensor axis is close to a body axis. For a sensor rotated by another angle, rest
-contains large coefficients without low parts, and errors of 3.1 units were measured.
+The limit of two units applies if each sensor axis is close to a body axis. For other sensors, `Split.rest`
+contains large coefficients whose low parts are lost, and errors of 3.1 units were measured.
 """
 
 from __future__ import annotations

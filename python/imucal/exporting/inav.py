@@ -135,7 +135,7 @@ def _require_resolution(calibration: Calibration, accel_lsb_per_g: float, gyro_l
     ):
         if triad is None or unit != "lsb":
             continue
-        # Mean scale of the axes, which does not depend on their directions.
+        # Mean scale of the axes, from the determinant, which does not change if the sensor is rotated.
         counts = per_si * float(abs(np.linalg.det(triad.sensitivity)) ** (1 / 3))
         if abs(counts / driver - 1) > MOST_OFF:
             raise InputError(

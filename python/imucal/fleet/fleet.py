@@ -81,7 +81,7 @@ class Fleet(Judging):
         read, calibrate   arguments of `imucal.read` and `imucal.calibrate`
         workers    processes on this computer; None for one per processor
         scheduler  address of a Dask scheduler, or a `distributed.Client`, instead of `workers`
-        retry      whether to compute units without a result again
+        retry      whether to compute again the units that have no result
         time_limit_s   longest computing time for one unit, s; a unit that takes longer has no result
         total      number of jobs, if it is known
         tell       callback for each unit with its job, its verdict, and code and message of a failure

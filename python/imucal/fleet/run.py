@@ -111,7 +111,7 @@ def run_jobs(
 
     make_pool  function that creates the pool; it is called when the first job has to be computed
     total      number of jobs, if known; it determines the size of tasks
-    retry      whether to compute jobs without a result again
+    retry      whether to compute again the jobs that have no result
     tell       callback for each job with its verdict, and code and message of a failure
     tally      counts of earlier runs, to which the counts of this run are added, even if it is interrupted
 

@@ -20,7 +20,7 @@ from imucal.recording.recording import Recording, samples_of_both
 __all__ = ["column_effects", "usable_columns"]
 
 # A column is not a candidate if time, temperature, force and rate explain at least this share of its
-# variance. This excludes counters and clocks, copies of the sensor's columns, and further temperatures.
+# variance. This limit excludes counters and clocks, copies of the sensor's columns, and further temperatures.
 # Effects of the catalogue already describe the dependence on temperature. A supply voltage stays below this
 # share because of its own noise.
 EXPLAINED: Final = 0.95
@@ -44,7 +44,10 @@ def column_effects(recordings: Sequence[Recording]) -> tuple[FormulaEffect, ...]
 
 
 def usable_columns(recordings: Sequence[Recording]) -> list[str]:
-    """Names of the auxiliary columns that vary independently of known inputs, the most independent first."""
+    """Names of the auxiliary columns that time, force, rate and temperature do not explain.
+
+    At most `MOST_COLUMNS` names are returned. The column that is explained least comes first.
+    """
     names = set.intersection(*(set(recording.auxiliary) for recording in recordings))
     usable = sorted(
         name for name in names if name.isidentifier() and name not in {*INPUTS, *CONSTANTS, *FUNCTIONS}
@@ -55,7 +58,7 @@ def usable_columns(recordings: Sequence[Recording]) -> list[str]:
 
 
 def _explained_share(name: str, recordings: Sequence[Recording]) -> float:
-    """Share of the variance of a column that a linear function of time, force, rate and temperature explains.
+    """Share of a column's variance explained by a linear function of time, force, rate and temperature.
 
     The share is 1 for a constant column and for a column with values that are not finite. Each recording has
     a separate constant term, so that a counter which restarts is still recognised.

@@ -61,8 +61,8 @@ def find_gap(
     recordings          recordings of one unit, for the fits
     control             recordings of the same unit that are used only for validation; without them, the rests
                         and moves are divided into three folds, and each fold is held out in turn
-    calibration         existing calibration to compare with; without it, the fit without effects is the
-                        reference
+    calibration         existing calibration with which the result is compared; without it, the result is
+                        compared with the fit without effects
     candidates          names of candidate effects from the catalogue. Names of user-defined effects, and
                         formulas such as "gyro: k * (supply_v - 3.3)", are also allowed; a list with only such
                         names and formulas excludes the catalogue. None selects all effects of the catalogue.

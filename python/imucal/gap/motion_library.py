@@ -1,4 +1,4 @@
-"""Motions of a stand that help to distinguish between effects, in ascending order of effort."""
+"""Motions of a stand that help to distinguish between effects, in ascending order of the user's effort."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ RATES_DPS: Final = (15.0, 30.0, 60.0, 120.0)
 FASTER_DPS: Final = (30.0, 120.0, 240.0)
 # Number of moves at each rate in the programs with several rates.
 MOVES_AT_A_RATE: Final = 14
-# Step between rests on a circle, deg.
+# Rotation between consecutive rests in the program that rotates the unit in full circles, deg.
 CIRCLE_DEG: Final = 15.0
 # Half of the temperature range of the suggested thermal cycle, K. The cycle is centred at the mean
 # temperature of the present recordings.

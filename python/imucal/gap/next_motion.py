@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
 __all__ = ["next_motion"]
 
-# A motion distinguishes between an effect and its rival if the expected chi2 T(effect, rival) exceeds this
-# number. The log likelihood ratio of the true effect to its rival has the mean chi2 / 2 and the standard
-# deviation sqrt(chi2). For chi2 = 30 it is 15 +- 5.5 nats.
+# A motion distinguishes between an effect and its rival if T(effect, rival), the expected chi2 defined above,
+# exceeds this number. The log likelihood ratio of the true effect to its rival has the mean chi2 / 2 and the
+# standard deviation sqrt(chi2). For chi2 = 30 it is 15 +- 5.5 nats.
 SEPARATES: Final = 30.0
 # Seed of the noise of simulated recordings.
 SEED: Final = 3
@@ -150,10 +150,10 @@ def _pairs(analysis: _core.GapAnalysis, path: tuple[str, ...], after: Calibratio
 def _separation(
     question: Question, suggestion: Suggestion | None, pairs: Sequence[_Pair], after: CalibrationResult
 ) -> float:
-    """Smallest expected chi2 T(a, b) over all pairs; zero if parameters are not determined.
+    """Smallest expected chi2 T(a, b) (see the module) over all pairs; zero if parameters are not determined.
 
-    It is computed for the present recordings together with the suggested motion, or for this motion alone if
-    `suggestion.on_its_own` is set. Without a suggestion, it is computed for the present recordings.
+    The chi2 is computed for the present recordings together with the suggested motion, or for this motion
+    alone if `suggestion.on_its_own` is set. Without a suggestion, it is computed for the present recordings.
     """
     if not pairs:
         return 0.0
@@ -185,7 +185,7 @@ def _design(question: Question, recordings: Sequence[Recording], names: Sequence
 
 
 def _chi2(design: Design, pair: _Pair, longest_s: float) -> float:
-    """chi2 T(a, b) of one pair of effects, minimised over the time constant of the rival."""
+    """Expected chi2 T(a, b) of an effect a after a fit of its rival b and of the rival's time constant."""
     base, columns = design
     if pair.name not in columns or pair.rival not in columns:
         return 0.0

@@ -38,8 +38,8 @@ FAR_WORSE: Final = 2.0
 # A change of temperature is considered as the cause of a bias change between sessions only if the mean
 # temperatures differ by at least this number, K.
 LEAST_CHANGE_K: Final = 1.0
-# chi2 per degree of freedom above which residuals count as not explained by noise. It corresponds to an rms
-# of twice the noise.
+# chi2 per degree of freedom above which residuals count as not explained by noise. The value 4 corresponds to
+# residuals with an rms of twice the noise.
 ABOVE_NOISE: Final = 4.0
 # A temperature coefficient is implausible if it exceeds this multiple of its typical size.
 MOST_TIMES_TYPICAL: Final = 5.0
@@ -302,7 +302,7 @@ def _coefficients(
 
 
 def _per_kelvin(step: SessionStep, change_k: float) -> str:
-    """Text on the temperature coefficients that would explain the step, relative to their typical sizes."""
+    """Text on the temperature coefficients that would explain a bias change, and their typical sizes."""
     words = []
     for name, unit, size, usual in _coefficients(step.accelerometer_mps2, step.gyroscope_radps, change_k):
         (value, shown), (typical, _) = for_people(size, unit), for_people(usual, unit)

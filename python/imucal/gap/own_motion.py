@@ -40,8 +40,8 @@ ALONG: Final = 0.85
 # A move counts as a rotation about a fixed axis if its total rotation angle is at least this share of the sum
 # of the rotation angles between samples. Otherwise the rotation axis changes during the move.
 FIXED: Final = 0.98
-# A move is used if the cosine of the angle between its rotation axis and the vertical is at most this value:
-# 0.5 is 60 deg.
+# `MoveResiduals` uses a move if the cosine of the angle between its rotation axis and the vertical is at most
+# this value: 0.5 is 60 deg.
 VERTICAL: Final = 0.5
 STAND: Final = ("stand_1_rad", "stand_2_rad", "stand_3_rad")
 

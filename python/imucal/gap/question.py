@@ -25,7 +25,8 @@ class Question:
     options       options of all fits
     candidates    names of candidate effects from the catalogue; None for all effects
     definitions   user-defined effects by name
-    calibration   calibration to compare with; None to compare with the fit without effects
+    calibration   calibration with which the result is compared; None to compare the result with the fit
+                  without effects
     references    sources and standard deviations of local gravity and the clock
     stage         function that is called with a description of each step before the step starts
     """

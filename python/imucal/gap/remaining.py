@@ -28,8 +28,9 @@ def described(analysis: _core.GapAnalysis, after: CalibrationResult) -> Describe
         generic = notes.scatter_of(search.scattering_rests)
     if generic is None and found.pattern == "between_sessions" and session is not None:
         words = notes.session_in_words(session)
-        # If the biases of the control recordings are fitted and their chi2 per degree of freedom is then at
-        # most POOR_CHI2_PER_DOF, changed biases explain the poor fit. The other reasons are then omitted.
+        # `chi2_per_dof_own` is chi2 per degree of freedom of the control recordings with biases fitted to
+        # these recordings. If it is at most POOR_CHI2_PER_DOF, changed biases explain the poor fit, and the
+        # other reasons for the poor fit are omitted.
         left = reasons if session.chi2_per_dof_own > POOR_CHI2_PER_DOF else []
         generic = {
             "block": found.block,

@@ -67,7 +67,7 @@ class Gap(GapFields):
     notes              sentences on rejected effects, limitations and warnings
     user_effects       user-defined effects among the candidates, and the laws
     is_hand_moved      whether the specific force within the moves was not used, because the unit was moved by
-                       hand or its noise is below a step of its converter
+                       hand or the accelerometer's noise is below a step of its converter
     """
 
     def __repr__(self) -> str:

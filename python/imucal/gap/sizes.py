@@ -28,7 +28,8 @@ def for_people(value: float, unit: str) -> tuple[float, str]:
     if unit == "s":
         return (1e3 * value, "ms") if abs(value) < DELAY_S else (value, "s")
     of_column = PER_COLUMN.fullmatch(unit)
-    # The inputs of formulas other than columns, such as w_norm, are in SI units, and so are their parameters.
+    # Inputs of formulas that are not columns, such as w_norm, are in SI units. Parameters that multiply these
+    # inputs are therefore shown in SI units, too.
     if of_column is not None and unit not in SHOWN and of_column["column"] not in INPUTS:
         factor, name = SHOWN[of_column["of"]]
         return factor * value, f"{name} per {of_column['column']}"

@@ -80,7 +80,7 @@ SUFFIXES: Final = {
     "lag": ("", "_linear", "_square"),
     "hysteresis": ("", "_linear", "_square"),
 }
-# Suffixes of the units of parameters after the unit of the reading, by kind of term and degree.
+# Suffixes, such as /K, after the unit of the reading in the units of parameters, by kind of term and degree.
 UNITS: Final = {
     "polynomial": ("/K", "/K^2", "/K^3"),
     "rate": ("/(K/s)",),
@@ -231,8 +231,8 @@ class _Search:
         self.of_fold = [np.flatnonzero(folds == fold) for fold in range(FOLDS)]
         self.known: dict[tuple[str, float | None], FloatArray] = {}
         self.cubic = Form(((self.prefix, 9),))
-        # The residuals of each axis are divided by the rms residual of the cubic model, so that all axes have
-        # similar weights.
+        # The residuals of each axis are divided by the rms residual of a cubic polynomial in the temperature,
+        # so that all axes have similar weights.
         self.scale = np.sqrt((self._held_out(self.cubic) ** 2).mean(axis=0))
         self.scale = np.maximum(self.scale, np.finfo(np.float64).tiny)
 
@@ -279,7 +279,7 @@ class _Search:
         return residual
 
     def _errors(self, form: Form) -> FloatArray:
-        """Mean square of the held-out residuals of each fold, relative to the cubic model, (FOLDS,)."""
+        """Mean square of (held-out residual / rms residual of a cubic polynomial) in each fold, (FOLDS,)."""
         squares = ((self._held_out(form) / self.scale) ** 2).mean(axis=1)
         return np.array([squares[own].mean() for own in self.of_fold])
 

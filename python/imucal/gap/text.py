@@ -14,7 +14,7 @@ from imucal.units import SHOWN
 
 __all__ = ["explanation", "nothing_in_words", "sentences"]
 
-# Code of a finding that the summary prints before the effects: the noise is below a step of the converter.
+# Code of a finding that the summary prints before the effects: the noise is below one count of the converter.
 BEFORE_EFFECTS: Final = "noise_below_lsb"
 # Names of the kinds of residuals for users.
 KINDS: Final = {
@@ -35,8 +35,8 @@ WITHOUT_AXIS: Final = {"move_direction": "direction after moves", "move_force": 
 LEAST_TIMES_NOISE: Final = 0.05
 # Names in texts of variables that explain residuals, if they differ from the names in JSON documents.
 EXPLAINED_BY: Final = {"gravity": "gravity direction"}
-# Figures of merit on control or held-out data that texts state: name, factor to the unit in the text, and
-# this unit.
+# Figures of merit on control or held-out data that texts state: name of the figure in texts, factor from the
+# unit of the field to the unit in texts, and the unit in texts.
 VERIFIED: Final = {
     "gravity_direction_rms_deg": (FIGURE_TEXT["gravity_direction_rms_deg"][0], 1.0, "deg"),
     "gravity_norm_rms_mps2": (FIGURE_TEXT["gravity_norm_rms_mps2"][0], *SHOWN["m/s^2"]),
@@ -129,7 +129,7 @@ def sentences(gap: GapFields) -> Iterator[str]:
 
 
 def _laws(gap: GapFields) -> Iterator[str]:
-    """A sentence on each law: formula with numbers, removed share of the excess chi2, and nearest effects."""
+    """A sentence on each law: formula, parameters, share of the gap that it closes, and similar effects."""
     for law in gap.laws:
         values = ", ".join(
             f"{p['name']} = {p['value']:.3g} ± {p['std'] or 0.0:.1g} {p['unit']}" for p in law.parameters

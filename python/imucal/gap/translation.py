@@ -23,10 +23,11 @@ from imucal.gap.result import Gap
 
 __all__ = ["gap_of"]
 
-# Probability that a search names an effect correctly, as its first effect, alone or before effects that the
-# recordings cannot tell from it, if the size of the effect equals its detection limit. The benchmark shows
-# the share of 280 cases (docs/results/gap.md). At the detection limit the chi2 test has a power of 90 %. The
-# probability of the right name is lower, because the effect must also have more evidence than its rivals.
+# Probability that a search names an effect whose size equals its detection limit. The name counts as right if
+# it is the first name of the result, alone or followed by effects that the recordings cannot distinguish from
+# it. The benchmark in docs/results/gap.md shows this share for 280 cases. At the detection limit the chi2
+# test has a power of 90 %. The probability of the right name is lower, because the effect must also have more
+# evidence than its rivals.
 NAMED_AT_LIMIT: Final = 0.6
 # Kinds of residuals on control or held-out data, in the order in which the compiled library returns them.
 UNSEEN_KINDS: Final = ("rest_norm", "move_direction", "rest_rate")

@@ -56,7 +56,7 @@ def _unnamed(pattern: str) -> str:
 
 
 def _pattern(column: Any) -> str | None:
-    """The pattern of dates or times that the first recognised cell matches; only 50 cells are searched."""
+    """The date or time pattern that the first recognised cell matches; only the first 50 cells are tried."""
     for cell in column.slice(0, 50).to_pylist():
         for pattern in PATTERNS:
             if cell is not None and re.match(pattern, str(cell).strip()):

@@ -229,8 +229,8 @@ def certain_time(
 ) -> tuple[tuple[str, str] | None, float | None] | None:
     """(name, canonical name) of the time column and its ticks per second, as from `time_of`.
 
-    The result is None if the header is ambiguous or contradicts the data, and for a program whose samples
-    have other signs, because the caller must then give `axes`.
+    The result is None if the header is ambiguous or contradicts the data. It is also None if the program that
+    wrote the file reverses signs (`Header.axes`), because the caller must then give `axes`.
     """
     if len(header.accel) != 1 or len(header.gyro) != 1 or header.axes is not None:
         return None

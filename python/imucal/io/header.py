@@ -301,7 +301,7 @@ def _stamp(names: Sequence[str]) -> tuple[str, str] | None:
     pairs = []
     for seconds, nanoseconds in (("secs", "nsecs"), ("sec", "nanosec")):
         for name in names:
-            # A file with several sources has the source after the unit: stamp_sec_imu, stamp_nanosec_imu.
+            # In a file with several time stamps, a source name follows: stamp_sec_imu, stamp_nanosec_imu.
             match = re.fullmatch(rf"((?:.*[._/])?){nanoseconds}((?:[._/].*)?)", name)
             if match is not None and f"{match[1]}{seconds}{match[2]}" in names:
                 pairs.append((f"{match[1]}{seconds}{match[2]}", name))

@@ -158,7 +158,7 @@ def layout_of(
 
 
 def _without_rows(lines: list[_Line], text: bytes) -> Layout:
-    """The layout of a text without rows of numbers: the first line with canonical names is the header."""
+    """The layout without rows. The header is the first line with canonical names, or else the first line."""
     header = next((line for line in lines if any(map(is_canonical, _fields(line.text)))), lines[0])
     names = _fields(header.text)
     separator = next((mark for mark in SEPARATORS if mark in header.text), ",")
@@ -226,9 +226,10 @@ def is_value(field: str, decimal: str = ".") -> bool:
 
 
 def _separator(lines: list[_Line], first: list[_Line], width: int | None) -> str:
-    """The first of `SEPARATORS` that splits the last lines of the head into three numbers or more.
+    """The first of `SEPARATORS` that gives three or more numbers per line, on average over the last lines.
 
-    Spaces are tried last, because they also occur within dates.
+    If none does, the separator that gives the most numbers. Spaces are tried last, because they also occur
+    within dates.
     """
     sample = lines[-SAMPLE_LINES:]
     best, most = ",", 0

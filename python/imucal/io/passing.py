@@ -2,8 +2,8 @@
 
 The stream consists of frames. A frame is a line of JSON, followed by the bytes of the arrays that the line
 lists. The line is {"recording": fields, "arrays": [[field, key, type, shape], ...]} for a recording,
-{"error": class, "message": text} for a failure, or {"end": true} at the end. A frame contains no code,
-unlike pickled objects.
+{"error": class, "message": text} for a failure, or {"end": true} at the end. The key is the name of an
+auxiliary input; it is null for all other arrays. A frame contains no code, unlike pickled objects.
 """
 
 from __future__ import annotations

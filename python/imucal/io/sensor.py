@@ -154,7 +154,7 @@ def _unit_in_header(sensor: Sensor) -> str | None:
 def _unit_of_manual(sensor: Sensor, what: str) -> str | None:
     """The unit that the manual of the program states, or None.
 
-    The manual is not used if the samples exclude its unit: users can set some programs to other units.
+    The manual is not used if the samples exclude its unit, because some programs can be set to other units.
     """
     program = sensor.header.program
     if program is None or sensor.unread:

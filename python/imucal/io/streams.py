@@ -1,6 +1,6 @@
 """Resampling of accelerometer and gyroscope to one clock if they have different time stamps.
 
-1. If the time stamps are equal, nothing is changed.
+1. If both sensors have the same time stamps, nothing is changed.
 2. Otherwise the slower sensor provides the clock. At equal rates the gyroscope provides the clock, because
    its samples are integrated and interpolation would distort the integral.
 3. At equal rates the other sensor is interpolated linearly. A faster sensor is averaged over one interval of

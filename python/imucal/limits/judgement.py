@@ -174,7 +174,7 @@ class Judgement:
 
     @property
     def by_use(self) -> tuple[Check, ...]:
-        """The checks, the worst first: failed checks before passed ones, then by used share of the limit."""
+        """The checks, the worst first: failed before passed checks, both in descending order of `used`."""
         return tuple(sorted(self.checks, key=lambda check: (check.passed, -check.used)))
 
     @property

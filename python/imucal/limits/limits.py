@@ -3,9 +3,9 @@
     limits = imucal.Limits.load("limits.json")
     result = imucal.calibrate(recording, control=control).judged_by(limits)
 
-For parameters, a limit is a range or a maximum standard deviation. For a set of recordings, it is a maximum
-figure of merit or a minimum number of rests or moves. A limit can also be a list of permitted effects, or the
-worst permitted verdict. A missing value fails its limit.
+For parameters, a limit is a range or a maximum standard deviation. For a set of recordings, a limit is a
+maximum figure of merit or a minimum number of rests or moves. A limit can also be a list of permitted
+effects, or the worst permitted verdict. A missing value fails its limit.
 """
 
 from __future__ import annotations

@@ -226,8 +226,8 @@ def noise(
 
     The longest rest of the recording is used; several hours at a constant temperature are best. Figures are
     in the units of the recording, with the definitions of the simulation and of unit files, docs/model.md
-    (22). If samples are lost or repeated, the longest interval without such samples is used, and a finding
-    reports it.
+    (22). If samples are lost or repeated, the longest interval is used in which almost none are lost or
+    repeated (fewer than 1 in 10 000), and a finding reports it.
 
     cut_steps  use only the longest part of the rest without a step of a mean, which a bump of the table may
                cause. If False, steps are reported, and they make the verdict poor

@@ -335,8 +335,8 @@ class _Planner:
         for name, motions in (("grid", [grid]), ("random", [random]), ("grid and random", [grid, random])):
             minutes = sum(motion.duration_s for motion in motions) / 60.0
             sigma, _ = own._sigma(motions, minutes)
-            # The grid program rotates about one axis at a time, so it does not determine the gyroscope's
-            # off-diagonal entries.
+            # The grid program rotates about one axis at a time, so it does not determine the off-diagonal
+            # entries of the gyroscope's sensitivity.
             parameters = [
                 PlannedParameter(parameter, std if std < OPEN else None, unit)
                 for (parameter, unit), std in zip(own._parameters(minutes), sigma, strict=True)

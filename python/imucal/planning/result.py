@@ -16,8 +16,8 @@ from imucal.units import units_of
 
 __all__ = ["ROUNDING", "Plan", "headline", "is_within", "not_reached", "worst_rows"]
 
-# A target counts as met if the standard deviation is at most the target times this factor. The same holds for
-# the allowed duration. The factor allows for rounding errors.
+# A target counts as met if the standard deviation is at most the target times this factor. The duration of a
+# plan may be at most the allowed duration times this factor. The factor allows for rounding errors.
 ROUNDING: Final = 1.001
 # Units in which a plan shows standard deviations instead of SI units, by SI unit.
 SHOWN_IN: Final = {"1": "ppm", "m/s^2": "ug"}

@@ -116,7 +116,7 @@ def limits(judgement: Judgement) -> Figure:
     figure.update_yaxes(
         rows_of(order),
         tickvals=order,
-        # Long names of figures are broken into two lines, so that they fit on the screen of a phone.
+        # Long names of figures of merit are broken into two lines, so that they fit on the screen of a phone.
         ticktext=[what.replace("_set ", "_set<br>") for what in order],
         tickfont={"size": 11},
     )

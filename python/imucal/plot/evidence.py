@@ -88,7 +88,7 @@ def disagreement(gap: Gap) -> Figure:
 
 
 def channel_name(row: Mapping[str, Any]) -> str:
-    """The name of a kind of residual of `gap.where`, with its axis."""
+    """The name of the kind of residual in a row of `gap.where`, with the axis of the row."""
     name = CHANNELS.get(row["channel"], row["channel"].replace("_", " "))
     return name if row["axis"] is None else f"{name} {row['axis']}"
 
@@ -192,7 +192,7 @@ def law(found: Law, points: Mapping[str, tuple[FloatArray, FloatArray]] | None =
 
 
 def _in_shown_units(variable: str, values: FloatArray) -> tuple[FloatArray, str]:
-    """Values of a variable of formulas in the units of datasheets, and its name with the unit."""
+    """Values of a formula variable in the unit of datasheets, and the name of the variable with this unit."""
     factor, unit = VARIABLES.get(variable, (1.0, variable))
     return factor * values, unit
 

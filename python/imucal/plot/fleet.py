@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MOST_BINS", "over_time", "yield_over_time"]
 
-# Maximum number of time bins. It makes the size of a figure independent of the number of units.
+# Maximum number of time bins, so that the size of a figure does not grow with the number of units.
 MOST_BINS: Final = 60
 SERIES: Final = (("good", GREEN, "circle"), ("incomplete", BLUE, "square"), ("poor", VERMILION, "diamond"))
 STATIONS: Final = ((BLUE, "circle"), (VERMILION, "square"), (GREEN, "diamond"), (GREY, "x"))

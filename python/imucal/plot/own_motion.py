@@ -1,4 +1,4 @@
-"""Plots of residuals at the rests and moves of the recordings of a search for missing effects."""
+"""Plots for a search for missing effects: residuals at the rests and moves of its recordings."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def waterfall_steps(gap: Gap) -> dict[str, list[tuple[str, float]]]:
 
 
 def waterfall(gap: Gap) -> Figure:
-    """Waterfall chart of the gap of each kind of residual: the share that each effect closes.
+    """Waterfall chart for each kind of residual: the share of its gap that each effect closes.
 
     Raises InputError if no effect closes a gap, ImucalError if plotly is not installed.
     """

@@ -16,7 +16,7 @@ __all__ = ["soak"]
 
 
 def soak(found: Soak, sensor: SoakedSensor, over: Literal["temperature", "time"] = "temperature") -> Figure:
-    """Mean reading of each epoch over temperature with the model, or residuals over time, by axis.
+    """Mean reading of each epoch (interval) over temperature with the model, or residuals over time, by axis.
 
     A loop over temperature indicates a lag or hysteresis. Over time, the residuals of a cubic in the
     temperature are drawn for comparison.

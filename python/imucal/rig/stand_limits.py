@@ -29,8 +29,8 @@ SCHEMA: Final = "imucal.stand-limits/1"
 AXES: Final = ("axis_1", "axis_2", "axis_3")
 AXIS_FIELDS: Final = ("max_rate_dps", "max_acceleration_dps2", "range_deg", "cable_wrap_deg")
 FIELDS: Final = ("schema", "description", "axes", "settle_s", "min_rest_s", "minutes", "forbidden_deg")
-# Largest accepted value of each limit of a stand. It is the same as the largest accepted value in a step of a
-# program.
+# Largest accepted value of each limit of a stand: the largest rate, acceleration, angle or duration with
+# which a program is accepted (`program_bounds`).
 LARGEST: Final = {
     "max_rate_dps": MAX_RATE_DPS,
     "max_acceleration_dps2": MAX_ACCELERATION_DPS2,
@@ -84,8 +84,8 @@ class StandLimits:
     settle_s       duration of the vibration after a rotation, s; rests are extended by this time
     min_rest_s     minimum duration of a rest, s
     minutes        maximum duration of a program, or None
-    forbidden_deg  forbidden combinations of motor angles, modulo full revolutions. Each combination has one
-                   interval per motor, or None if it is forbidden at any angle of this motor
+    forbidden_deg  forbidden zones of the motor angles, modulo full revolutions. A zone has one interval per
+                   motor, or None if it contains all angles of the motor
     in_hand        whether the unit is hand-held instead of on a stand, with tremor and poses in steps of 45
                    deg
     """
@@ -180,12 +180,13 @@ class CoreLimits:
     in_hand: bool
 
 
-# Values for programs on a stand: step of the pose angles, deg, and maximum number of moves.
+# Values for programs on a stand: the motor angles of a pose are multiples of STEP_DEG, deg, and a program has
+# at most MOST_MOVES moves.
 STEP_DEG: Final = 0.1
 MOST_MOVES: Final = 400
-# Values for hand-held programs: step of the pose angles, deg, minimum duration of a move, s, and maximum
-# number of moves. The step is large enough to distinguish the pictures of poses on a card. The duration
-# leaves time to look at the next picture.
+# Values for hand-held programs: the angles of a pose are multiples of HAND_STEP_DEG, deg, a move takes at
+# least HAND_MOVE_S, s, and a program has at most HAND_MOVES moves. The angle is large enough to distinguish
+# the pictures of poses on a card. The duration leaves time to look at the next picture.
 HAND_STEP_DEG: Final = 45.0
 HAND_MOVE_S: Final = 2.0
 HAND_MOVES: Final = 40

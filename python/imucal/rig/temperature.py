@@ -38,7 +38,7 @@ FORMS: Final = (
 class Temperature:
     """Temperature over time, linear between K knots at the increasing times `time_s` with `temp_degc`.
 
-    One knot is a constant temperature.
+    With a single knot, the temperature is constant.
 
     Raises InputError for times that do not increase, and for missing or impossible temperatures.
     """

@@ -223,7 +223,7 @@ def _added(setup: Setup, truth: Any, auxiliary: Mapping[str, FloatArray]) -> dic
 def _column(
     name: str, given: ArrayLike | Callable[[FloatArray], ArrayLike], time_s: FloatArray
 ) -> FloatArray:
-    """An auxiliary column. It also contains values for the samples that will be missing in the recording."""
+    """An auxiliary column, with values also for the samples that will be missing in the recording."""
     values = given(time_s) if callable(given) else given
     return as_rows(values, f"auxiliary[{name!r}]", None, len(time_s))
 

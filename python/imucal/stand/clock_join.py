@@ -34,11 +34,11 @@ SLOPE_OVER_S: Final = 20.0
 # and only the least delayed sample of each block is used.
 MOST_POINTS: Final = 20_000
 # Longest interval between two reported positions, s, over which the angles of a moving stand are
-# interpolated. At an acceleration of 500 deg/s^2 the error is 0.6 deg.
+# interpolated. At an acceleration of 500 deg/s^2 the interpolation error is 0.6 deg.
 LONGEST_S: Final = 0.1
 # The angles are also interpolated over an interval of up to `LONGER_S`, s, in which they change by at most
-# `LITTLE_DEG`, deg. If a motor starts or stops in the interval, the interpolation error is at most a quarter
-# of this change.
+# `LITTLE_DEG`, deg. For a constant acceleration over the whole interval, the interpolation error is at most a
+# quarter of this change.
 LONGER_S: Final = 0.2
 LITTLE_DEG: Final = 2.0
 # If the stand is at rest at the last reported position, it is assumed to stay at rest for this time, s.

@@ -6,7 +6,8 @@ The program reads commands from its standard input and answers each with a line 
     position      position A B C      the angles of the motors now, deg
     stop          ok                  stops the motors
 
-An answer `error TEXT` to any command ends the run. The standard error of the program is shown to the user.
+An answer `error TEXT` to any command ends the run. Text that the program writes to standard error is
+shown to the user.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ Waiting = Generator[None, None, None]
 
 # Interval between two queries of the position, s.
 QUERY_S: Final = 0.04
-# Timeout of an answer, s, and timeout of the first answer, s. The latter includes the start of the program.
+# Timeout of an answer, s, and timeout of the first answer, s. The first answer may take longer, because the
+# program has to start.
 ANSWER_S: Final = 3.0
 FIRST_S: Final = 15.0
 # A pose counts as reached if each motor is within this angle of its target, deg. The angle is larger than the
@@ -53,7 +55,7 @@ STOP_S: Final = 2.0
 
 
 class ExternalDriver:
-    """Runs a program on a stand that a command of the user moves. All motors are at zero at the start.
+    """Runs a motion program on a stand that a command of the user moves. All motors are at zero at the start.
 
     command     the command with its arguments, as typed in a shell; it is started without a shell
     start_here  use the position of the motors at the start as their zero
@@ -126,7 +128,7 @@ class ExternalDriver:
         self._work = self._steps()
 
     def poll(self) -> Status:
-        """Process answers, query the position, and continue the program."""
+        """Process answers, query the position, and continue the motion program."""
         if self._failed is None and self._work is not None:
             self._receive()
             if self._failed is None:

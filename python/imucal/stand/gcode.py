@@ -208,7 +208,7 @@ def _block(
 def _rate(length: float, move_s: float, acceleration: float) -> float:
     """Rate, deg/s, at which a move of `length` deg takes `move_s`.
 
-    If the move takes longer at any rate, the result is the peak rate of the fastest possible move.
+    If even the fastest possible move takes longer than `move_s`, the result is the peak rate of that move.
     """
     root = (acceleration * move_s) ** 2 - 4.0 * acceleration * length
     if root < 0.0:

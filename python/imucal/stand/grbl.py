@@ -220,8 +220,8 @@ class GrblDriver:
     def _say_uncertainty(self) -> None:
         """Warn if the error of the motor angles during moves can exceed `UNCERTAIN_DEG`.
 
-        Only the sum of the delays of a query and of its report is measured, and half of it is attributed to
-        each. If the two delays differ, the angles are assigned to wrong instants.
+        Only the sum of the delays of a query and of its report is measured, and half of this sum is
+        attributed to each delay. If the two delays differ, the angles are assigned to wrong instants.
         """
         half_s = (self._session.port.shortest_s or 0.0) / 2
         rate_dps = max((block.feed_dpm or 0.0 for block in self._blocks), default=0.0) / 60.0

@@ -30,7 +30,7 @@ LARGEST_S: Final = 0.05
 
 
 def one_way_s(shortest_s: float, length: int, baud: int) -> tuple[float, float]:
-    """Shortest times, s, from a query to the reading of the position, and from then to the report's arrival.
+    """Shortest time from a query until the position is read, and from then until the report arrives, s.
 
     `shortest_s` is the shortest time from a query to the arrival of its report. It includes the transmission
     of the report, which takes the time given by the baud rate, unless the line is faster, as with USB. Of the

@@ -139,7 +139,7 @@ class ManualDriver:
         """Whether the unit rotates.
 
         The up direction must change, or the range of the averaged rates must exceed half of the largest range
-        during a move.
+        that these rates had in a move.
         """
         bins = self._bins()
         span = float(np.ptp(bins[:, 3:], axis=0).max())

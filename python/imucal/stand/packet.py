@@ -218,8 +218,8 @@ def _xor(data: bytes) -> int:
     return result
 
 
-# Size in bytes and function of each checksum. For the text "123456789" the CRCs give 29b1, 31c3, 4b37, f4,
-# the published check values.
+# Size in bytes and function of each checksum. For the text "123456789" the four CRCs from crc16-ccitt to crc8
+# give 29b1, 31c3, 4b37 and f4, the published check values.
 CHECKSUMS: Final[dict[str, tuple[int, Callable[[bytes], int]]]] = {
     "crc32": (4, zlib.crc32),
     "crc16-ccitt": (2, lambda data: binascii.crc_hqx(data, 0xFFFF)),

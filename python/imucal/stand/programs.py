@@ -37,7 +37,8 @@ def in_another_order(program: Program, seed: int) -> Program:
     free of end stops and obstacles. Some poses are held on the way out, and the others on the way back. The
     program ends in the pose of the first step.
 
-    seed  seed of the choice of the poses held on the way out; the motors pass the other poses without a hold
+    seed  seed of the random choice of the poses that are held on the way out. On the way out, the motors pass
+          all other poses without a hold
     """
     check_seed(seed)
     steps = program.steps

@@ -16,9 +16,10 @@ STAND: Final = ("stand_1_deg", "stand_2_deg", "stand_3_deg")
 
 
 def recover(journal: str | os.PathLike[str], output: str | os.PathLike[str]) -> Logged:
-    """Write the complete samples of a journal as a recording, .csv or .parquet, and return its contents.
+    """Write the complete samples of a journal as a recording, .csv or .parquet.
 
-    Raises FormatError if the file is not a journal, InputError if it has no samples or a file cannot be used.
+    Returns the contents of the journal. Raises FormatError if the file is not a journal, InputError if it
+    has no samples or a file cannot be used.
     """
     logged = read_journal(journal)
     if len(logged.samples) == 0:

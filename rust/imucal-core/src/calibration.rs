@@ -215,7 +215,7 @@ mod tests {
                 let calibration = with(&[typical(effect, times)]);
                 assert_ne!(calibration.measure(&state), unit().measure(&state), "{}", effect.name);
                 // The raw counts have a large offset. The rounding errors of these large numbers remain in the
-                // corrected value. The limit 1e-14, relative to the true value, allows for them.
+                // corrected value. The limit 1e-14, relative to the true value, allows for these errors.
                 assert!(comes_back(&calibration, &state) < 1e-14, "{} at {times} times", effect.name);
             }
         }
@@ -236,9 +236,9 @@ mod tests {
     fn a_pass_shrinks_the_error_by_the_slope_of_the_effect() {
         // The slope of an effect is the derivative of the error that the effect adds with respect to the quantity that
         // the sensor measures (rate or force). Each iteration of the correction multiplies the remaining error by about
-        // the slope. The slope of a gyroscope effect does not include the derivative with respect to force. Only two
-        // accelerometer effects depend on the rate (the lever-arm effect and the size effect), so the force converges
-        // before the rate.
+        // the slope. Most accelerometer effects (all except the lever-arm and the size effect) do not depend on the
+        // rate, so the force converges first. The error of the force then no longer contributes to the error of the
+        // rate. The slope of a gyroscope effect therefore does not include the derivative with respect to force.
         let step = 1e-6;
         let slope = |effect: &'static Effect<f64>, times: f64| {
             let (values, state) = (typical(effect, times), fast_state());

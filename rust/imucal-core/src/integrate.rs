@@ -50,12 +50,12 @@ pub struct Integrator<F: RealField + Copy> {
 }
 
 impl<F: RealField + Copy> Integrator<F> {
-    /// An integrator of order [`Order::Magnus4`] with the identity as its rotation and no samples yet.
+    /// An integrator that uses the rule [`Order::Magnus4`], with the identity as its rotation and no samples yet.
     pub fn new() -> Self {
         Self::of_order(Order::default())
     }
 
-    /// An integrator of the given order with the identity as its rotation and no samples yet.
+    /// An integrator that uses the rule `order`, with the identity as its rotation and no samples yet.
     pub fn of_order(order: Order) -> Self {
         Self { order, rotation: UnitQuaternion::identity(), last_rate: None }
     }
@@ -145,8 +145,8 @@ mod tests {
     #[test]
     fn a_linear_rate_is_integrated_to_fourth_order() {
         let rate = |t: f64| Vector3::new(1.0, -0.5, 0.3) + Vector3::new(-0.8, 1.5, 2.0) * t;
-        // The independent reference consists of a million steps. The rate is constant in each step and equals the rate
-        // at its middle.
+        // The independent reference consists of a million steps. The rate is constant in each step and equals the true
+        // rate at the middle of the step.
         let fine = 1_000_000;
         let truth = (0..fine).fold(UnitQuaternion::identity(), |r, k| {
             r * UnitQuaternion::from_scaled_axis(rate((k as f64 + 0.5) / fine as f64) / fine as f64)

@@ -112,8 +112,8 @@ pub(crate) struct GapFit {
     effects: Vec<String>,
     outcome: Py<Outcome>,
     control: Option<Py<Evaluation>>,
-    /// Kinds of residuals that the fit uses although its effects are observable without them: whether these are the
-    /// specific force inside moves, and whether they are the angles of the stand.
+    /// Whether the fit uses each of two kinds of residuals although its effects are observable without them: the
+    /// specific force inside moves, and the angles of the stand.
     more_residuals: (bool, bool),
 }
 

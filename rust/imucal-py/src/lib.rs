@@ -91,11 +91,11 @@ mod _core {
     #[pymodule_export]
     const MAX_PASSES: usize = imucal_core::effects::MAX_PASSES;
 
-    /// Default of the minimum duration of a rest, s.
+    /// Default minimum duration of a rest, s.
     #[pymodule_export]
     const MIN_REST_S: f64 = library::rests::MIN_REST_S;
 
-    /// Default of the maximum number of iterations of a joint fit.
+    /// Default maximum number of iterations of a joint fit.
     #[pymodule_export]
     const MAX_ITERATIONS: u64 = library::calibrate::MAX_ITERATIONS;
 
@@ -170,7 +170,7 @@ mod _core {
     }
 
     /// Evaluates a calibrated accelerometer on recordings. The gyroscope columns are not used. `uncertainty` consists
-    /// of the covariance of the nine parameters of the accelerometer, by rows, and the name of the body frame in which
+    /// of the covariance matrix of the nine accelerometer parameters, by rows, and the name of the body frame in which
     /// these parameters are defined.
     #[pyfunction]
     fn evaluate_accelerometer(

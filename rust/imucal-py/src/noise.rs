@@ -178,8 +178,8 @@ pub(crate) fn allan_deviations<'py>(
     Ok(deviations.into_iter().map(|series| PyArray1::from_vec(py, series)).collect())
 }
 
-/// Averaging times, in samples, of the Allan deviations of a series of `samples` samples, with the spacing "octave" or
-/// "decade".
+/// Averaging times, in samples, at which the Allan deviation of a series with `samples` samples is computed. `spacing`
+/// is "octave" or "decade".
 #[pyfunction]
 pub(crate) fn allan_factors(py: Python<'_>, samples: usize, spacing: &str) -> PyResult<Vec<usize>> {
     match spacing {

@@ -141,7 +141,7 @@ pub(crate) struct HeldOut {
     gravity_direction_rms_deg: f64,
     /// Error of the predicted gravity direction after each move, deg.
     direction_error_deg: Vector,
-    /// Norm of the specific force minus local gravity at each rest, m/s^2.
+    /// Norm of the corrected specific force at each rest, minus local gravity, m/s^2.
     norm_error_mps2: Vector,
 }
 

@@ -93,13 +93,14 @@ pub struct Options<'a> {
     /// Effects of the catalogue ([`Effect`](imucal_core::effects::Effect)) that are estimated together with the base
     /// parameters (biases and sensitivities).
     pub effects: Vec<EffectChoice>,
-    /// Names of effects that are estimated even if the data determine only some combinations of their parameters. A
-    /// prior determines the other combinations.
+    /// Names of effects that are estimated even if the data determine only some linear combinations of their
+    /// parameters. A prior determines the other linear combinations.
     pub partly: Vec<String>,
     /// User-defined effects. Each effect is given by the derivatives of the sensor reading with respect to the
     /// parameters of the effect, at every sample. These derivatives are the field of the effect.
     pub user_fields: Vec<UserField<'a>>,
-    /// Kinds of residuals that the fit uses even if its effects are observable without them.
+    /// Additional kinds of residuals (specific force during moves, encoder angles of a stand) that the fit uses even if
+    /// its effects are observable without them.
     pub kinds: Kinds,
     /// Number of folds of a cross-validation; `None` without a cross-validation. For each fold, a fit is made without
     /// every `folds`-th move and rest. This fit predicts the omitted moves and rests.
@@ -116,13 +117,14 @@ pub struct ModelOptions<'a> {
     /// Effects of the catalogue ([`Effect`](imucal_core::effects::Effect)) that are estimated together with the base
     /// parameters (biases and sensitivities).
     pub effects: Vec<EffectChoice>,
-    /// Names of effects that are estimated even if the data determine only some combinations of their parameters. A
-    /// prior determines the other combinations.
+    /// Names of effects that are estimated even if the data determine only some linear combinations of their
+    /// parameters. A prior determines the other linear combinations.
     pub partly: Vec<String>,
     /// User-defined effects. Each effect is given by the derivatives of the sensor reading with respect to the
     /// parameters of the effect, at every sample. These derivatives are the field of the effect.
     pub user_fields: Vec<UserField<'a>>,
-    /// Kinds of residuals that the fit uses even if its effects are observable without them.
+    /// Additional kinds of residuals (specific force during moves, encoder angles of a stand) that the fit uses even if
+    /// its effects are observable without them.
     pub kinds: Kinds,
     /// Number of folds of a cross-validation; `None` without a cross-validation. For each fold, a fit is made without
     /// every `folds`-th move and rest. This fit predicts the omitted moves and rests.
@@ -207,7 +209,7 @@ impl Options<'_> {
         self.effects.iter().any(drifts) || !self.user_fields.is_empty()
     }
 
-    /// The kinds of residuals that the fit uses.
+    /// The additional kinds of residuals that the fit uses: those that its effects need, and those that were requested.
     fn kinds(&self) -> Kinds {
         Kinds::needed_by(&self.effects).union(self.kinds)
     }

@@ -2,7 +2,7 @@
 //!
 //! A calculation that was started by [`Cancellation::run`] ends soon after [`Cancellation::cancel`] is called from any
 //! thread, or after the poll function (see [`Cancellation::with_poll`]) has returned true. The loops of this crate
-//! check for a cancellation once per step. A cancelled calculation unwinds its stack, so functions that return no
+//! check for a cancellation once per iteration. A cancelled calculation unwinds its stack, so functions that return no
 //! `Result` can also be cancelled. All threads of the calculation end before [`Cancellation::run`] returns, and no
 //! partial result is returned. The program must be built with `panic = "unwind"`, which is the default.
 //!
@@ -134,7 +134,7 @@ impl Drop for Restored {
 }
 
 /// Unwinds the stack of the current calculation if it has been cancelled. Every loop that can take longer than some
-/// milliseconds calls this function once per step.
+/// milliseconds calls this function once per iteration.
 pub(crate) fn checkpoint() {
     let (is_cancelled, poll) = CURRENT.with_borrow_mut(|current| {
         let Some(current) = current else { return (false, None) };

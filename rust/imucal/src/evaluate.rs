@@ -40,7 +40,7 @@ pub struct Figures {
     /// the number of residuals minus the number of parameters that were fitted to them. The result is near 1 if noise
     /// explains the residuals.
     pub chi2_per_dof: f64,
-    /// RMS over the rests of the norm of the corrected specific force minus local gravity, m/s^2.
+    /// RMS over the rests of the difference (norm of the corrected specific force) - (local gravity), m/s^2.
     pub gravity_norm_rms_mps2: f64,
     /// RMS over the moves of the angle between the propagated and the measured direction of gravity, deg; NaN without
     /// moves.
@@ -79,7 +79,7 @@ pub struct RestReport {
     pub force_rounding: Vector3<f64>,
     /// Standard deviation of the rounding error of `mean_angular_rate`, in the same unit.
     pub rate_rounding: Vector3<f64>,
-    /// Norm of the specific force after correction minus local gravity, m/s^2.
+    /// Norm of the corrected specific force, minus local gravity, m/s^2.
     pub norm_error_mps2: f64,
     /// Standard deviation of `norm_error_mps2` due to noise, m/s^2.
     pub norm_sigma_mps2: f64,

@@ -207,9 +207,9 @@ pub struct GenericFinding {
     pub p_value: f64,
     /// Sensor axis with the largest variation: 0, 1 or 2.
     pub axis: usize,
-    /// Indices of the three rests with the largest deviations of the parameter, in descending order of the deviation.
-    /// For a variation that is observable only in moves: indices of the rests before the three moves with the largest
-    /// deviations.
+    /// Indices of the three rests at which the parameter deviates most from its constant value, in descending order of
+    /// the deviation. For a variation that is observable only in moves: indices of the rests before the three moves
+    /// with the largest deviations.
     pub rests: Vec<usize>,
     /// Rms deviation of the parameter on the sensor axis `axis`, SI units.
     pub rms: f64,

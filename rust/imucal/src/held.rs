@@ -87,9 +87,9 @@ enum Quantity {
     Entry { parameter: usize, nominal: f64 },
     /// An off-diagonal entry of a sensitivity divided by the diagonal entry of its row.
     Misalignment { parameter: usize, diagonal: usize },
-    /// One of nine uncorrelated combinations of the parameters of a calibrated accelerometer. For the nine parameters p
-    /// and their calibrated values `at`, the combination is `by . (p - at)`. `number` is the index of the combination,
-    /// 0 to 8.
+    /// One of nine uncorrelated linear combinations of the parameters of a calibrated accelerometer. For the nine
+    /// parameters p and their calibrated values `at`, the combination is `by . (p - at)`. `number` is the index of the
+    /// combination, 0 to 8.
     Combination { number: usize, by: [f64; 9], at: [f64; 9] },
 }
 
@@ -108,8 +108,8 @@ impl HeldParameter {
         Self { name: String::new(), value, sigma, source: PriorSource::Given, usual: None, quantity }
     }
 
-    /// Index of the parameter among the 21 base parameters. For a combination of parameters, it is the number of the
-    /// combination.
+    /// Index of the parameter among the 21 base parameters. For a linear combination of parameters, it is the number of
+    /// the combination (0 to 8).
     pub(crate) fn parameter(&self) -> usize {
         match self.quantity {
             Quantity::Entry { parameter, .. } | Quantity::Misalignment { parameter, .. } => parameter,
@@ -135,8 +135,8 @@ impl HeldParameter {
         }
     }
 
-    /// Whether the held quantity is a combination of the parameters of an accelerometer that was calibrated earlier.
-    /// Otherwise, it is a bias, a scale or a misalignment.
+    /// Whether the held quantity is a linear combination of the parameters of an accelerometer that was calibrated
+    /// earlier. Otherwise, it is a bias, a scale or a misalignment.
     pub(crate) fn is_combination(&self) -> bool {
         matches!(self.quantity, Quantity::Combination { .. })
     }

@@ -97,14 +97,14 @@ use weights::Weights;
 /// observable direction, the norm of the change of the whitened residuals must be at least this value. At the limit of
 /// 0.1, a change by ten typical sizes changes chi2 by one (model.md (18)).
 const LEAST_CHANGE: f64 = 0.1;
-/// Like `LEAST_CHANGE`, but for an effect with a prior: its parameters change in their most observable direction. At
-/// 0.01, a change by a hundred typical sizes changes chi2 by one.
+/// Observability limit of an effect with a prior. It is defined like `LEAST_CHANGE`, but for a change of the parameters
+/// in their most observable direction. At 0.01, a change by a hundred typical sizes changes chi2 by one.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
 /// Initial standard deviation of the prior of an effect, in typical sizes of its parameters. Only effects that are
 /// permitted even if the recordings do not determine all their parameters (`Term::partly`) have such a prior.
 const WIDE: f64 = 100.0;
-/// Convergence limit of the repeated fits: largest change of a parameter between two fits, in standard deviations
-/// (model.md (18)).
+/// Convergence limit of the fits that are repeated with new weights: largest change of a parameter from one fit to the
+/// next, in standard deviations of the parameter (model.md (18)).
 const SETTLED: f64 = 1e-3;
 /// If a parameter changes by more than this number of standard deviations in the last permitted fit, the weights are
 /// reported as not converged. The convergence test of a single fit, which uses the gradient of chi2, has the same
@@ -121,13 +121,13 @@ const MISLEADING: f64 = 10.0;
 /// The repeated fits of a search for effects end if, for every kind of residuals, the ratio of scatter to noise changes
 /// by less than this factor from one fit to the next.
 const FAR: f64 = 1.5;
-/// Relative tolerance of the solver (see `lsq::EXACT`) in a search for effects and in the first of the repeated fits.
-/// The weights of the first fit are preliminary, so a coarse tolerance suffices.
+/// Relative tolerance of the solver (see `lsq::EXACT`) in a search for effects, and in the first of the fits that are
+/// repeated with new weights. The weights of the first fit are preliminary, so a coarse tolerance suffices.
 const SEARCH: f64 = 1e-5;
-/// Start values of the time constant of a warm-up, as fractions of the duration of the longest recording (model.md
+/// Start values for the time constant of a warm-up, each as a fraction of the longest recording's duration (model.md
 /// (23)).
 const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
-/// Start values of the time constant of a temperature lag, as fractions of the duration of the longest recording. A
+/// Start values for the time constant of a temperature lag, each as a fraction of the longest recording's duration. A
 /// warm-up occurs only once, but a lag causes an error at each change of the temperature. A time constant much shorter
 /// than the recording is therefore observable for a lag. A lag with a time constant as long as the recording causes
 /// nearly the same errors as the temperature itself, so this start value is not tried.
@@ -168,8 +168,8 @@ pub(crate) fn fit(
         let change = if round > 0 { largest_move(&parameters, &found) } else { f64::INFINITY };
         let is_last = round + 1 == MAX_ROUNDS || iterations >= most;
         if (priors_have_settled && change < SETTLED) || is_last {
-            // The reported residuals must be computed from the samples at the final parameters. A first-order update of
-            // residuals from other parameters is not accurate enough.
+            // The reported residuals must be computed from the samples at the final parameters. A first-order update
+            // from the residuals at nearby parameters is not accurate enough.
             if problem.refresh(&found.parameters)? && iterations < most {
                 found = minimize_within(&problem, &found.parameters, lsq::EXACT, most - iterations)?;
                 iterations += found.iterations;
@@ -369,7 +369,7 @@ fn not_determined(term: &terms::Term<'_>, open: usize) -> String {
     message
 }
 
-/// Returns the start values of the time constant of `effect`, as fractions of the duration of the longest recording.
+/// Returns the start values for the time constant of `effect`, each as a fraction of the longest recording's duration.
 pub(crate) fn start_shares(effect: &Effect<f64>) -> &'static [f64] {
     if effect.needs.contains(&Need::TemperatureHistory) { &LAG_SHARES } else { &SHAPE_SHARES }
 }
@@ -386,8 +386,9 @@ fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Ve
             let mut start = parameters.clone();
             start[place] = shape;
             problem.fixed = vec![place];
-            // A coarse tolerance would end the fit before the first step, because the parameters of an effect are small
-            // compared with the sensitivities. chi2 would then be equal for all values of the time constant.
+            // A coarse tolerance would end the fit before the first step, so chi2 would be equal for all values of the
+            // time constant. The tolerance is relative to the norm of all parameters. The sensitivities dominate this
+            // norm, but the first step changes mainly the small parameters of an effect.
             let found = lsq::minimize(&*problem, &start, lsq::EXACT)?;
             if best.as_ref().is_none_or(|(chi2, _)| found.chi2 < *chi2) {
                 best = Some((found.chi2, found.parameters));

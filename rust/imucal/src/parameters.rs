@@ -17,7 +17,7 @@ pub(crate) const ACCEL: Range<usize> = 0..9;
 pub(crate) const GYRO_BIAS: Range<usize> = 9..12;
 pub(crate) const GYRO_SENSITIVITY: Range<usize> = 12..21;
 /// Number of parameters of a stand with encoders: mount rotation (3), base tilt (2), angles between the axes (2), and
-/// zero error of the second motor (1).
+/// zero error (angle offset) of the second motor (1).
 pub(crate) const STAND_PARAMETERS: usize = 8;
 
 /// Readable names, for messages, of all base parameters except the gyroscope bias: the nine parameters of the

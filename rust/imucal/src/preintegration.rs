@@ -18,8 +18,8 @@
 //! time derivative of R is `R' = R [w]x`, so a third of the columns of the G_j can be computed from the other columns
 //! and the rotation over the whole move. For example, if R has the columns R_x, R_y and R_z, the integral of `R_y w_z -
 //! R_z w_y` is the change of R_x. If the move does not start and end at rest, the relative deviation of the trapezoidal
-//! sums from this relation is a twelfth of the squared rotation per step. Short steps are summed in groups of sixteen,
-//! which does not change the result (see `preintegration/sums.rs`).
+//! sums from this relation is a twelfth of the squared rotation angle of a step. Short steps are summed in groups of
+//! sixteen, which does not change the result (see `preintegration/sums.rs`).
 
 mod attitudes;
 mod interpolation;

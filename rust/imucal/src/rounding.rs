@@ -11,10 +11,11 @@
 //! cov(d_k, d_l) = rms_k rms_l cos(2 pi D) exp(-2 D^2),                        D = (mean_k - mean_l) / q
 //! ```
 //!
-//! The sums are over all integers h > 0. For rest k, d_k is the error, rms_k the square root of its mean square, and
-//! mean_k the mean reading (Widrow and Kollar, Quantization Noise, Cambridge University Press 2008, chapters 4 and 5).
-//! Rests with equal readings have equal errors. The standard deviation of rounded samples differs from sigma, so sigma
-//! is estimated from the relative frequencies of the levels (multiples of q) at rest.
+//! The sums are over all integers h > 0, and E is the mean over all true means m. For rest k, d_k is the error, rms_k
+//! the square root of its mean square, and mean_k the mean reading (Widrow and Kollar, Quantization Noise, Cambridge
+//! University Press 2008, chapters 4 and 5). Rests with equal readings have equal errors. The standard deviation of
+//! rounded samples differs from sigma, so sigma is estimated from the relative frequencies of the levels (multiples of
+//! q) at rest.
 
 pub(crate) mod levels;
 pub(crate) mod step;
@@ -25,14 +26,14 @@ use levels::{Levels, Likelihood, NOISES, RestNoise, trial_noise};
 
 /// Standard deviation of rounded samples, in quantisation steps, above which rounding needs no treatment. The noise
 /// before rounding is then above 0.58 steps, the rms rounding error of a mean is below 3e-4 steps, and the variance of
-/// the samples includes the variance q^2 / 12 of the rounding.
+/// the samples includes the variance of the rounding error, which is one twelfth of the squared step.
 pub(crate) const LEAST_SCATTER: f64 = 0.65;
-/// Distance D between two readings, in steps, at which the factor exp(-2 D^2) in cov(d_k, d_l) is exp(-1/2). If two
-/// readings are more than a step apart, the phase 2 pi D of the cosine is not known accurately, so the factor reduces
-/// the covariance to nearly zero.
+/// Distance D between two readings, in steps, at which the factor exp(-2 D^2) in the covariance of their rounding
+/// errors (see the module documentation) is exp(-1/2). If two readings are more than a step apart, the phase 2 pi D of
+/// the cosine is not known accurately, so the factor reduces the covariance to nearly zero.
 const CORRELATED: f64 = 0.5;
 /// Standard deviation of the prior of ln(a / b), where a and b are the standard deviations of the noise of two axes.
-/// The prior states that the axes have similar noise. With a narrower prior, the levels of one axis have more
+/// The prior states that the axes have similar noise. With a narrower prior, the readings of one axis have more
 /// influence on the estimated noise of another axis.
 const SIMILAR: f64 = 0.3;
 /// The rounding error of a mean is neglected if its rms value is at most this number of steps. If the noise is above
@@ -50,11 +51,12 @@ pub struct Rounding {
     pub step: f64,
     /// Standard deviation of the noise of one sample before rounding.
     pub noise: f64,
-    /// Variance of the rounding error of the mean of a rest. It does not depend on the duration of the rest.
+    /// Variance of the rounding error in the mean reading of a rest. It does not depend on the duration of the rest.
     pub error_variance: f64,
     /// Whether the reading of a rest determines its rounding error. Equal readings then have equal errors. False for a
-    /// force whose samples all have one level, because the true force may be anywhere within half a step of this level.
-    /// True for a rate even if its samples all have one level, because the true rate is zero at every rest.
+    /// force whose samples are all at one level (multiple of `step`), because the true force may be anywhere within
+    /// half a step of this level. True for a rate even if its samples are all at one level, because the true rate is
+    /// zero at every rest.
     pub is_determined: bool,
 }
 
@@ -81,7 +83,8 @@ impl Rounding {
     }
 
     /// Computes the rounding errors of the three axes of a sensor. For each axis, `axes` contains the quantisation step
-    /// and, for each rest, the number of samples at each level; `None` if the noise of the axis is not below its step.
+    /// and, for each rest, the number of samples at each level (multiple of the step); `None` if the noise of the axis
+    /// is not below its step.
     ///
     /// The noise that most rests have in common is estimated from the levels that occur at these rests. The axes of a
     /// triad usually have similar noise, so the levels of the other axes also contribute to the likelihood of the
@@ -89,8 +92,8 @@ impl Rounding {
     ///
     /// If a rest has less noise than most rests, its rounding error is computed from its own noise. This error is
     /// larger, because less noise averages the rounding less. If a rest has more noise, a short disturbance may have
-    /// caused the larger scatter. The rounding error of the common noise is then used, because most samples of the rest
-    /// are undisturbed.
+    /// caused the larger scatter. Its rounding error is then computed from the common noise, because most samples of
+    /// the rest are undisturbed.
     pub(crate) fn of_levels(axes: [Option<(f64, Vec<Levels>)>; 3]) -> [AxisRounding; 3] {
         let axes = axes.map(|axis| axis.map(|(step, rests)| (step, RestNoise::of(&rests))));
         std::array::from_fn(|axis| {
@@ -114,8 +117,8 @@ impl Rounding {
     }
 
     /// Computes the rounding errors for unknown noise. The variance of the noise and the error variance are means over
-    /// the trial values of the noise, weighted by their likelihood. If only one level occurs, all small trial values
-    /// are equally likely.
+    /// the trial values of the noise, weighted by their likelihood. If all samples are at one level (multiple of the
+    /// step), all small trial values are equally likely.
     fn of_likelihood(step: f64, weights: &[f64; NOISES]) -> Self {
         let all: f64 = weights.iter().sum();
         let mean = |of: &dyn Fn(f64) -> f64| (0..NOISES).map(|k| weights[k] * of(trial_noise(k))).sum::<f64>() / all;
@@ -157,8 +160,8 @@ impl Rounding {
     }
 }
 
-/// Mean of the squared rounding error over all true means, in squared steps. `noise` is the standard deviation of the
-/// noise in steps.
+/// Mean square of the rounding error of a mean reading, averaged over all values of the true mean, in squared steps.
+/// `noise` is the standard deviation of the noise in steps.
 fn error_variance(noise: f64) -> f64 {
     // For noise of 0.02 steps or more, the terms beyond the 60th are negligible. Without noise, the sum of 60 terms is
     // 1 % below the limit 1 / 12.

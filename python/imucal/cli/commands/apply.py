@@ -91,7 +91,7 @@ def apply(
 
 
 class _Empty:
-    """Counts the samples that have no result for one reason, and stores the index of the first of them."""
+    """Counts the samples that lack a result for a certain reason, and stores the index of the first one."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -194,10 +194,12 @@ class _Corrected:
 
 
 def _after(last_s: float, raw: Recording, before: int) -> Recording:
-    """The samples of a later piece after the last time stamp of the piece before, for checks.
+    """A piece of a recording for the checks, with an additional sample at the end of the piece before.
 
-    The first sample is repeated at that time stamp, so that a jump of the time between the pieces is found.
+    The additional sample repeats the first sample of this piece at the time `last_s`, so that the checks find
+    a jump of the time between the pieces.
 
+    last_s   last time stamp of the piece before, s
     before   number of samples of the recording before this piece
     """
     import numpy as np

@@ -38,9 +38,9 @@ def gap(
 ) -> None:
     """Search for a missing effect over all units together.
 
-    Fits each effect to the recordings of each unit, and tests its mean and spread over the units. This test
-    detects effects that are too small to be detected in a single unit. The verdict is `named` or
-    `nothing_missing`.
+    Fits each effect to the recordings of each unit, and tests the mean and the spread of its parameters over
+    the units. This test detects effects that are too small to be detected in a single unit. The verdict is
+    `named` or `nothing_missing`.
 
     Example: imucal fleet gap units.sqlite --effect gyro_g_sensitivity --units 200
     """

@@ -125,7 +125,7 @@ def outliers(
 ) -> None:
     """Find odd units by their robust distance from all others, and name the parameter that deviates most.
 
-    The distance is computed from all parameters and figures, and from the covariance of each unit's
+    The distance is computed from all parameters and figures of merit, and from the covariance of each unit's
     measurement. A shift that all units of a station have in common on a day belongs to the station and is
     subtracted first.
 

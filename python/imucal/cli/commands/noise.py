@@ -66,9 +66,9 @@ def noise(
 ) -> None:
     """Estimate noise density, bias instability and random walk of a unit at rest by the Allan deviation.
 
-    Every figure has a 95 % confidence interval. If a kind of noise is not detected, only its upper bound is
-    meaningful. The exit code is 2 if the noise of an axis is below one count or does not fit the noise model,
-    or if the mean of an axis changes in a step.
+    Every noise figure has a 95 % confidence interval. If a kind of noise is not detected, only the upper
+    bound of its interval is meaningful. The exit code is 2 if the noise of an axis is below one count or does
+    not fit the noise model, or if the mean of an axis changes in a step.
 
     Example: imucal noise still.csv --report noise.html --kalibr imu.yaml
     """

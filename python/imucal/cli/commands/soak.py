@@ -33,8 +33,9 @@ def soak(
 ) -> None:
     """Find how the biases of a unit at rest in one pose depend on temperature: polynomial, lag, hysteresis.
 
-    The recording is divided into epochs. Models are compared by how well they predict epochs to which they
-    were not fitted. If the time stamps of a file are wrong, leave the time column out and give --rate-hz.
+    The recording is divided into intervals (epochs). Models are compared by how well they predict epochs to
+    which they were not fitted. If the time stamps of a file are wrong, leave the time column out and give
+    --rate-hz.
 
     Example: imucal soak sweep.csv --calibration unit-0042.json --report soak.html
     """

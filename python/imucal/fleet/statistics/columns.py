@@ -21,8 +21,8 @@ LOG_FIGURES: Final = tuple(
     for of in ("", "control_")
     for name in ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
 )
-# Minimum number of units with a value of a parameter or figure of merit for it to become a column, and
-# minimum number of pairs of measurements of one unit for an estimate of the repeatability.
+# A parameter or figure of merit becomes a column if at least this number of units have a value of it. The
+# repeatability is estimated if there are at least this number of pairs of measurements of the same unit.
 FEWEST: Final = 10
 
 
@@ -86,7 +86,7 @@ def columns_of(measurements: Measurements, *, figures: bool = True) -> Columns:
 
 
 def repeatability(numbers: np.ndarray, values: FloatArray, sigmas: FloatArray) -> float:
-    """Excess standard deviation of repeated measurements: the part of their scatter that is not stated.
+    """Excess standard deviation of repeated measurements: scatter beyond their stated standard deviations.
 
     It is the square root of (variance of the repeats - stated variance).
 

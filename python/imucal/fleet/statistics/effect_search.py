@@ -2,10 +2,11 @@
 
     theta_i = mean + deviation_i + e_i      e_i ~ N(0, C_i), the covariance of the fit of unit i
 
-theta_i are the parameters of the effect that were estimated for unit i. The statistic is 2 ln(L / L_0). L is
-the likelihood of a model in which the effect has a mean and a spread over the units. L_0 is the likelihood of
-a model without the effect. In a large fleet, standard deviations that are slightly too small would make every
-effect significant. The stated variances are therefore multiplied by a factor, estimated from all effects.
+theta_i are the parameters of the effect that were estimated for unit i, and mean + deviation_i are their true
+values. The statistic is 2 ln(L / L_0). L is the likelihood of a model in which the effect has a mean and a
+spread over the units. L_0 is the likelihood of a model without the effect. In a large fleet, standard
+deviations that are slightly too small would make every effect significant. The stated variances are therefore
+multiplied by a factor, estimated from all effects.
 """
 
 from __future__ import annotations

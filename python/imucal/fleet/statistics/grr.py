@@ -4,7 +4,7 @@
 
 y_ijk is repeat k of the measurement of unit i by operator j. The estimates are those of the ANOVA method of
 the AIAG manual Measurement Systems Analysis, 4th edition, chapter III B. Each calibration states its standard
-deviations. Comparison with the repeatability tests whether these are correct.
+deviations. A comparison of these with the repeatability shows whether they are correct.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ FEWEST_VALUES: Final = 2
 
 @dataclass(frozen=True)
 class Index:
-    """An index with its confidence interval."""
+    """A capability index, with the ends `low` and `high` of its confidence interval."""
 
     value: float
     low: float

@@ -22,12 +22,13 @@ from imucal.fleet.statistics.trends import months_of, without_trends
 
 __all__ = ["Shift", "Shifts", "common_shifts", "days_of"]
 
-# Probability that any shift is reported, over all stations, days and columns, if there is no shift.
+# Probability that any shift is reported if there is no shift, over all stations, days and columns (parameters
+# and figures of merit).
 FALSE_ALARM: Final = 0.001
 # Tukey's biweight gives no weight to residuals that are more than this number of standard deviations from the
-# location of the group. With this number, the biweight estimate of normally distributed values has the
-# efficiency 95 %: its variance is that of the mean, divided by 0.95 (Maronna et al., Robust Statistics,
-# 2006).
+# location of the group (a station, or a station on one day). With this number, the biweight estimate of
+# normally distributed values has the efficiency 95 %: its variance is that of the mean, divided by 0.95
+# (Maronna et al., Robust Statistics, 2006).
 BIWEIGHT: Final = 4.685
 EFFICIENCY: Final = 0.95
 BIWEIGHT_STEPS: Final = 15
@@ -35,8 +36,8 @@ BIWEIGHT_STEPS: Final = 15
 # deviation.
 BIWEIGHT_SETTLED: Final = 1e-6
 TINY: Final = np.finfo(float).tiny
-# At least this share of the units of a group must have a nonzero biweight, because a shift must be common to
-# most units.
+# At least this share of the units of a group must have a nonzero weight in the biweight estimate, because a
+# shift must be common to most units.
 COMMON: Final = 0.6
 # Minimum number of measurements of a station, or of a station on one day, for a test of their shift.
 FEWEST_OF_DAY: Final = 5

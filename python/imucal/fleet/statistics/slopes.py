@@ -109,7 +109,8 @@ def _joint(
 
     information = sum t^2 W - (sum t W) (sum W)^-1 (sum t W)
 
-    t is the time of a calibration, and W the inverse of its covariance.
+    The sums are over the calibrations of the unit. t is the time of a calibration, and W the inverse of the
+    covariance of this calibration.
     """
     picked = np.array([dated.names.index(name) for name in columns.names], dtype=np.intp)
     chi2 = np.full(len(rows), np.nan)

@@ -70,7 +70,8 @@ class Chart:
     centre         median of the values
     spread         standard deviation of the true values of the units: the estimate from the moving ranges
                    with the measurement noise subtracted
-    noise          rms of the standard deviations of the measurements
+    noise          rms of the standard deviations of the measurements; the spread is computed with their
+                   median
     signals        violated rules, in order of time
     serials, dates serial numbers and dates of the units
     values         measured values. For each value, `limits` is 3 standard deviations, computed from the

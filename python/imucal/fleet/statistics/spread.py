@@ -34,11 +34,11 @@ __all__ = ["MEDIAN_DEVIATION", "Spread", "spread_of"]
 ODD_WIDTH: Final = 10.0
 # Weight of the prior that units are normal, as a number of normal units.
 NORMAL_UNITS: Final = 20
-# Maximum number of iterations.
+# Maximum number of iterations of the fit.
 MOST_STEPS: Final = 200
 # Relative change of the variance at which the iteration ends.
 SETTLED: Final = 1e-9
-# Minimum number of units with a value.
+# Minimum number of units from which a spread is estimated.
 FEWEST_UNITS: Final = 3
 
 

@@ -15,7 +15,8 @@ __all__ = ["DAYS_PER_MONTH", "months_of", "without_trends"]
 DAYS_PER_MONTH: Final = 30.436875
 # A unit has a trend under two conditions. A fitted line reduces chi2 by at least EXPLAINED, and the remaining
 # chi2 per degree of freedom is at most LEFT_PER_DOF. A shift on one of three or more dates cannot meet both
-# conditions: if it is large enough for the first, a line fits it too badly for the second.
+# conditions, because a line fitted to a shift that is large enough for the first condition leaves more chi2
+# than the second condition allows.
 EXPLAINED: Final = 25.0
 LEFT_PER_DOF: Final = 4.0
 FEWEST_DATES: Final = 3

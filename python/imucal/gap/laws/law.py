@@ -39,7 +39,7 @@ class Law:
                       variables
     closed            share of the excess chi2 (chi2 beyond noise) that the law removes, for each kind of
                       residual on control or held-out data
-    nearest           effects of the catalogue with the largest log Bayes factors
+    nearest           effects of the catalogue with the largest log Bayes factors in the search without laws
     curve             curve of the law; None if the law depends on several variables
     """
 

@@ -20,9 +20,9 @@ from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["Form", "further_forms", "library", "refined"]
 
-# Some forms have a constant, such as a threshold. Trial values of the constant are these quantiles of the
-# law's input variable. For a rate, the quantiles are taken over the samples in motion, and for all other
-# variables over all samples.
+# Some forms that depend on the rate or force have a constant, such as the limit of a saturation. Trial values
+# of the constant are these quantiles of the magnitudes of the rate or force components. For the rate, the
+# quantiles are taken over the samples in motion, and for the force over all samples.
 SHARES: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9)
 # Trial values of a column at which a bias has a step, and of the temperature at which the slope of a bias
 # changes, as shares of the range of the column or temperature.

@@ -44,8 +44,8 @@ LEAST_BETTER: Final = 0.5
 LEAST_CLOSED: Final = 0.3
 # No law is searched if the unexplained residuals have one of these patterns, because a missing law does not
 # cause them. "between_sessions" means that the biases changed between sessions. "contradiction" means that
-# the stand contradicts the sensors, or that the recordings contradict the model. The others are faults of
-# the data.
+# the stand contradicts the sensors, or that the recordings contradict the model. The other two patterns are
+# faults of the data.
 NO_LAW: Final = ("between_sessions", "contradiction", "clock_irregular", "noise_grows_in_motion")
 # Maximum number of values in one linearisation, which has 18 values for each sample and formula. This number
 # of values takes 400 MB of memory.

@@ -120,9 +120,9 @@ const fn cubic(units: [&'static str; 3], typical: f64) -> [Parameter; 9] {
     by_degree([["x_square", "y_square", "z_square"], ["x_cube", "y_cube", "z_cube"]], units, typical)
 }
 
-/// For each axis, the coefficients of three consecutive powers of the temperature difference. `typical` is the typical
-/// size of the coefficients of the lowest power. `higher` contains the names of the coefficients of the two higher
-/// powers.
+/// Creates the nine parameters of an effect: for each axis, the coefficients of three consecutive powers of the
+/// temperature difference. `typical` is the typical size of the coefficients of the lowest power. `higher` contains the
+/// names of the coefficients of the two higher powers.
 pub(super) const fn by_degree(
     higher: [[&'static str; 3]; 2],
     units: [&'static str; 3],

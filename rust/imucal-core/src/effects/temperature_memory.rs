@@ -39,8 +39,9 @@
 use crate::effects::{EffectSet, Need, Sensor};
 use nalgebra::{RealField, convert};
 
-/// Time constant of the low-passes for rate and direction, s. They suppress the noise of a thermometer. The rate is
-/// delayed by twice this time. The temperature of a unit hardly changes in this time.
+/// Time constant of the low-passes of the temperature from which the rate of change and the direction are computed, s.
+/// The low-passes suppress the noise of the thermometer. The rate is delayed by twice this time. The temperature of a
+/// unit hardly changes in this time.
 pub const SMOOTHING_S: f64 = 0.5;
 /// Half of the temperature change that reverses the direction from -1 to 1 or back, in kelvin. The noise of a
 /// thermometer after the low-pass is smaller than this temperature change.

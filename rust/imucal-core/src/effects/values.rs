@@ -227,8 +227,8 @@ fn zeros<F: RealField + Copy>() -> Vector3<F> {
 
 /// Whether the iteration of a quantity (rate or force) has converged. It has converged if the last iteration changed
 /// the quantity (`change`) by no more than about a rounding error. `seen` is the largest absolute component of the
-/// quantity before the effects are removed. If no effect depends on the quantity (`counts` is false), any change is
-/// permitted.
+/// quantity before the effects are removed, and `effects` is the error that the effects add to the quantity. If no
+/// effect depends on the quantity (`counts` is false), any change is permitted.
 fn is_rounding<F: RealField + Copy>(counts: bool, change: &Vector3<F>, seen: F, effects: &Vector3<F>) -> bool {
     let rounding: F = convert::<f64, F>(16.0) * F::default_epsilon();
     let limit = rounding * (seen + largest(effects));

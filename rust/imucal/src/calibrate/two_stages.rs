@@ -38,7 +38,7 @@ pub(super) struct Gyroscope {
     /// forces at the adjacent rests. This part is independent between moves. The part due to the mean forces is not,
     /// because consecutive moves have a rest in common.
     pub(super) random_walk_rad: Vec<f64>,
-    /// Warnings about units and axes of the gyroscope.
+    /// Warnings about the unit of measurement and the axes of the gyroscope.
     pub(super) findings: Vec<Finding>,
 }
 
@@ -109,9 +109,9 @@ impl UnitData<'_> {
         }
     }
 
-    /// If one of the two fits fails for lack of motion, its error message names only the motion that this fit needs.
-    /// This function replaces this message by the message for rests and moves together, which names all motion that the
-    /// calibration needs.
+    /// If the accelerometer fit or the gyroscope fit fails for lack of motion, its error message names only the motion
+    /// that this fit needs. This function replaces this message by the message for rests and moves together, which
+    /// names all motion that the calibration needs.
     fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
         let Error::NotEnoughMotion(_) = &error else { return error };
         match self.joint_information(options) {

@@ -269,8 +269,8 @@ fn has_other_bias(recording: &Recording<'_>, rest: &Rest, bias: &Vector3<f64>) -
     recording.accel_unit == RawUnit::Si && along < VERTICAL * difference.norm()
 }
 
-/// Computes the variance of the mean rates of the epochs (parts) of one long rest, squared raw units; zero for a rest
-/// without epochs.
+/// Computes how much the mean rate varies from epoch to epoch (part to part) within one long rest: the variance,
+/// squared raw units. It is zero for a rest without epochs.
 fn rate_wander(epochs: &[Rest]) -> Vector3<f64> {
     let count = epochs.len().max(1) as f64;
     let mean = epochs.iter().map(|epoch| epoch.angular_rate.mean).sum::<Vector3<f64>>() / count;

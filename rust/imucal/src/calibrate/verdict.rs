@@ -51,8 +51,8 @@ impl Outcome {
         Verdict::of(reasons)
     }
 
-    /// Returns one reason for each prior that the recordings contradict. All priors of a given calibration have one
-    /// reason together.
+    /// Returns one reason for each prior that the recordings contradict. All priors that come from an earlier
+    /// calibration of the accelerometer share one reason.
     fn contradicted_priors(&self) -> Vec<Reason> {
         let sigmas = |held: &HeldEstimate| held.contradiction.unwrap_or_default();
         let of = |held: &HeldEstimate| Reason::PriorContradicted {

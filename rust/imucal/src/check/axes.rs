@@ -141,8 +141,9 @@ impl Cause {
     }
 }
 
-/// Returns the recommendation for a gyroscope whose axes differ from the axes of the accelerometer by `p`. It contains
-/// both classes of causes and the test that distinguishes them.
+/// Returns the recommendation for a gyroscope whose axes differ from the axes of the accelerometer by the signed
+/// permutation `p`. It contains the two possible causes (right-handed or left-handed accelerometer axes) and the test
+/// that distinguishes them.
 pub(super) fn recommendation(p: &SignedPermutation) -> String {
     let sign = |is_right: bool| if (p.sign_of[2] > 0.0) == is_right { "positive" } else { "negative" };
     let rate = format!("gyro_{}", NAMES[p.column_of[2]]);
@@ -260,7 +261,8 @@ mod tests {
         }
     }
 
-    /// For every P and both classes, each recommended option must align both sensors with one right-handed body.
+    /// For every signed permutation P and both possible causes (right-handed or left-handed accelerometer axes), each
+    /// recommended option must align both sensors with one right-handed body.
     #[test]
     fn every_recommended_option_gives_a_consistent_unit() {
         for p in SignedPermutation::all().filter(|p| !p.is_identity()) {

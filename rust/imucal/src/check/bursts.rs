@@ -17,12 +17,12 @@ const LONGEST_S: f64 = 2.0;
 /// For time stamps to be those of packets, the sum of the time steps between packets must exceed this share of the
 /// recording's duration.
 const SHARE_OF_TIME: f64 = 0.5;
-/// For time stamps to be those of packets, at least this share of the packets must have nearly the typical number of
+/// For time stamps to be those of packets, at least this share of the packets must have nearly the median number of
 /// samples. If samples are lost at random, the groups between long time steps have varying sizes, so this limit
 /// excludes random loss.
 const ALIKE: f64 = 0.9;
-/// A packet is typical if its number of samples differs from the typical number by at most this share of the typical
-/// number. A difference of one sample is always permitted.
+/// A packet has nearly the median number of samples if its number differs from the median by at most this share of the
+/// median. A difference of one sample is always permitted.
 const WITHIN: f64 = 0.25;
 
 /// Reports packet time stamps, with the finding `clock_irregular`; `None` if the stamps are not those of packets. The
@@ -40,8 +40,8 @@ pub(super) fn check(recording: &Recording) -> Option<Finding> {
     let mut sizes: Vec<f64> = starts.windows(2).map(|pair| (pair[1] - pair[0]) as f64).collect();
     let typical = median(&mut sizes);
     sizes.retain(|size| (size - typical).abs() <= (WITHIN * typical).max(1.0));
-    // The mean is used, because rounded time stamps may give packets of alternating sizes, for example 9 and 11
-    // samples.
+    // The reported size is the mean instead of the median, because rounded time stamps may give packets of alternating
+    // sizes, for example 9 and 11 samples.
     let size = sizes.iter().sum::<f64>() / sizes.len() as f64;
     let mut between: Vec<f64> = starts.iter().map(|&i| time_s[i] - time_s[i - 1]).collect();
     let share = between.iter().sum::<f64>() / (last_s - first_s);

@@ -108,7 +108,7 @@ fn lost(recording: &Recording<'_>, noise: f64) -> Option<Finding> {
 }
 
 /// Reports rows that repeat the previous row and were written in addition to the samples. Across an additional row,
-/// from the row before it to the row after it, the rate changes by one step of the motion instead of two.
+/// from the row before it to the row after it, the rate changes as in one sampling interval instead of two.
 fn additional(recording: &Recording<'_>, repeats: &Repeats, noise: f64) -> Option<Finding> {
     let count = repeats.reported()?;
     let rate = recording.angular_rate;

@@ -32,7 +32,7 @@ const COMMON_SHARE: f64 = 1.0 / 3.0;
 /// Reports up to four kinds of findings. `accel_units` and `gyro_units` (errors): an axis in SI units has an
 /// implausible gain. `gains_differ` (a warning): axes in counts have different gains. `gyro_common_gain` (a warning):
 /// all gyroscope axes in SI units have the same gain, and it differs from 1. `recording` is the first recording of the
-/// unit.
+/// calibrated device.
 pub fn check_gains(recording: &Recording, calibration: &Calibration<f64>) -> Vec<Finding> {
     let mut findings: Vec<Finding> = check_accelerometer_gains(recording, &calibration.accelerometer)
         .into_iter()

@@ -96,7 +96,8 @@ const Z_DOWN: &str = "pass axes='frd', which rotates accelerometer and gyroscope
 const Z_DOWN_ALONE: &str = "pass axes='frd', which rotates the accelerometer to x forward, y left, z up";
 const REVERSED: &str = "pass axes='accel=-x,-y,-z', which leaves the gyroscope as it is";
 
-/// Returns the text of the recommended action if the data do not show which of the two causes is present.
+/// Returns the text of the recommended action if the data do not show whether the z axes point down or the
+/// accelerometer has the reversed sign.
 fn ask() -> String {
     format!(
         "if the axes are FRD or NED (z down), {Z_DOWN}. If neither is known, turn the unit counter-clockwise as seen from \

@@ -21,7 +21,7 @@ impl Identical {
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         let is_recorded = |channel: usize| part.all_equal >> channel & 1 == 1;
         self.pairs.retain(|&[one, other]| is_recorded(one) && is_recorded(other));
-        // The first samples distinguish the channels of most recordings, so that no pair is left for the others.
+        // In most recordings, any two channels differ in the first samples, so no pair is left for the later samples.
         if self.pairs.is_empty() {
             return;
         }

@@ -20,9 +20,9 @@ use crate::finding::Finding;
 /// independent noise) is at least this value. It is between the values of independent recordings (up to 10) and of
 /// altered copies (from 20).
 const COPY_SIGMAS: f32 = 14.0;
-/// For two recordings to be copies, (largest correlation) / (largest correlation at distant lags) must also be at least
-/// this value. Periodic vibration in two independent recordings gives large correlations at many lags, so it does not
-/// reach this limit.
+/// For two recordings to be copies, their largest correlation must also be at least this multiple of the largest
+/// correlation at lags far from its own lag. Periodic vibration in two independent recordings gives large correlations
+/// at many lags, so it does not reach this limit.
 const UNIQUE: f32 = 2.0;
 /// For two recordings to be copies, their correlation without the contributions of short pulses
 /// ([`Transform::sigmas_without_pulses`]) must also be at least this value. The correlation was at most 4.4 for

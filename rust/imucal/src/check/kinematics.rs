@@ -22,9 +22,9 @@ use crate::recording::{RawUnit, Recording};
 const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
 /// The same limits for a gyroscope whose calibration has been applied.
 const CALIBRATED: [f64; 2] = [0.7, 1.4];
-/// The measured rates are too large by the factor 1 / (scale of P). A unit is recommended if the relative difference
-/// between this factor and the unit's conversion factor is below this value. An example of a conversion factor is 57.3
-/// for deg/s read as rad/s.
+/// The measured rates are too large by the factor 1 / (scale of P). A unit of measurement is recommended if the
+/// relative difference between this factor and its conversion factor is below this value. An example of a conversion
+/// factor is 57.3 for deg/s read as rad/s.
 const KNOWN: f64 = 0.25;
 /// The true P is nearly a rotation times a scale, so its singular values are nearly equal. If (smallest singular value
 /// of P) / (largest singular value of P) is below this value, the motion did not determine P, and no finding is
@@ -34,9 +34,9 @@ const WELL_DETERMINED: f64 = 0.1;
 /// axes. The share is usually 0.998 on a stand and 0.8 in hand-held moves. It is 0.5 if the rates are 0.6 s late and a
 /// move takes one second.
 const LEAST_EXPLAINED: f64 = 0.6;
-/// If the rates explain less than this share, the gyroscope may belong to another device or recording, and the
-/// calibration is refused. A gyroscope that is 0.8 s late in moves of one second is not refused, because its share is
-/// 0.12.
+/// If the rates explain less than this share of the changes of the gravity direction, the gyroscope may belong to
+/// another device or recording, and the calibration is refused. A gyroscope that is 0.8 s late in moves of one second
+/// is not refused, because its share is 0.12.
 const UNRELATED: f64 = 0.1;
 /// A finding names a signed permutation only if the correlation of P with it is at least this value (1: P equals the
 /// permutation; 0.97: P is rotated from it by 18 deg).
@@ -234,7 +234,7 @@ mod tests {
         assert!(judge(diagonal(1.0, f64::NAN, 1.0)).is_empty());
     }
 
-    /// If the gyroscope is late, the fitted P is too small, which looks like a wrong unit.
+    /// If the gyroscope is late, the fitted P is too small, which looks like a wrong unit of measurement.
     #[test]
     fn rates_that_do_not_follow_gravity_say_nothing_about_their_unit() {
         for (explained, severity) in [(0.3, Severity::Warning), (0.05, Severity::Error)] {

@@ -296,7 +296,7 @@ fn highest(tops: &[Peak]) -> Peak {
     Peak { elsewhere: others.fold(top.elsewhere, f32::max), ..top }
 }
 
-/// Weights of a Tukey window: one in the middle, with raised cosines at both ends.
+/// Weights of a Tukey window: the value 1 in the middle, and raised cosines at both ends.
 fn taper(length: usize) -> Vec<f32> {
     let edge = (TAPER * length as f64) as usize;
     let weight = |i: usize| {

@@ -18,8 +18,9 @@ const SHARE_OF_REACH: f64 = 0.8;
 /// Lowest rail (value at which an axis is clipped) of an accelerometer that may have no noise at rest, as a multiple of
 /// the median norm of the specific force, which is 1 g. Below this value, a plateau may be a rest without noise.
 const LOWEST_RAIL_G: f64 = 1.3;
-/// If at most this share of the consecutive samples of an axis is equal away from its extreme values, the noise of the
-/// axis is several steps of the converter. A plateau at any extreme value of this axis is then a rail.
+/// If at most this share of the pairs of consecutive samples of an axis are equal, the noise of the axis is several
+/// steps of the converter. A plateau at any extreme value of this axis is then a rail. Pairs that begin at an extreme
+/// value are not counted.
 const FEW_EQUAL: f64 = 0.1;
 /// Two rails belong to one measurement range if the relative difference of their distances from the zero reading is
 /// below this value.
@@ -143,9 +144,10 @@ fn finding(
 ///   `lowest_over_median` times the median norm of the rows, unless the noise of the axis is several steps of the
 ///   converter.
 ///
-/// Other powers of two are no evidence of a rail, because common accelerometers read 2048 or 16384 counts at 1 g. For
-/// each axis, `ends` contains the lowest and the highest of all values. `held` contains the lowest and the highest of
-/// the values that the axis repeats in at least `PLATEAU` consecutive samples.
+/// A sample at the end of a shorter number range, such as 2048 or 16384 counts, is no evidence of a rail, because
+/// common accelerometers read these counts at 1 g. For each axis, `ends` contains the lowest and the highest of all
+/// values. `held` contains the lowest and the highest of the values that the axis repeats in at least `PLATEAU`
+/// consecutive samples.
 fn triad_rails(
     rows: Samples<'_>,
     unit: RawUnit,
@@ -321,7 +323,7 @@ mod tests {
         assert_eq!(findings[0].columns, ["accel_y"]);
     }
 
-    /// The range ends below 1 g, so the axis has one constant value in whole rests.
+    /// The measurement range ends below 1 g, so the axis has one constant value in whole rests.
     #[test]
     fn an_accelerometer_that_is_clipped_at_rest_is_named() {
         for step in [1e-4, 0.005] {

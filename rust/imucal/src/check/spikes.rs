@@ -13,7 +13,7 @@ const MOST: usize = 64;
 const STANDS_OUT: f64 = 10.0;
 /// The neighbours of a spike agree with each other: they differ by at most this share of the height of the spike.
 const AGREE: f64 = 0.1;
-/// Number of largest steps that decide on the spikes: two steps for each spike, and the largest step beside them.
+/// Number of largest steps that decide on the spikes: two steps for each spike, and the largest of all other steps.
 const STEPS: usize = 2 * MOST + 1;
 
 /// The largest steps of each channel. A step is the difference between consecutive samples.
@@ -47,8 +47,8 @@ impl Largest {
         }
     }
 
-    /// The samples with spikes in ascending order, the height of the lowest spike, and the largest step beside the
-    /// spikes. `None` if there is no spike.
+    /// The samples with spikes in ascending order, the smallest step to or from a spike, and the largest of all other
+    /// steps. `None` if there is no spike.
     fn spikes(&mut self) -> Option<(Vec<usize>, f64, f64)> {
         self.shorten();
         let size = |k: usize| self.steps[k].0.abs();
@@ -69,7 +69,7 @@ impl Spikes {
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         let first = part.samples.start.max(1);
         for (rows, channels) in part.triads_and_before().into_iter().zip(self.channels.as_chunks_mut::<3>().0) {
-            // Most blocks have no large step. This loop has no branches, so the compiler can vectorise it.
+            // Most blocks (`Part`) have no large step. This loop has no branches, so the compiler can vectorise it.
             let floors: [f64; SIDE_BY_SIDE] = std::array::from_fn(|k| channels[k % 3].floor);
             let mut is_large = [false; SIDE_BY_SIDE];
             each_step(rows, |k, before, after| is_large[k] |= (after - before).abs() > floors[k]);
@@ -143,7 +143,7 @@ mod tests {
         for (force_step, rate_step) in [(1e-4, 1e-5), (0.06, 0.009), (1.0, 0.2)] {
             let mut columns = Columns::tumbling().quantised(force_step, rate_step);
             assert!(found(&columns).is_none(), "{force_step}");
-            // 256 is the first sample of a block of the survey, and 3000 is in the middle of a rest.
+            // 256 is the first sample of a block (`Part`), and 3000 is in the middle of a rest.
             for (i, height) in [(256, 10.0), (1234, -12.0), (3000, 10.0)] {
                 columns.rate[i][2] += height;
             }

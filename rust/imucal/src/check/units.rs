@@ -22,7 +22,7 @@ const FASTEST_RADPS: f64 = 140.0;
 /// Largest plausible bias of a MEMS gyroscope, rad/s (57 deg/s).
 const LARGEST_BIAS_RADPS: f64 = 1.0;
 /// Within a rest, the mean rate is regarded as a bias if (standard deviation of the rate) / (norm of the mean rate) is
-/// below this limit. If the unit is moved to and fro, the ratio is above the limit.
+/// below this limit. If the device is moved to and fro, the ratio is above the limit.
 const STEADY: f64 = 0.3;
 /// A sensor may measure gravity if the lower and the upper quartile of the norm of its readings are within these
 /// multiples of the median norm. The norm of angular rates varies far more, because recordings contain rests and moves.
@@ -85,8 +85,8 @@ pub(super) struct Lengths {
 }
 
 impl Lengths {
-    /// Counts the accelerometer samples of a block if the accelerometer is in SI units. The limits of the norm are
-    /// [`WITH_MOVES`] times standard gravity.
+    /// Counts the accelerometer samples of the block `part` if the accelerometer is in SI units. The limits of the norm
+    /// are [`WITH_MOVES`] times standard gravity.
     #[inline(always)]
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         if part.recording.accel_unit == RawUnit::Si {
@@ -296,7 +296,7 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
     })
 }
 
-/// Recommendation for the case that only these axes of the gyroscope are in another unit; empty for no or all axes.
+/// Recommendation for the case that only the gyroscope axes `axes` are in another unit; empty for no axis or all three.
 pub(super) fn if_only(axes: &[&str]) -> String {
     match axes.len() {
         1 | 2 => format!("; if only {} has another unit, convert it to the unit of the others", axes.join(" and ")),
@@ -305,7 +305,7 @@ pub(super) fn if_only(axes: &[&str]) -> String {
 }
 
 /// Reports `gyro_units` for a gyroscope whose bias is too large for any MEMS gyroscope. A bias is steady within a rest.
-/// If a large rate varies within a rest, the unit was moved, and the rate is no evidence of a wrong unit.
+/// If a large rate varies within a rest, the device was moved, and the rate does not show a wrong unit of measurement.
 fn biased(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
     if recording.gyro_unit != RawUnit::Si {
         return None;

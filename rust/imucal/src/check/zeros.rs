@@ -17,7 +17,7 @@ impl Zeros {
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         let [no_force, no_rate] =
             [part.recording.specific_force, part.recording.angular_rate].map(|rows| rows.is_absent());
-        // A gyroscope alone may read zero at rest, so its zeros are no evidence of a lost sample.
+        // Without an accelerometer, zeros are no evidence of a lost sample, because a gyroscope may read zero at rest.
         if no_force {
             return;
         }

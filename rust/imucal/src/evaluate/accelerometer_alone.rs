@@ -31,7 +31,7 @@ pub fn evaluate_accelerometer(
     min_rest_s: f64,
 ) -> Result<Evaluation, Error> {
     let recordings: Vec<Recording<'_>> = recordings.iter().map(Recording::accelerometer_alone).collect();
-    // A calibration needs two triads. The second one is the identity, because no gyroscope is used below.
+    // A calibration needs two triads. The gyroscope triad is the identity; the evaluation below does not use it.
     let calibration = Calibration::new(*accelerometer, Triad::identity());
     let nominal = as_it_comes(&calibration, &recordings);
     let before = judge(&nominal, None, &recordings, gravity_mps2, min_rest_s)?;

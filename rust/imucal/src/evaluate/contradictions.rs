@@ -1,5 +1,6 @@
-//! Checks whether units, axes and time stamps of control recordings agree with a calibration. These are the checks for
-//! which [`calibrate`](mod@crate::calibrate) refuses a recording. The evaluation reports them beside its verdict.
+//! Checks whether units, axes and time stamps of control recordings agree with a calibration.
+//! [`calibrate`](mod@crate::calibrate) refuses a recording that fails one of these checks. The evaluation reports a
+//! failed check as a warning, in addition to its verdict.
 
 use std::ops::Range;
 
@@ -17,7 +18,7 @@ use crate::rests::moves::Move;
 /// Returns warnings about units, axes and time stamps that make `evaluation` poor or meaningless.
 ///
 /// `judged` are the recordings whose samples `triads` convert to the true quantities: the measured `recordings`, or the
-/// corrected ones.
+/// already corrected recordings.
 pub(super) fn contradictions(
     recordings: &[Recording<'_>],
     (judged, triads): (&[Recording<'_>], &Calibration<f64>),
@@ -49,7 +50,8 @@ fn of_motion(
     let usable = |m: &&MoveReport| m.recording == index && m.excluded.is_none();
     let moves: Vec<Move> = evaluation.moves.iter().filter(usable).map(|m| as_move(m, recording)).collect();
     let own: Vec<_> = evaluation.rests.iter().filter(|rest| rest.recording == index).collect();
-    // The bias is that of this recording, because rates in wrong units have another bias than the calibration states.
+    // The gyroscope bias is estimated from the rests of this recording. The bias of the calibration is not used,
+    // because it does not apply to rates in wrong units.
     let bias = Vector3::from_fn(|axis, _| {
         median(&mut own.iter().map(|rest| rest.mean_angular_rate[axis]).collect::<Vec<f64>>())
     });

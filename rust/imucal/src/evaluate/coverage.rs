@@ -12,23 +12,25 @@ use crate::recording::Recording;
 /// errors of most uncalibrated sensors. A single move about the axis is sufficient to show so large an error.
 const TESTED_SCALE: f64 = 0.05;
 /// Error of the bias of an accelerometer axis that control recordings must be able to show, m/s^2. At a rest with this
-/// axis vertical it has the same size as the scale error.
+/// axis vertical, this bias error changes the measured force as much as the scale error [`TESTED_SCALE`] does.
 const TESTED_BIAS_MPS2: f64 = TESTED_SCALE * STANDARD_GRAVITY_MPS2;
-/// A change of the residuals is visible if the norm of the changes is larger than this value. Each change is divided by
-/// the standard deviation of its residual due to noise.
+/// An error of the calibration is visible if it changes the residuals such that the norm of all changes is larger than
+/// this value. Each change is divided by the standard deviation of its residual due to noise.
 const VISIBLE: f64 = 5.0;
-/// An axis takes part in an error if its share of the squared error is at least this value.
+/// An axis takes part in a linear combination of errors if the squared coefficients of the errors of this axis add up
+/// to at least this value. The squared coefficients of all errors add up to one.
 const LEAST_SHARE: f64 = 0.1;
 
 impl Judged<'_> {
     /// Finds the axes of the accelerometer and of the gyroscope that the residuals do not test. These axes take part in
-    /// an error of the calibration that would change the residuals by less than [`VISIBLE`]. The errors are:
+    /// an error of the calibration, or in a linear combination of such errors, that would change the residuals by less
+    /// than [`VISIBLE`]. The errors are:
     ///
-    /// * scales and biases of the accelerometer, also together: a scale and a bias may compensate each other if no axis
-    ///   points down and up,
-    /// * scales of the gyroscope, also together,
-    /// * the response of all gyroscope axes to rotation about one direction. Without rotation about a direction, it may
-    ///   be arbitrarily wrong.
+    /// * scales and biases of the accelerometer: a scale error and a bias error of an axis may compensate each other
+    ///   unless the axis points up at one rest and down at another,
+    /// * scales of the gyroscope,
+    /// * the response of all gyroscope axes to rotation about one direction. Without rotation about this direction, the
+    ///   response may be arbitrarily wrong.
     pub(super) fn untested_axes(&self) -> [Vec<usize>; 2] {
         [self.untested_forces(), self.untested_rotations()]
     }
@@ -47,8 +49,8 @@ impl Judged<'_> {
     }
 
     fn untested_rotations(&self) -> Vec<usize> {
-        // Changes of the residuals of a move for errors of the response of gyroscope axis a to rotation about axis j:
-        // row r, column a of entry j.
+        // For each move and each axis j, a matrix. Its entry in row r and column a is the change of direction residual
+        // r of the move if the response of gyroscope axis a to rotation about axis j has the error `TESTED_SCALE`.
         let changes: Vec<[Matrix2x3<f64>; 3]> = self
             .moves
             .iter()
@@ -70,7 +72,8 @@ impl Judged<'_> {
     }
 }
 
-/// The accelerometer with one of six errors: the first three are errors of scales, the others of biases.
+/// Returns the accelerometer with an error of one axis. The values 0 to 2 of `error` select the scale error of axis x,
+/// y or z, and the values 3 to 5 select the bias error of axis x, y or z.
 fn with_error(triad: &Triad<f64>, error: usize) -> Option<Triad<f64>> {
     let (mut scale, mut bias) = (Vector3::repeat(1.0), Vector3::zeros());
     match error {
@@ -81,9 +84,9 @@ fn with_error(triad: &Triad<f64>, error: usize) -> Option<Triad<f64>> {
     Triad::try_new(sensitivity, triad.bias() + triad.sensitivity() * bias).ok()
 }
 
-/// Axes that take part in the combinations of errors that change the residuals by less than [`VISIBLE`]. `changes` has
-/// the changes of all residuals for each error. The squares of the errors in a combination add up to one. Error k
-/// belongs to axis k modulo 3.
+/// Axes that take part in the linear combinations of errors that change the residuals by less than [`VISIBLE`].
+/// `changes` contains, for each error, the changes of all residuals. The squared coefficients of a combination add up
+/// to one. Error k belongs to axis k modulo 3.
 fn axes_of_invisible(changes: &[Vec<f64>]) -> Vec<usize> {
     let dot = |a: usize, b: usize| changes[a].iter().zip(&changes[b]).map(|(a, b)| a * b).sum::<f64>();
     let normal = DMatrix::from_fn(changes.len(), changes.len(), dot);
@@ -104,10 +107,12 @@ mod tests {
 
     #[test]
     fn errors_that_compensate_each_other_are_invisible() {
-        // Two residuals show the sum of the first two errors and the third one.
+        // The first residual shows the sum of the first two errors, and the second residual shows the third error.
         let changes = [vec![10.0, 0.0], vec![10.0, 0.0], vec![0.0, 10.0]];
         assert_eq!(axes_of_invisible(&changes), [0, 1]);
-        // A third residual shows their difference: the change is 10 / sqrt(2) for a difference of size one.
+        // A third residual shows the difference of the first two errors. For the linear combination with the
+        // coefficients 1 / sqrt(2) and -1 / sqrt(2), this residual changes by 10.2 / sqrt(2) = 7.2, which is above
+        // `VISIBLE`.
         let seen = [vec![10.0, 0.0, 5.1], vec![10.0, 0.0, -5.1], vec![0.0, 10.0, 0.0]];
         assert!(axes_of_invisible(&seen).is_empty());
         let faint = [vec![10.0, 0.0, 3.4], vec![10.0, 0.0, -3.4], vec![0.0, 10.0, 0.0]];

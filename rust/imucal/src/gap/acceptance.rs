@@ -30,7 +30,7 @@ const CERTAIN_NATS: f64 = 8.0;
 /// effects that are functions of time.
 const LEAST_IMPROVEMENT: f64 = 0.5;
 /// As [`LEAST_IMPROVEMENT`], for chi2 of all unseen residuals together, if the fits use kinds of residuals that their
-/// effects do not need. These residuals may show errors of the stand, which are not in other recordings.
+/// effects do not need. The threshold is larger, because an effect may fit errors of the stand in these residuals.
 const LEAST_IMPROVEMENT_BY_MORE: f64 = 1.0;
 /// The share [`EffectShare::closed`] = decrease of chi2 / excess of chi2 over noise is computed only if chi2 of unseen
 /// data without effects exceeds this multiple of its expected value. At smaller multiples, the excess is too small to
@@ -183,8 +183,8 @@ impl Fits<'_> {
     /// effects, all selected effects are accepted.
     ///
     /// `before` is the first fit without effects, and `reference` the fit without effects that uses the same kinds of
-    /// residuals as the fits with effects. If these are not the kinds of `before`, every effect must improve the
-    /// prediction of unseen data significantly, and effects are not accepted together.
+    /// residuals as the fits with effects. If these fits use more kinds of residuals than `before`, effects with much
+    /// evidence must also improve the prediction of unseen data, and effects are not accepted together.
     pub(super) fn accept_selected(
         &mut self,
         before: &Rc<Fit>,

@@ -25,10 +25,10 @@ const SIGNIFICANT: f64 = 25.0;
 /// Time-stamp errors are ignored if they increase the noise variance of the angular rate inside moves by less than this
 /// fraction.
 const HARMLESS: f64 = 0.1;
-/// A fault explains the residuals of moves if the variance that it adds to the noise of the rates is at least this
-/// share of the excess variance of these residuals, both as multiples of the noise variance. Wrong sampling instants
-/// and white noise increase both variances about equally. The share is small because the largest errors of the rates
-/// are left out as outliers ([`JUMP`]).
+/// A fault explains the residuals of moves if the variance that it adds to the rates is at least this share of the
+/// excess variance of the residuals. Each variance is in multiples of its noise variance. Wrong sampling instants and
+/// white noise increase the two variances about equally. The share is small because the largest errors of the rates are
+/// left out as outliers ([`JUMP`]).
 const EXPLAINS: f64 = 0.25;
 /// Half-width of the five-point stencil of a fourth difference, samples.
 const REACH: usize = 2;
@@ -125,7 +125,7 @@ impl Differences {
 
     /// Reports time stamps that differ from the true sampling instants. This fault is detected if evenly spaced
     /// sampling instants explain the angular rates better than the time stamps do. `least_excess` is the smallest
-    /// variance of the errors that is reported, as a multiple of the noise variance.
+    /// variance of the resulting rate errors that is reported, as a multiple of the noise variance.
     fn stamp_fault(&self, recording: &Recording<'_>, least_excess: f64) -> Option<Finding> {
         // Expected value of each fourth difference, in standard deviations of the noise, if the samples were taken at
         // the recorded, uneven time stamps. If they were taken at even intervals, the expected value is zero.
@@ -251,8 +251,8 @@ fn fourth_difference(value: impl Fn(usize) -> f64) -> f64 {
     (value(0) - 4.0 * value(1) + 6.0 * value(2) - 4.0 * value(3) + value(4)) / FOURTH
 }
 
-/// Threshold above which a fourth difference is an outlier, for each axis, computed from the median of all fourth
-/// differences; `None` if there are no differences.
+/// Threshold above which the magnitude of a fourth difference is an outlier, for each axis. It is computed from the
+/// median of these magnitudes; `None` if there are no fourth differences.
 fn noise_limits(differences: &[Vector3<f64>]) -> Option<Vector3<f64>> {
     let limit = |axis: usize| {
         let mut sizes: Vec<f64> = differences.iter().map(|difference| difference[axis].abs()).collect();

@@ -37,7 +37,7 @@ pub(crate) struct Design {
     /// Gram matrices (products of Jacobian columns), one for each group of residuals. Products of two columns from
     /// different candidate effects are NaN until one of these effects has been added to the model.
     pub(crate) gram: Gram,
-    /// Jacobian columns of the model's parameters, in the order base parameters, effects, stand parameters.
+    /// Jacobian columns of the model: base parameters (sensitivities and biases), effects, stand parameters.
     pub(crate) model: Vec<Column>,
     pub(crate) candidates: Vec<Candidate>,
     pub(crate) residual: Vec<f64>,

@@ -15,29 +15,32 @@ pub(crate) const FALSE_ALARM: f64 = 0.003;
 /// Probability of detection that defines the detection limit.
 const POWER: f64 = 0.9;
 
-/// Step of the table of probabilities, in the square root of the non-centrality.
+/// Step of the tables of detection probabilities. The argument of a table is the square root of the non-centrality of
+/// chi2.
 const STEP: f64 = 1.0 / 16.0;
-/// Largest square root of the non-centrality in the table. The threshold of the test grows with the number of
+/// Largest square root of the non-centrality in a table. The threshold of the test grows with the number of
 /// parameters, and no effect has enough parameters to need a larger value.
 const MOST: f64 = 32.0;
-/// The table ends at this probability. Larger non-centralities are detected with certainty.
+/// A table ends at this probability of detection. Larger non-centralities are detected with certainty.
 const CERTAIN: f64 = 1.0 - 1e-6;
-/// Number of directions over which the probability of detection is averaged. The average is accurate enough for a limit
-/// within 1 %.
+/// Number of directions in the space of an effect's parameters over which the probability of detection is averaged.
+/// With this number, the detection limit is accurate to 1 %.
 const DIRECTIONS: usize = 512;
-/// The size grows by this factor until the effect is detected with the probability [`POWER`].
+/// The search for the detection limit first multiplies the rms size of the parameters by this factor until the effect
+/// is detected with at least the probability [`POWER`].
 const GROWTH: f64 = 1.25;
-/// The root search ends if the relative change of the size is below this value.
+/// The root search ends if the relative change of the rms size in a step is below this value.
 const LAST_STEP: f64 = 1e-4;
 
 /// Detection limits of a family of chi2 tests. The tables are computed when first needed.
 pub(crate) struct Detection {
     tests: usize,
-    /// Probability of detection by degrees of freedom, at multiples of [`STEP`].
+    /// For each number of degrees of freedom: the probabilities of detection at the square roots 0, [`STEP`],
+    /// 2 [`STEP`], ... of the non-centrality.
     powers: BTreeMap<usize, Vec<f64>>,
 }
 
-/// Squared components of unit vectors by number of parameters. They are the same in all searches.
+/// For each number of parameters: the result of [`squared_directions`]. It is the same in all searches.
 static SQUARED_DIRECTIONS: Mutex<BTreeMap<usize, Vec<f64>>> = Mutex::new(BTreeMap::new());
 
 impl Detection {
@@ -53,7 +56,7 @@ impl Detection {
     pub(crate) fn limit(&mut self, information: &[f64], dof: usize) -> f64 {
         let powers = self.powers.entry(dof).or_insert_with(|| powers(dof, self.tests));
         let count = information.len();
-        // The table is complete or absent even if another thread has panicked.
+        // A poisoned lock is used, because each entry is complete or absent even if another thread has panicked.
         let mut known = SQUARED_DIRECTIONS.lock().unwrap_or_else(PoisonError::into_inner);
         let directions = known.entry(count).or_insert_with(|| squared_directions(count));
         let mut information: Vec<f64> = information.iter().map(|value| value.max(0.0)).collect();
@@ -65,7 +68,8 @@ impl Detection {
         let of = |squares: &[f64]| information.iter().zip(squares).map(|(a, b)| a * b).sum::<f64>();
         let roots: Vec<f64> = directions.chunks(count).map(|each| (count as f64 * of(each)).sqrt()).collect();
         let power = |size: f64| roots.iter().map(|root| at(powers, size * root)).sum::<f64>() / roots.len() as f64;
-        // With equal eigenvalues the limit is `single / total.sqrt()`.
+        // `single` is the smallest square root of the non-centrality in the table at which the probability reaches
+        // [`POWER`]. With equal eigenvalues, the limit is about `single / total.sqrt()`, so the search starts there.
         let mut low = [0.0, -POWER];
         let mut high = [single / total.sqrt(), 0.0];
         high[1] = power(high[0]) - POWER;
@@ -74,7 +78,8 @@ impl Detection {
             high[0] *= GROWTH;
             high[1] = power(high[0]) - POWER;
         }
-        // The Illinois method: the secant through both ends, with the excess of an end that stays halved.
+        // The Illinois method (a modified regula falsi): the secant through both ends of the interval. After each step,
+        // the excess probability at the end that is kept is halved.
         let mut at = high[0];
         loop {
             let next = high[0] - high[1] * (high[0] - low[0]) / (high[1] - low[1]);
@@ -118,7 +123,7 @@ fn at(powers: &[f64], root: f64) -> f64 {
 /// normalised normal deviates, from a sequence of low discrepancy (M. Roberts, "The unreasonable effectiveness of
 /// quasirandom sequences", 2018).
 fn squared_directions(count: usize) -> Vec<f64> {
-    /// Enough for the fixed point to converge to the rounding error.
+    /// Number of fixed-point iterations that compute `base`. It is large enough for convergence to the rounding error.
     const ITERATIONS: usize = 64;
     let normal = Normal::standard();
     let base = (0..ITERATIONS).fold(2.0_f64, |base, _| (1.0 + base).powf(1.0 / (count + 1) as f64));
@@ -195,12 +200,13 @@ mod tests {
     #[test]
     fn a_limit_is_an_average_over_the_directions() {
         let mut detection = Detection::new(30);
-        // With equal information the direction does not matter, and the limit is that of one parameter with the sum.
+        // With equal information about all parameters the direction does not matter, and the limit is that of one
+        // parameter with the sum of the information.
         let equal = detection.limit(&[1.0; 3], 3);
         let single = detection.limit(&[3.0], 3);
         assert!((equal - single).abs() < 1e-4 * single, "{equal} {single}");
         assert!((detection.limit(&[4.0; 3], 3) - equal / 2.0).abs() < 1e-4 * equal);
-        // The same sum of information in one direction: the limit over the root of the sum would be `equal`.
+        // With the same sum of information, but mostly about one parameter, the limit is larger than `equal`.
         // Reference: scipy.stats.ncx2 and 4e6 random directions.
         let unequal = detection.limit(&[2.8, 0.1, 0.1], 3);
         assert!((unequal / equal - 2.13526).abs() < 0.01 * 2.13526, "{}", unequal / equal);

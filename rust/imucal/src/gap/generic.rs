@@ -60,8 +60,7 @@ impl Block {
     }
 }
 
-/// Combinations of sensor parameter (block) and kernel that are tested if accelerometer samples inside moves are not
-/// used.
+/// Pairs of sensor parameter (block) and kernel that are tested if accelerometer samples inside moves are not used.
 const ALL: [(Block, Kernel); 22] = {
     use Block::{AccelerometerBias, AccelerometerScale, GyroscopeBias, GyroscopeScale};
     use Kernel::{Attitude, Force, GravityDirection, Heading, LastMotion, RandomWalk, Rate, Session, Temperature};
@@ -90,8 +89,9 @@ const ALL: [(Block, Kernel); 22] = {
         (AccelerometerScale, Session),
     ]
 };
-/// Combinations that are tested if accelerometer samples inside moves are used. Inside moves, the accelerometer bias
-/// may depend on the angular rate. The combination of accelerometer bias and rate is therefore added to [`ALL`].
+/// Pairs of sensor parameter (block) and kernel that are tested if accelerometer samples inside moves are used. Inside
+/// moves, the accelerometer bias may depend on the angular rate. The pair of accelerometer bias and rate is therefore
+/// added to [`ALL`].
 const INSIDE: [(Block, Kernel); ALL.len() + 1] = {
     let mut all = [(Block::AccelerometerBias, Kernel::Rate); ALL.len() + 1];
     let mut k = 0;

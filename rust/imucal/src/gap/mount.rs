@@ -183,6 +183,7 @@ struct Residuals<'a> {
 struct Step {
     /// Index of the first rest after the rotation.
     first: usize,
+    /// Angle of the rotation, rad.
     turn_rad: f64,
     /// chi2(without step) / chi2(with step).
     factor: f64,

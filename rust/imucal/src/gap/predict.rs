@@ -57,7 +57,7 @@ impl Gain {
 
 /// Residuals and Jacobian for a cross-validation, which divides their rows into folds.
 pub(crate) struct Held<'a> {
-    /// Jacobian of a design, one column for each parameter, without the residual.
+    /// Jacobian of a design (a linearised model), one column for each parameter, without the residual.
     pub(crate) columns: &'a Mat<f64>,
     pub(crate) residual: &'a [f64],
     pub(crate) gram: &'a Gram,

@@ -3,10 +3,11 @@
 //! depends.
 //!
 //! A channel consists of all residuals of one kind on one body axis. A channel, a rest or a move is significant if the
-//! chi2 of its residuals exceeds a threshold. With noise as the only error, the probability that any channel is
-//! significant is 0.1 %. The same holds for the rests and for the moves. Dependence is tested by linear regression of a
-//! channel on each [`Regressor`]. Let `r` be the share of the sum of squares over `n` rests or moves that the
-//! regression explains. Under the null hypothesis of no dependence, `-n ln(1 - r)` has a chi2 distribution.
+//! chi2 of its residuals exceeds a threshold. With noise as the only error, the probability is 0.1 % that any channel
+//! is significant, 0.1 % that any rest is significant, and 0.1 % that any move is significant. Dependence is tested by
+//! linear regression of a channel on each [`Regressor`]. Let `r` be the share of the sum of squares over `n` rests or
+//! moves that the regression explains. Under the null hypothesis of no dependence, `-n ln(1 - r)` has a chi2
+//! distribution with one degree of freedom for each independent component of the regressor.
 
 use std::collections::HashMap;
 
@@ -65,8 +66,8 @@ pub struct ChannelResidual {
     pub times_noise: f64,
     /// Whether chi2 of the channel exceeds the significance threshold.
     pub is_significant: bool,
-    /// `times_noise` for the second calibration. If there is no second calibration, it equals `times_noise`. `None` if
-    /// the model contains effects for which samples cannot be corrected.
+    /// `times_noise` for the second calibration (`after` in [`residuals_by_place`]). If there is no second calibration,
+    /// it equals `times_noise`. `None` if the model contains effects for which samples cannot be corrected.
     pub times_noise_after: Option<f64>,
 }
 
@@ -79,7 +80,7 @@ pub struct Dependence {
     pub axis: Option<usize>,
     /// The quantity that the residuals depend on.
     pub regressor: Regressor,
-    /// Share of the sum of squares about the mean that the regression explains, between 0 and 1.
+    /// Share that the regression explains of the sum of squares of the residuals about their mean, between 0 and 1.
     pub share: f64,
     /// p-value of `share` under the null hypothesis of no dependence.
     pub p_value: f64,

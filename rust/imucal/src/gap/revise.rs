@@ -17,9 +17,9 @@ use crate::joint::Prepared;
 use crate::numerics::stats::p_value;
 
 /// Threshold of differences in log posterior odds (log evidence + log prior odds), nats. A candidate is a rival of the
-/// selected effect if its log posterior odds are smaller by less than this threshold. An alias replaces an effect, and
-/// a form with more parameters replaces a form with fewer, if its log posterior odds are larger by more than this
-/// threshold. 3 nats are odds of 20 to 1.
+/// selected effect if its log posterior odds are smaller by less than this threshold. An alias (an effect that causes
+/// nearly the same residuals) replaces an effect, and a form with more parameters replaces a form with fewer, if its
+/// log posterior odds are larger by more than this threshold. 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
 /// Maximum p-value of an effect, from the likelihood ratio of the models with and without the effect. An effect with a
 /// larger p-value is superfluous and is removed.

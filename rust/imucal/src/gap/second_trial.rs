@@ -1,8 +1,8 @@
 //! Tries refused effects again with all residuals of the search (docs/decisions/0058).
 //!
-//! On a stand, the search uses the force inside moves and, with encoders, the angles of the stand. The fits use these
-//! kinds of residuals only for effects that are not observable without them. Other effects may be observable, but
-//! hardly determined.
+//! On a stand, the search also uses residuals of the specific force inside moves and, with encoders, residuals of the
+//! stand's angles. The fits that follow the search use these kinds of residuals only for effects that are not
+//! observable without them. Other effects may be observable without them, but with a large uncertainty.
 
 use std::rc::Rc;
 
@@ -14,9 +14,10 @@ use crate::calibrate::Kinds;
 use crate::error::Error;
 
 impl Fits<'_> {
-    /// Accepts or refuses the effects that the search has selected. If an effect is refused that the residuals of the
-    /// fits may hardly determine, all selected effects are tried again with fits that use all kinds of residuals of the
-    /// search. The result of the second trial is used if it contains further effects in addition to those of the first.
+    /// Accepts or refuses the effects that the search has selected. If an effect is refused, perhaps because the
+    /// residuals of the fits hardly determine it, all selected effects are tried again with fits that use all kinds of
+    /// residuals of the search. The result of this second trial is used if it contains all effects that the first trial
+    /// accepted, and further effects.
     pub(super) fn accept(&mut self, before: &Rc<Fit>, search: &Search) -> Result<Accepted, Error> {
         let first = self.accept_selected(before, before, &search.path)?;
         let Some(kinds) = kinds_of_second_trial(&first, search) else { return Ok(first) };
@@ -32,11 +33,11 @@ impl Fits<'_> {
     }
 }
 
-/// The kinds of residuals of a second trial; `None` if there is no reason for one. There is none if an effect that is a
-/// function of time was refused, because the search is then repeated. There is none with `earth_rate`, whose magnitude
-/// was tested in a fit that does not use these residuals.
+/// The kinds of residuals of a second trial; `None` if no second trial is made. No second trial is made if an effect
+/// that is a function of time was refused, because the search is then repeated. It is also not made if the search
+/// selected `earth_rate`, because the magnitude of this rate was tested in a fit without the additional residuals.
 fn kinds_of_second_trial(first: &Accepted, search: &Search) -> Option<Kinds> {
-    // Without accelerometer samples, or with a stand that deviates from its model, the search does not use the kind.
+    // The kinds are those of the search. The stand's angles are left out if the stand deviates from its model.
     let is_of_stand = search.scattering_rests.is_some_and(|(name, ..)| name.starts_with("stand"));
     let kinds = Kinds { encoders: search.kinds.encoders && !is_of_stand, ..search.kinds };
     let is_undetermined = first.refused.iter().any(Refusal::may_be_undetermined)

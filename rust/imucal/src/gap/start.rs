@@ -76,7 +76,7 @@ impl ForwardSearch<'_> {
     }
 
     /// Whether the specific force inside the moves of any recording contains accelerations by a hand. This is assumed
-    /// if no combination of effects explains the scatter of the force.
+    /// if all candidate effects together do not explain the scatter of the force.
     fn seems_hand_moved(
         &mut self,
         prepared: &Prepared<'_>,
@@ -113,7 +113,7 @@ impl ForwardSearch<'_> {
         let may_explain =
             |choice: &&EffectChoice| choice.effect.sensor != Sensor::Encoder && choice.effect.shape.is_none();
         let explaining: Vec<EffectChoice> = open.iter().filter(may_explain).copied().collect();
-        // Considers the recordings in which no combination of effects explains the scatter of the force inside moves.
+        // Considers the recordings in which all effects together do not explain the scatter of the force inside moves.
         // For each of them, computes the share of the variance that effects of the angular acceleration leave
         // unexplained: noise scale with these effects / noise scale without effects (or lower bounds of these scales).
         // Returns the largest share, or zero if effects explain the scatter in all recordings. `own` are the effects in

@@ -106,7 +106,7 @@ impl ForwardSearch<'_> {
     /// The temperature effect of a bias, with its score, if the temperature-history effect of the same bias is in the
     /// model. `None` if the temperature effect is already in the model. If the temperature-history effect is a lag, the
     /// temperature effect is always returned. Otherwise (rate or hysteresis), it is returned only if it is significant
-    /// and no other candidate has a much larger evidence.
+    /// and no other candidate has larger posterior odds (Bayes factor x prior odds, see [`PRIOR_NATS`]).
     pub(super) fn temperature_of_history(&self, stage: &Stage) -> Option<(Judged, Score)> {
         let find = |name: &str| Effect::<f64>::find(name);
         let histories: Vec<_> =

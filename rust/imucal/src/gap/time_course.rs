@@ -268,7 +268,7 @@ fn log_determinant(factor: faer::MatRef<'_, f64>) -> f64 {
 /// Start values for a bias that switches between two states, 0 and 1: returns three lists with a state for each epoch.
 /// `x` contains the deviation of the bias in each epoch, first along x, then along y, then along z. The deviations are
 /// projected on their principal direction, and a threshold divides the projections into the two states. Each of the
-/// three lists results from another threshold.
+/// three lists results from a different threshold.
 fn starts_of(x: &[f64]) -> Vec<Vec<f64>> {
     let n = x.len() / 3;
     let at = |k: usize| Vector3::new(x[k], x[n + k], x[2 * n + k]);
@@ -353,8 +353,8 @@ impl Scattered {
     }
 }
 
-/// Log evidence of a difference between the two levels, on three axes together. The prior of the difference has the
-/// standard deviation `size` on each axis.
+/// Log evidence of a difference between the two levels. `information` and `slope` (gradient at zero) describe the log
+/// likelihood of the difference on the three axes. Its prior has the standard deviation `size` on each axis.
 fn log_of_levels(information: &Matrix3<f64>, slope: &Vector3<f64>, size: f64) -> f64 {
     let Some(factor) = (information + Matrix3::identity() / (size * size)).cholesky() else {
         return f64::NEG_INFINITY;

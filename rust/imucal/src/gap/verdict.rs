@@ -213,8 +213,8 @@ impl Basis<'_> {
         Remainder::nothing(chance)
     }
 
-    /// Faults of the clock and of the noise that explain the residuals of moves that the accepted effects leave.
-    /// `remainder` describes these residuals.
+    /// Faults of the clock, and excess noise inside moves, that explain the residuals of moves. `remainder` describes
+    /// the residuals that the accepted effects leave unexplained.
     fn faults_beside_effects(&self, remainder: &Remainder) -> Vec<Finding> {
         let Self { recordings, search, after, .. } = self;
         let may_be_fault = match (&search.generic, remainder.pattern) {
@@ -227,9 +227,9 @@ impl Basis<'_> {
         if may_be_fault { clock_and_noise_faults(&after.outcome, recordings, true) } else { Vec::new() }
     }
 
-    /// Whether wrong sampling instants, or a larger noise inside moves, may cause a variation that no effect describes.
-    /// Their residuals inside moves resemble a variation of the gyroscope's scale. If a hand moved the unit, its motion
-    /// is not smooth enough to tell these faults from such a variation.
+    /// Whether wrong sampling instants, or a larger noise inside moves, may cause the variation `generic`, which no
+    /// effect describes. The residuals that these faults cause resemble a variation of the gyroscope's scale. If a hand
+    /// moved the unit, its motion is not smooth enough to distinguish these faults from such a variation.
     fn resembles_fault(&self, generic: &GenericFinding) -> bool {
         generic.block == Block::GyroscopeScale && !self.search.is_hand_moved
     }
@@ -237,7 +237,8 @@ impl Basis<'_> {
     /// Faults of the data, and whether any of these faults disturbs the noise estimates and the residuals of moves.
     fn faults(&self, slips: &[Finding]) -> (Vec<Finding>, bool) {
         let Self { recordings, search, path, before, .. } = self;
-        // Saturated samples that the user excludes are a warning. They are in no rest or move that is used.
+        // If the user excludes the saturated samples, the finding is only a warning. It is not a fault here, because
+        // no rest or move that the fit uses contains these samples.
         let is_excluded = |finding: &Finding| finding.is_saturation() && finding.severity == Severity::Warning;
         let is_fault = |finding: &&Finding| FAULTS.contains(&finding.code) && !is_excluded(finding);
         let mut faults: Vec<Finding> = before.outcome.findings.iter().filter(is_fault).cloned().collect();

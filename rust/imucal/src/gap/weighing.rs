@@ -157,9 +157,9 @@ impl<'a> Weighing<'a> {
     }
 
     /// Evidence of the model with the additional columns. The coefficient of each additional column has a prior, whose
-    /// standard deviation is `width` times the typical size of the coefficient. The iteration starts at the noise
-    /// scales of `swept`. The second result is the normal matrix after the elimination of the model's parameters, at
-    /// the converged noise scales. `None` if the normal matrix is singular.
+    /// standard deviation is `width` times the typical size of the coefficient. The iteration over noise scales and
+    /// parameters starts at the noise scales of `swept`. The second result is the normal matrix after the elimination
+    /// of the model's parameters, at the converged noise scales. `None` if the normal matrix is singular.
     pub(crate) fn evidence(&self, width: f64, swept: Swept) -> Option<(Evidence, Swept)> {
         Instructions::Best.run(Settle(self, width, swept))
     }
@@ -265,8 +265,8 @@ impl Gram {
         self.evidence_near(columns, &vec![1.0; self.sums.len()])
     }
 
-    /// Evidence of a model with these columns. The iteration starts at `near`, which should be the noise scales of a
-    /// model with nearly the same columns.
+    /// Evidence of a model with these columns. The noise scales are estimated iteratively, starting at `near`. These
+    /// should be the noise scales of a model with nearly the same columns.
     pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
         let weighing = Weighing::new(self, columns, Vec::new());
         weighing.evidence(0.0, weighing.sweep(near)?).map(|(evidence, _)| evidence)

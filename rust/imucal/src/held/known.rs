@@ -1,8 +1,8 @@
 //! Prior of an accelerometer that is already calibrated, for the calibration of the gyroscope of the same unit.
 //!
 //! The nine parameters p have the covariance C = S V L V^T S. S is the diagonal matrix of their standard deviations. V
-//! and L contain the eigenvectors and the eigenvalues of their correlation matrix. C defines nine uncorrelated
-//! combinations of the parameters with a standard deviation of 1:
+//! and L contain the eigenvectors and the eigenvalues of their correlation matrix. C defines nine uncorrelated linear
+//! combinations h of the parameters, each with a standard deviation of 1:
 //!
 //! ```text
 //! h = L^-1/2 V^T S^-1 (p - value)
@@ -28,12 +28,12 @@ pub struct KnownAccelerometer {
 /// Lower limit of the eigenvalues of the correlation matrix. Smaller eigenvalues are rounding errors and are set to
 /// this limit.
 const LEAST_EIGENVALUE: f64 = 1e-9;
-/// Name of a held combination of accelerometer parameters in messages.
+/// Name of a held linear combination of accelerometer parameters in messages.
 const CALIBRATED: &str = "the accelerometer of the given calibration";
 
 impl KnownAccelerometer {
-    /// Computes the nine uncorrelated combinations h of the parameters, each as a held parameter (a parameter with a
-    /// prior).
+    /// Computes the nine uncorrelated linear combinations h of the parameters, each as a held parameter (a parameter
+    /// with a prior).
     ///
     /// # Errors
     /// [`Error::Input`] unless all variances are positive and finite, and all parameters are finite.

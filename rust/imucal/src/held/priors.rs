@@ -161,8 +161,8 @@ impl Priors {
         self.model == ParameterModel::Full && self.hold.is_empty() && self.accelerometer.is_none()
     }
 
-    /// Returns the held parameters (parameters with a prior) in the order of [`GROUPS`]. The combinations of a
-    /// calibrated accelerometer come first. `nominal` is the nominal sensitivity of each sensor.
+    /// Returns the held parameters (parameters with a prior) in the order of [`GROUPS`]. The linear combinations of the
+    /// parameters of a calibrated accelerometer come first. `nominal` is the nominal sensitivity of each sensor.
     ///
     /// # Errors
     /// [`Error::Input`] for an unknown name (the message lists the known names), for values out of range, and if the

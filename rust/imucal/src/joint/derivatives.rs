@@ -72,8 +72,9 @@ fn derivatives_in_a_hand_meet_central_differences() {
     .unwrap();
 }
 
-/// Lower limit of the size by which the error of a Jacobian column is divided: the change of a whitened residual if the
-/// parameter changes by ten typical sizes. Without it, the relative error of a column near zero would be very large.
+/// The error of a Jacobian column is divided by the largest entry of the column, but at least by a lower limit. At this
+/// limit, a change of the parameter by ten typical sizes changes a whitened residual by this value. Without the limit,
+/// the relative error of a column near zero would be very large.
 const SEEN: f64 = 1e-3;
 
 /// For each parameter: the error of its column of the Jacobian. It is the largest entry of |column - central
@@ -207,8 +208,8 @@ fn what_stands_apart_is_whitened_alike() {
 /// An effect is computed from the corrected rate and force, which depend on the parameters of the sensors. The Jacobian
 /// neglects this dependence. The relative error of the Jacobian is therefore about as large as the derivative of the
 /// effect with respect to the rate and the force. For a delay or a lever arm of typical size, the error is largest in
-/// the columns of the gyroscope sensitivity, because the effect of a delay depends on the derivative of the rate, and
-/// that of a lever arm also on the square of the rate.
+/// the columns of the gyroscope sensitivity. A change of the sensitivity changes the time derivative of the rate, on
+/// which both effects depend, and the square of the rate, on which the effect of a lever arm also depends.
 #[test]
 fn derivatives_at_an_effect_leave_its_slope_out() {
     for name in [

@@ -32,12 +32,11 @@ use crate::numerics::instructions::Instructions;
 use crate::rests::moves::across;
 use blocks::{Derivatives, IntoColumns, IntoLanes};
 
-/// A parameter changes the gravity directions at both ends of a move, and thereby the residuals of the move. The fields
-/// are these parts of the derivatives of the residuals with respect to one parameter, m/s^2 per unit of the parameter.
-/// `start` is the part due to the direction at the start (three orthogonal components). It is added to the derivatives
-/// of every residual. `end` is the part due to the direction at the end, in the body frame at the start (the two
-/// components perpendicular to gravity). It is added to the derivatives of the last two residuals of the move, which
-/// compare the directions at both ends.
+/// Derivatives of a move's residuals with respect to one parameter, m/s^2 per unit of the parameter: the parts that are
+/// due to the gravity directions at the two ends of the move. `start` is the part due to the direction at the start
+/// (three orthogonal components). It is added to the derivatives of every residual. `end` is the part due to the
+/// direction at the end, in the body frame at the start (the two components perpendicular to gravity). It is added to
+/// the derivatives of the last two residuals of the move, which compare the directions at both ends.
 pub(super) struct Edges {
     pub(super) start: [f64; 3],
     pub(super) end: [f64; 2],

@@ -163,7 +163,7 @@ impl Linear {
 }
 
 /// Index of a kind of residuals: gravity directions after moves. If the specific force inside the moves is used, these
-/// residuals belong to it, and there are none of this kind.
+/// residuals have the kind [`INSIDE`] instead.
 pub(crate) const MOVE_DIRECTIONS: usize = 1;
 /// Index of a kind of residuals: the specific force inside the moves. [`Linear::groups_of_rows`] lists the other kinds.
 pub(crate) const INSIDE: usize = 5;
@@ -182,9 +182,9 @@ pub(crate) const EPOCH_STEPS: usize = 9;
 /// Index of a kind of residuals: mean rates at the second and later epochs (parts) of long rests, all axes.
 pub(crate) const EPOCH_RATES: usize = 10;
 
-/// Computing time per sample of the integration over a move with effects or with blocks (short intervals with a mean
-/// force), relative to preintegration. Preintegration is used if there are neither effects nor blocks. The number of
-/// threads is computed from the total computing time.
+/// Computing time per sample if a move is integrated with effects or with blocks (short intervals with a mean force),
+/// relative to preintegration. Preintegration is used if there are neither effects nor blocks. The number of threads is
+/// computed from the total computing time.
 const COST: usize = 30;
 
 impl Prepared<'_> {

@@ -4,11 +4,12 @@
 //! chi2 = r^T P r,     p = probability that chi2 with N - n degrees of freedom is larger
 //! ```
 //!
-//! r are the residuals, P is the matrix of equation (25) of model.md for all N residuals, and n is the number of fitted
-//! parameters. The chi2 of a rest or of a move is d of equation (25): the decrease of chi2 if the residuals of this
-//! rest or move are excluded. The residuals of a rest are those of its force norm and of its mean rates about the three
-//! axes. If noise explains the residuals, d has a chi2 distribution for any leverage of the rest or move. The weights
-//! are from sensor noise only: standard deviations are not increased for excess scatter.
+//! r are all N residuals, and n is the number of fitted parameters. P is the inverse covariance of the residuals, minus
+//! the part that the parameters explain (formula: model.md (25)). The chi2 of a rest or of a move is d of equation
+//! (25): the decrease of chi2 if the residuals of this rest or move are excluded. The residuals of a rest are those of
+//! its force norm and of its mean rates about the three axes. If noise explains the residuals, d has a chi2
+//! distribution for any leverage of the rest or move. The weights are from sensor noise only: standard deviations are
+//! not increased for excess scatter.
 
 mod groups;
 
@@ -50,7 +51,7 @@ impl Misfit {
 
 /// Goodness of fit of all residuals, of each rest and of each move. It is `None` for rests and moves that the fit does
 /// not use. It is also `None` if a parameter is not determined without the rest or move. The fit then reproduces any
-/// value of its measurements (leverage near one).
+/// measured value of this rest or move (leverage near one).
 pub(crate) struct Misfits {
     pub(crate) all: Option<Misfit>,
     pub(crate) rests: Vec<Option<Misfit>>,
@@ -152,8 +153,9 @@ impl Joint<'_> {
     }
 }
 
-/// Whitened residuals, divided into residuals with correlated errors and residuals with independent errors. With this
-/// division, the fits of a cross-validation are fast. Each of them omits the rests or moves of one fold.
+/// Whitened residuals, divided into residuals with correlated errors and residuals with independent errors. Each fit of
+/// a cross-validation omits the rests or moves of one fold. It is fast, because the Gram matrices of the residuals with
+/// independent errors are computed only once for all fits.
 struct Parts {
     /// Length of each column of the whitened Jacobian, before the column is scaled to length one.
     size: Vec<f64>,

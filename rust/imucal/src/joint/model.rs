@@ -19,8 +19,8 @@ pub(crate) struct Model {
     pub(crate) accelerometer: Triad<f64>,
     pub(crate) gyroscope: Triad<f64>,
     pub(crate) values: Vec<f64>,
-    /// Parameters of the stand, rad: mount rotation (3), base tilt (2), non-orthogonality of the axes (2). Empty
-    /// without encoder effects.
+    /// Parameters of the stand, rad: mount rotation (3), base tilt (2), non-orthogonality of the axes (2), zero error
+    /// of the second motor (1). Empty without encoder effects.
     pub(crate) stand: Vec<f64>,
 }
 

@@ -11,9 +11,10 @@
 //! gravity direction after a move, or the norm or a mean rate of a rest. A column of the second kind describes an error
 //! of the mean force of a rest, which changes the norm of this rest and the residuals of the adjacent moves. Under the
 //! null hypothesis, d has a chi2 distribution for any correlation of the residuals. Its degrees of freedom equal the
-//! number of columns of A. C is due to sensor noise only. If all residuals of a kind have excess scatter, their d are
-//! divided by a common scale, which is computed from the median of d. An item is a rest or a move. The item with the
-//! smallest p-value is excluded, and all other items are tested again, until no p-value is below `SIGNIFICANCE`.
+//! number of columns of A. C is due to sensor noise only. If all residuals of a kind (for example all force norms) have
+//! excess scatter, their d are divided by a common scale, which is computed from the median of d. An item is a rest or
+//! a move. The item with the smallest p-value is excluded, and all other items are tested again, until no p-value is
+//! below `SIGNIFICANCE`.
 
 #[cfg(test)]
 mod tests;
@@ -41,8 +42,9 @@ use crate::two_stage::observability::{FARTHEST, LARGEST_SHIFT, REST_ERROR_MPS2};
 /// Significance level. An item with a smaller p-value is excluded. With 400 tests (three for each of 100 rests, one for
 /// each of 100 moves), the probability is 0.4 % that any item of a run without outliers is excluded.
 const SIGNIFICANCE: f64 = 1e-5;
-/// A linear combination of columns of A (error patterns, model.md (25)) is tested only if 1 - h is above this limit,
-/// where h is its leverage. 1 - h is the share of the variance along the combination that remains after the fit.
+/// An error of a measurement changes the residuals, and the fit compensates a part of this change by a change of the
+/// parameters. The error is tested only if more than this share of the change (squared norm of the whitened residuals)
+/// remains after the fit. The share is 1 - h, where h is the leverage.
 const MIN_RESIDUAL_SHARE: f64 = 0.05;
 /// Limit of the diagonal entry R_kk in the QR decomposition of the scaled Jacobian. If |R_kk| is at most this limit,
 /// column k is linearly dependent on the other columns. The limit is far above rounding errors.
@@ -88,7 +90,7 @@ enum Kind {
     Rate,
     Move,
     /// Error of the mean force of a rest. It changes the norm and the gravity direction of the rest, and thus also the
-    /// residuals of the adjacent moves. Its scale is the larger of the scales of norms and moves.
+    /// residuals of the adjacent moves. Its scale is that of the norms or that of the moves, whichever is larger.
     Mean,
 }
 
@@ -168,11 +170,12 @@ pub(crate) fn outliers(
     }
 }
 
-/// Finds rests with a norm that is not predicted by the other rests, for example the only rest of a box-shaped unit on
-/// one of its faces. Only the moves predict this norm, so the decrease d of chi2 for it is divided by the larger of the
-/// scales of norms and moves. Such a rest has a leverage above 0.95 in the design matrix of model.md (12). This matrix
-/// has one row for each rest: the derivatives of the norm divided by the model error of a rest. It also has one row for
-/// each parameter, for a prior of the parameter about its nominal value.
+/// Finds rests whose force norm the other rests do not predict, for example the only rest of a box-shaped unit on one
+/// of its faces. Only the moves predict this norm, so its d (decrease of chi2) is divided by the scale of the norms or
+/// by that of the moves, whichever is larger. Such a rest has a leverage above 0.95 in the design matrix of model.md
+/// (12). This matrix has one row for each rest: the derivatives of the norm divided by a typical error of |f| that the
+/// sensor model does not describe. It also has one row for each parameter, for a prior of the parameter about its
+/// nominal value.
 fn only_moves_judge(linear: &Linear) -> Vec<Item> {
     let scale = linear.model.accelerometer.sensitivity().norm() / 3f64.sqrt();
     let norms: Vec<(Item, &[f64])> = linear
@@ -255,7 +258,7 @@ pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usi
     linear.rates.iter().flat_map(|(rest, _)| [0, 1, 2].map(|axis| of_axis(*rest, axis))).collect()
 }
 
-/// Computes the scale of one kind of residuals relative to noise; at least one. Each decrease d of chi2 (model.md (25))
+/// Computes the scale (at least 1) of one kind of residuals relative to noise. Each decrease d of chi2 (model.md (25))
 /// is divided by its expected median under the null hypothesis. The scale is the median of these ratios.
 fn scale((kind, later): (Kind, bool), judged: &[(&Group, f64, usize)]) -> f64 {
     let is_own = |group: &Group| group.kind == kind && group.is_of_later_epoch == later;
@@ -267,8 +270,8 @@ fn scale((kind, later): (Kind, bool), judged: &[(&Group, f64, usize)]) -> f64 {
 }
 
 /// Linearised and whitened fit from which residuals can be excluded. To exclude a residual, the fit gets an additional
-/// free parameter: the error of this residual. The derivatives with respect to this error are a column of A (model.md
-/// (25)).
+/// free parameter: the error of this residual. The derivatives of all residuals with respect to this error are a column
+/// of A (model.md (25)).
 pub(super) struct LeaveOut {
     /// Columns of `L^-1 A` (model.md (25)), where L is the Cholesky factor of the residual covariance C. Each is stored
     /// as the index of its first nonzero row and the values from that row on.
@@ -349,8 +352,8 @@ impl LeaveOut {
             dot(&self.residuals[*first..first + column.len()], column)
         });
         let Some(seen) = factor.l().solve_lower_triangular(&seen) else { return (0.0, 0) };
-        // Each eigenvalue is one minus the leverage of a direction: the share of an error along it that remains in
-        // the residuals.
+        // An eigenvector is a linear combination of the error patterns. The eigenvalue is 1 - h, where h is the
+        // leverage of the combination: the share of such an error that remains in the residuals after the fit.
         let eigen = (DMatrix::identity(n, n) - spent).symmetric_eigen();
         let free = (0..n).filter(|&k| eigen.eigenvalues[k] > MIN_RESIDUAL_SHARE);
         let misfit = free.clone().map(|k| eigen.eigenvectors.column(k).dot(&seen).powi(2) / eigen.eigenvalues[k]).sum();

@@ -132,7 +132,7 @@ impl<'a> Joint<'a> {
         self.let_biases_wander(&linear)
     }
 
-    /// Sets the priors of effects with parameters that are determined only in some directions by the recordings.
+    /// Sets the priors of effects whose parameters the recordings determine only in some directions.
     pub(crate) fn hold(&mut self, priors: Vec<Prior>) {
         self.rows += priors.iter().map(|prior| prior.typical.len()).sum::<usize>();
         self.priors = priors;

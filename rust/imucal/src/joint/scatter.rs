@@ -58,8 +58,8 @@ pub(super) struct Excess {
     /// Factor s. The covariance `s C` is added to the covariance of the noise, where C is the assumed covariance of the
     /// excess at all rests, up to a factor.
     pub(super) variance: f64,
-    /// Value of `sum_i ln(1 + s lambda_i)`. Among several candidates C, the one with the smallest value has the largest
-    /// likelihood.
+    /// Value of `sum_i ln(1 + s lambda_i)`, with the eigenvalues lambda_i of [`Modes`]. Among several candidates for C,
+    /// the one with the smallest value has the largest likelihood.
     pub(super) cost: f64,
 }
 

@@ -66,7 +66,8 @@ impl Run {
             run.force.push(seen(&unit.accelerometer, state.specific_force + on_force));
             run.rate.push(seen(&unit.gyroscope, state.angular_rate + on_rate));
             run.temperature.push(temperature_degc);
-            // The zero of an encoder is that of its readings, and so is the phase of its errors.
+            // The encoder of the second motor counts the angle from its own zero. Its errors also depend on the angle
+            // from this zero.
             let mut angles = moment.stand.unwrap();
             angles.angle_rad.y -= STAND_RAD[7];
             run.stand.push(stand.read_encoders(&angles, effects, Vector3::zeros()).into());
@@ -130,9 +131,9 @@ fn effects_come_back() {
     }
 }
 
-/// At rest, the squares of the three force components add up to g^2. Three linear combinations of the nine parameters
-/// of the effect are therefore equivalent to a bias. Only forces with a norm other than g would distinguish these
-/// combinations from a bias, and a stand does not produce such forces.
+/// At rest, the squares of the three force components add up to g^2. For each of the three rate components, equal
+/// coefficients of these squares are therefore equivalent to a bias. Only forces with a norm other than g would
+/// distinguish them from a bias, and a stand does not produce such forces.
 #[test]
 fn what_a_stand_does_not_show_is_refused_with_the_reason() {
     let effect = Effect::find("gyro_g2_sensitivity").unwrap();
@@ -176,7 +177,8 @@ fn require_good_with_one_changed_axis(change: impl Fn(&mut Simulation, usize)) {
 }
 
 /// One axis of the accelerometer is quantised coarsely. Its rounding error affects the norm and the gravity direction
-/// of a rest. The whitening removes this common error only if it is multiplied by the same factor in both residuals.
+/// of a rest. The whitening removes this common error only if the standard deviation of the error is increased by the
+/// same factor in both residuals.
 #[test]
 fn one_coarse_accelerometer_axis_leaves_a_good_fit() {
     for step in [0.1, 0.2, 0.3] {

@@ -144,8 +144,8 @@ impl Weights {
         self.widening.epoch_rates
     }
 
-    /// Ratio of scatter to noise that the weights assume, for each kind of residuals. The last value is for the mean
-    /// rates: the largest ratio over all rests and axes.
+    /// Ratio of scatter to noise that the weights assume, for each kind of residuals in the order of `Scales`. The last
+    /// value is for the mean rates: the largest ratio over all rests and axes.
     pub(crate) fn times_noise(&self, prepared: &Prepared<'_>) -> [f64; 7] {
         let Scales { norms, moves, inside, stand_rests, stand_moves, epochs } = self.widening.scales;
         let mut rates = 1.0f64;

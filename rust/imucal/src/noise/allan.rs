@@ -13,8 +13,8 @@ use std::num::NonZeroUsize;
 use crate::error::Error;
 use crate::numerics::workers::in_order;
 
-/// Number of second differences in a block. The sums for all averaging times are computed over one block before the
-/// next block, so that the data of the block stay in the processor's cache.
+/// Number of second differences (terms of the sum over i) in a block. The sums for all averaging times are computed
+/// over one block before the next block, so that the data of the block stay in the processor's cache.
 const BLOCK: usize = 4096;
 /// Number of blocks in a job. The results of the jobs are added in a fixed order. The sum, including its rounding
 /// error, therefore does not depend on the number of threads.

@@ -23,9 +23,10 @@ pub(super) const MISFIT: f64 = 5.0;
 const QUANTISATION_GAIN: f64 = 10.83;
 /// If a filter has changed the noise at high frequencies, the fit omits this number of octaves, counted from half the
 /// sampling rate downwards. The fit with 6 omitted octaves is tried before the fit with 11. The spectrum is computed in
-/// stages of five octaves. Missing power at high frequencies changes all powers of a stage, because a window of 32
-/// values has wide side lobes. Therefore one or two complete stages are omitted (5 or 10 octaves). The first octave of
-/// the next stage is also omitted, because this stage transforms means of filtered samples.
+/// stages of five octaves. Missing power at high frequencies changes all powers of a stage, because a stage transforms
+/// windows of only 32 values, which have wide side lobes. Therefore one or two complete stages are omitted (5 or 10
+/// octaves). The first octave of the next stage is also omitted, because this stage transforms means of filtered
+/// samples.
 const FILTERED: [u32; 2] = [6, 11];
 /// The white noise is estimated only if the size of a count is at most this multiple of the standard deviation of a
 /// sample. This standard deviation includes the white noise and the rounding error. With larger counts, rounding errors

@@ -63,7 +63,7 @@ struct Stage {
     width: usize,
     /// Number of samples of the record whose mean is one value of a window.
     length: f64,
-    /// Expected values of the powers z_j^2, for j = 1, 2, ...
+    /// Expected values of the powers z_j^2 of the cosine transform of a window, for j = 1, 2, ...
     expected: Vec<PerKind>,
 }
 
@@ -115,8 +115,8 @@ impl Stage {
 }
 
 /// The powers of one window, averaged over frequency bands of the relative width [`POOLED_SHARE`]. `squares` contains
-/// the powers z_j^2 for j = 1, 2, ..., and `expected` their expected values. Each value of the window is a mean over
-/// `length` samples.
+/// the powers z_j^2 of its cosine transform for j = 1, 2, ..., and `expected` their expected values. Each value of the
+/// window is a mean over `length` samples.
 pub(super) fn pooled(squares: &[f64], expected: &[PerKind], length: f64) -> Vec<Power> {
     let width = squares.len() + 1;
     let mut powers = Vec::new();
@@ -197,8 +197,8 @@ impl Tables {
         }
     }
 
-    /// Transforms the first `windows` windows of `values`. Returns the sum of z_j^2 over all windows for each j, and
-    /// the mean of each window.
+    /// Transforms the first `windows` windows of `values`. Returns, for each j, the sum of the squared cosines z_j^2
+    /// over all windows, and the mean of each window.
     fn pass(&self, mut values: impl Iterator<Item = f64>, windows: usize) -> ([f64; WINDOW - 1], Vec<f64>) {
         let mut sums = [0.0; WINDOW - 1];
         let mut means = Vec::with_capacity(windows);
@@ -236,8 +236,8 @@ mod tests {
     use super::super::power_law::{FLICKER, QUANTISATION, WALK, WHITE};
     use super::*;
 
-    /// The expected power of z_j must equal v^T C v, where v is the vector of cosines of z_j and C the covariance
-    /// matrix of the window.
+    /// For the element z_j = v^T y of the cosine transform of a window y, where v is a vector of cosines, the expected
+    /// power must equal v^T C v. C is the covariance matrix of the window.
     #[test]
     fn expected_powers_are_quadratic_forms_of_the_covariance() {
         let (width, length) = (24, 5.0);

@@ -73,7 +73,7 @@ pub(super) struct Blocks {
     pub(super) samples: usize,
     /// Number of blocks.
     count: usize,
-    /// Expected powers of the cosine transform of the block means, for j = 1, 2, ...
+    /// Expected power of element j of the cosine transform of the block means, for j = 1, 2, ...
     expected: Vec<PerKind>,
     /// `sin(pi k / (2 W))` for k from 0 to 4 W, where W is the number of blocks.
     sines: Vec<f64>,
@@ -171,8 +171,8 @@ impl Blocks {
         if blocks <= 1 {
             return -scale * self.sines[(2 * j * first) % (4 * width)] / (2.0 * half_sine);
         }
-        // The change is a sum of equal steps at `first`, `first + 1`, ... The sum of the sines of these steps is a
-        // difference of two cosines (closed form).
+        // The change is a sum of equal steps at `first`, `first + 1`, ... The transform of each step contains a sine,
+        // and the sum of these sines is a difference of two cosines (closed form).
         let cosine = |half_steps: usize| self.sines[(j * half_steps + width) % (4 * width)];
         let difference = cosine(2 * first - 1) - cosine(2 * (first + blocks) - 1);
         -scale * difference / (4.0 * half_sine * half_sine * blocks as f64)

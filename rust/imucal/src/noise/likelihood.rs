@@ -24,8 +24,8 @@ use super::power_law::{KINDS, PerKind, dot};
 const BAND: f64 = 3.841_458_820_694_124;
 /// Maximum number of iterations of Fisher scoring.
 const ITERATIONS: usize = 60;
-/// Maximum number of bisections for the end of a band. It is also the maximum number of times that a step of Fisher
-/// scoring is halved.
+/// Maximum number of bisections that find an end of a confidence band. It is also the maximum number of times that a
+/// step of Fisher scoring is halved.
 const HALVINGS: usize = 40;
 
 /// The likelihood of a noise model for the power spectrum of one axis.

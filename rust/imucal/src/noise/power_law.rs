@@ -133,8 +133,9 @@ mod tests {
         }
     }
 
-    /// The variogram of flicker noise must equal the variogram of half-order integrated white noise, computed here from
-    /// the power spectrum: `(1 / pi) integral of (1 - cos k w) / (2 sin(w / 2)) dw` from 0 to pi.
+    /// The variogram c(0) - c(k) of flicker noise, with the covariance c at lag k, must equal the variogram of
+    /// half-order integrated white noise. The latter is computed from the power spectrum, where w is the angular
+    /// frequency in rad per sample: `(1 / pi) integral of (1 - cos k w) / (2 sin(w / 2)) dw` from 0 to pi.
     #[test]
     fn flicker_has_the_variogram_of_its_power() {
         let steps = 200_000;

@@ -14,7 +14,7 @@ use crate::recording::Recording;
 /// Margin that is cut out before and after a step, s. The unit may still move within this margin.
 const MARGIN_S: f64 = 1.0;
 /// The exact sample of a step is determined from the samples in this number of blocks before the step, and in as many
-/// blocks after it.
+/// blocks after it. A block consists of consecutive samples; the search for steps uses the block means.
 const NEAR_BLOCKS: usize = 8;
 
 /// A step of the mean reading of a unit at rest, for example after a bump against the table.
@@ -117,8 +117,9 @@ pub(super) fn gather(
 }
 
 /// Finds the first sample after a step near the start of block `first`, and returns its index. All samples up to two
-/// blocks from this start are tried. For each of them, the mean of the samples before it is compared with the mean of
-/// the other samples. The result is the sample for which these two means differ most significantly.
+/// blocks from this start are tried. For each of these samples, the mean of the values before it is compared with the
+/// mean of the values from it on. Both means are limited to [`NEAR_BLOCKS`] blocks before and after the start of block
+/// `first`. The result is the sample for which these two means differ most significantly.
 fn sharpened(recording: &Recording<'_>, rest: &Range<usize>, block: usize, first: usize, channel: usize) -> usize {
     let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
     let middle = rest.start + first * block;

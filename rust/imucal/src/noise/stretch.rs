@@ -19,10 +19,10 @@ use crate::recording::Recording;
 /// at high frequencies.
 const IRREGULAR_SHARE: f64 = 1e-4;
 /// If the lower envelope E of the delays of the time stamps increases by more than this number of time steps from one
-/// sample to the next, samples are lost between these two. One lost sample increases E by 1.
+/// sample to the next, samples are lost between these two samples. One lost sample increases E by one time step.
 const LOST: f64 = 0.6;
 /// Length of the time window over which the lower envelope E takes the minimum, s. If time stamps are late for at most
-/// this time, E does not increase, so they are not mistaken for lost samples.
+/// this time, E does not increase, so these late time stamps are not mistaken for lost samples.
 const WINDOW_S: f64 = 1.0;
 /// Minimum number of samples in the time window over which the lower envelope E takes the minimum.
 const FEWEST_IN_WINDOW: usize = 16;

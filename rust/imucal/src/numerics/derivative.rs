@@ -11,12 +11,12 @@
 //! t_k is the time of the sample, mean_j is the mean over the samples of box j, and weight_j is the weight of the mean
 //! of the data over box j.
 //!
-//! The noise of the derivative decreases with the power 3/2 of the box width. The truncation error, which depends on
-//! the motion, increases with the fourth power. Several widths are tried. The boxes are widened as long as noise alone
-//! explains the change of the derivative from one width to the next (after Lepski, Theory of Probability and its
-//! Applications 35, 1991, 454-466). The chosen width is one step below the widest accepted width, so the truncation
-//! error is an eighth of the error with the widest accepted width. If all widths that are tried are accepted, the
-//! widest is chosen.
+//! The noise of the derivative is inversely proportional to the power 3/2 of the box width. The truncation error, which
+//! depends on the motion, increases with the fourth power of the width. Several widths are tried. The boxes are widened
+//! as long as noise alone explains the change of the derivative from one width to the next (after Lepski, Theory of
+//! Probability and its Applications 35, 1991, 454-466). The chosen width is one step below the widest accepted width,
+//! so the truncation error is an eighth of the error with the widest accepted width. If all widths that are tried are
+//! accepted, the widest is chosen.
 
 mod stencil;
 

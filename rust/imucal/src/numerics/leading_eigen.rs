@@ -14,7 +14,7 @@ const WHOLE: usize = 300;
 /// fewer iterations are needed, but each iteration is slower.
 const BESIDE: usize = 3;
 /// The iteration ends if |A u - s u| is below this share of the largest eigenvalue, for all requested pairs of an
-/// eigenvalue s and an eigenvector u.
+/// eigenvalue s and an eigenvector u of the matrix A.
 const TOLERANCE: f64 = 1e-10;
 /// Maximum number of iterations. The covariance matrix of a random walk takes about 12 iterations, and that of a smooth
 /// process fewer.
@@ -55,7 +55,8 @@ impl LeadingEigen {
             let basis = image.qr().compute_thin_Q();
             image = product(matrix.as_ref(), basis.as_ref());
             let inner = Self::all(&(basis.transpose() * &image), BESIDE * count)?;
-            // After this rotation, the columns of `image` are the products A u with the approximate eigenvectors u.
+            // After this rotation, the columns of `image` are the products A u of the matrix A and the approximate
+            // eigenvectors u.
             image = &image * &inner.vectors;
             let vectors = &basis * inner.vectors.subcols(0, count);
             if is_converged(&image, &vectors, &inner.values) {
@@ -66,8 +67,8 @@ impl LeadingEigen {
     }
 }
 
-/// Whether |A u - s u| is small for all columns u of `vectors`. `image` contains the vectors A u. `values` contains the
-/// eigenvalues s in decreasing order.
+/// Whether |A u - s u| is small for all columns u of `vectors`. A is the matrix that is decomposed, and `image`
+/// contains the vectors A u. `values` contains the eigenvalues s in decreasing order.
 fn is_converged(image: &Mat<f64>, vectors: &Mat<f64>, values: &[f64]) -> bool {
     values.iter().zip(0..vectors.ncols()).all(|(value, k)| {
         let (image, vector) = (image.col_as_slice(k), vectors.col_as_slice(k));
@@ -88,8 +89,8 @@ mod tests {
     }
 
     /// Asserts that the leading eigenvalues equal those of the complete decomposition. Eigenvectors of equal
-    /// eigenvalues are not unique, so the eigenvectors are not compared. Instead, |A u - s u| and the scalar products
-    /// of the eigenvectors are checked.
+    /// eigenvalues are not unique, so the eigenvectors are not compared. Instead, |A u - s u| is checked for each
+    /// eigenvalue s and eigenvector u of the matrix A, and the scalar products of the eigenvectors are checked.
     fn check(matrix: &Mat<f64>, count: usize) {
         let (all, some) = (LeadingEigen::all(matrix, count).unwrap(), LeadingEigen::iterated(matrix, count).unwrap());
         for (a, b) in all.values.iter().zip(&some.values) {

@@ -3,9 +3,9 @@
 //!
 //! The solver implements the `Solver` trait of argmin with faer matrices. The `Executor` of argmin runs the solver, and
 //! limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`. The step is computed by QR
-//! decomposition of `[R; sqrt(lambda) D]`, where R is the triangular factor of J. The diagonal matrix D contains, for
-//! each parameter, the largest norm that its column of J has had so far. Because of D, the result does not depend on
-//! the units of the parameters.
+//! decomposition of `[R; sqrt(lambda) D]`, where R is the triangular factor of the QR decomposition of J. The diagonal
+//! matrix D contains, for each parameter, the largest norm that its column of J has had so far. Because of D, the
+//! result does not depend on the units of the parameters.
 
 use argmin::core::{Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use faer::Mat;
@@ -137,8 +137,8 @@ pub(crate) fn covariance(jacobian: &Mat<f64>) -> Mat<f64> {
     Mat::from_fn(n, n, |i, j| c[(i, j)] / (scale[i] * scale[j]))
 }
 
-/// Matrix `(J^T J)^-1 J^T`, by which a change of the whitened residuals is multiplied to obtain the change of the
-/// estimate.
+/// Matrix `(J^T J)^-1 J^T`. If the whitened residuals at fixed parameters change by d, the estimate changes by minus
+/// this matrix times d, to first order.
 pub(crate) fn gain(jacobian: &Mat<f64>) -> Mat<f64> {
     covariance(jacobian) * jacobian.transpose()
 }

@@ -46,7 +46,7 @@ pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
 /// so only the values between the limits are stored. If the quantile is outside the limits, all values are stored
 /// (after Floyd and Rivest, Communications of the ACM 18, 1975, 165-172).
 pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f64) -> f64 {
-    // If there are fewer values, all values are stored, which is faster.
+    // If there are fewer values than this number, all values are stored, which is faster.
     const FEWEST: usize = 2000;
     // For at least this number of values, wider limits are used, so that storing all values is almost never necessary.
     const MANY: usize = 100_000;

@@ -191,8 +191,8 @@ impl SymmetricMatrix {
     }
 }
 
-/// Accumulates the logarithm of a determinant, which is the product of the pivots. Computing a logarithm takes as long
-/// as updating a row, so several pivots are multiplied before the logarithm of their product is computed.
+/// Accumulates the logarithm of a determinant. The determinant is the product of the pivots. Computing a logarithm
+/// takes as long as updating a row, so several pivots are multiplied before the logarithm of their product is computed.
 struct LogDeterminant {
     /// Product of the pivots that are not yet contained in `logarithm`.
     product: f64,

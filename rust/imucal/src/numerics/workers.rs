@@ -77,7 +77,7 @@ pub(crate) fn share_out<J: Send>(threads: usize, jobs: Vec<J>, work: impl Fn(J) 
     });
 }
 
-/// Marks a worker thread as finished when the thread returns or panics. It also wakes the thread that waits for the
+/// When a worker thread returns or panics, marks this thread as finished, and wakes the thread that waits for the
 /// workers.
 struct Done<'a> {
     working: &'a AtomicUsize,

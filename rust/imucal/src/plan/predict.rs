@@ -14,9 +14,9 @@ use crate::simulate::Motion;
 pub struct Prediction {
     /// Standard deviation of each parameter in SI units, in the order of [`Sensors`]: first the 21 parameters of the
     /// triads (three-axis sensors), then the parameters of the effects. A parameter that the motion does not determine
-    /// has the standard deviation of its default prior. For a sensitivity, this is a tenth of the mean scale. For a
-    /// bias, it is a tenth of the reading at 1 g or at 1 rad/s. For a parameter of an effect, it is ten times the
-    /// typical size of this parameter. If the user gave a narrower prior, this prior replaces the default prior.
+    /// has the standard deviation of its default prior. This standard deviation is a tenth of the mean scale for a
+    /// sensitivity, a tenth of the reading at 1 g or at 1 rad/s for a bias, and ten times the typical size for a
+    /// parameter of an effect. If the user gave a narrower prior, this prior replaces the default prior.
     pub sigma: Vec<f64>,
     /// Number of rests that are long enough for rest detection.
     pub rests: usize,

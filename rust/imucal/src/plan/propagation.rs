@@ -45,8 +45,8 @@ pub(super) struct MoveInformation {
 struct Section {
     propagation: Propagation,
     /// The mean force over this section of the move, as a measurement: its derivatives with respect to the states of
-    /// the filter, divided by its standard deviation. The filter takes it after the propagation over this section.
-    /// `None` if forces during moves are not used.
+    /// the filter, divided by its standard deviation. The filter adds this measurement after the propagation over this
+    /// section. `None` if forces during moves are not used.
     force: Option<[Vec<f64>; 3]>,
 }
 

@@ -35,9 +35,9 @@ pub struct Sensors {
     pub(super) rate_variance: f64,
     /// Variance of the mean gyroscope reading over one second during a move, (rad/s)^2.
     pub(super) moving_variance: f64,
-    /// Variance of the rounding error of the mean accelerometer reading of a rest, (m/s^2)^2.
+    /// Variance of the rounding error in the mean accelerometer reading at a rest, (m/s^2)^2.
     pub(super) force_rounding: f64,
-    /// Variance of the rounding error of the mean gyroscope reading of a rest, (rad/s)^2. All rests have the same
+    /// Variance of the rounding error in the mean gyroscope reading at a rest, (rad/s)^2. All rests have the same
     /// rounding error, because the gyroscope has the same reading at all rests.
     pub(super) rate_rounding: f64,
     gyroscope_range: f64,

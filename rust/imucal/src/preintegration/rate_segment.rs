@@ -13,7 +13,7 @@ use crate::recording::{Recording, Samples};
 /// Times of the samples.
 #[derive(Clone, Copy, Debug)]
 pub enum SampleTimes<'a> {
-    /// Equal steps of this length, s.
+    /// Equal time steps of this length, s.
     Even(f64),
     /// Time of each sample, s.
     Stamps(&'a [f64]),
@@ -31,7 +31,7 @@ impl<'a> SampleTimes<'a> {
         if is_even { Self::Even(interval_s) } else { Self::Stamps(stamps_s) }
     }
 
-    /// Mean step, s; zero for fewer than two samples.
+    /// Mean time step, s; zero for fewer than two samples.
     fn mean_interval_s(self) -> f64 {
         match self {
             Self::Even(interval_s) => interval_s,
@@ -57,9 +57,10 @@ thread_local! {
     pub(crate) static STEPS_TAKEN: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
 }
 
-/// Number of steps that each SIMD lane processes in a block. The first samples of each lane are not prefetched, so the
-/// number is large. It is not a power of two, because lanes at such distances in memory would compete for the same
-/// cache sets.
+/// Number of steps that each SIMD lane processes in a block. The first samples of each lane are not prefetched. The
+/// number is large, so that these samples are only a small share. It is not a power of two. Otherwise, the distance
+/// between lanes in memory would be a multiple of a large power of two, and the lanes would compete for the same cache
+/// sets.
 const STEPS_OF_A_LANE: usize = 4000;
 /// The integration first tries the smallest range of step angles ([`ANGLE_RANGES`]) that contains the angle of a step
 /// at this angular rate, rad/s (340 deg/s). The step angles would often exceed a smaller range.
@@ -179,7 +180,7 @@ impl<'a> RateSegment<'a> {
 
     /// Integrates a block with SIMD. Tries the ranges of step angles in ascending order, from `angle_range` on, until a
     /// range contains all step angles of the block. The next block starts with this range. `None` if no range contains
-    /// them or if the block has too few steps.
+    /// all step angles or if the block has too few steps.
     fn lanes<const CUBIC: bool, const SUMS: bool>(
         &self,
         block: Block<'_>,

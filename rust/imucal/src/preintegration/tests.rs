@@ -183,8 +183,8 @@ fn shaken(samples: usize, interval_s: f64, speed: f64, noise_rad_per_s: f64) -> 
 #[test]
 fn rotations_and_sums_are_exact_with_all_instructions() {
     let (_, _, triad) = tumble();
-    // These numbers of steps test four cases: fewer steps than lanes, incomplete lanes, incomplete tiles (groups of 8
-    // steps), and many tiles per lane.
+    // These numbers of steps test four cases: fewer steps than lanes, last steps that do not fill all lanes, last steps
+    // of a lane that do not fill a tile (8 steps), and many tiles per lane.
     for steps in [0, 1, 5, 15, 16, 17, 63, 64, 65, 200, 1023, 8_005] {
         for (interval_s, speed) in [(1.25e-4, 1.0), (1.25e-4, 1.4), (0.01, 1.0), (0.01, 3.9)] {
             for is_cubic in [false, true] {
@@ -223,8 +223,8 @@ fn sums_at_nodes_are_those_of_all_samples() {
     // A segment during a rotation at up to 2.4 rad/s, as in the moves of the benchmark.
     let error = worst(&shaken(20_001, 1.25e-4, 0.45, 0.0), false);
     assert!(error < 1e-12, "{error:e}");
-    // Segments with rates of up to 7.5 rad/s and with incomplete lanes. With noise, the error must be below 1 % of the
-    // change of the sums that is due to the noise.
+    // Segments with rates of up to 7.5 rad/s, some with last steps that do not fill all lanes. With noise, the error
+    // must be below 1 % of the change of the sums that is due to the noise.
     for steps in [127, 128, 200, 1023, 8_005] {
         for is_cubic in [false, true] {
             let raw = |noise| shaken(steps + 1 + 2 * usize::from(is_cubic), 1.25e-4, 1.4, noise);

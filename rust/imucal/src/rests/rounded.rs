@@ -63,7 +63,7 @@ impl Roundings {
     }
 
     /// Sets the statistics of the rounding errors of `rest`. `index` is the index of this rest in the list of rests
-    /// from which the statistics were estimated. If all samples of an accelerometer channel have the same level, the
+    /// from which the statistics were estimated. If all samples of an accelerometer channel have the same value, the
     /// mean reading of the channel does not determine its rounding error. The reading of a gyroscope channel always
     /// determines the rounding error, because the true rate is zero at every rest.
     pub(super) fn set(&self, recording: &Recording<'_>, rest: &mut Rest, index: usize) {

@@ -177,8 +177,8 @@ impl Segments {
         }
         let sample_variance = floor * averaged;
         let mut variance = steadiness.noise_variance(described(&stretches, &epochs)).unwrap_or(sample_variance);
-        // At rest, the scatter of rounded samples depends on the position of the mean between two levels. In moves, the
-        // samples pass through many levels, so rounding adds an error with the variance step^2 / 12 to the noise.
+        // At rest, the scatter of rounded samples depends on where the mean lies between two multiples of the step. In
+        // moves, the samples pass through many multiples, so rounding adds the variance step^2 / 12 to the noise.
         for channel in (0..6).filter(|&channel| rounding[channel].is_coarse()) {
             variance[channel] = rounding[channel].sweeping_variance(colour[channel]);
         }

@@ -15,7 +15,7 @@ pub(crate) struct UnitRest {
     /// Index of the recording that contains the rest.
     pub(crate) recording: usize,
     pub(crate) rest: Rest,
-    /// Covariance matrix of the errors of the mean rates of the three axes, squared raw units.
+    /// Covariance matrix of the errors of the three components of the mean rate, squared raw units.
     pub(crate) rate_covariance: Matrix3<f64>,
     /// Best estimate of the gyroscope bias at this rest, raw units.
     pub(crate) bias: Vector3<f64>,

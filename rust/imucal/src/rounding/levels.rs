@@ -13,14 +13,14 @@ const SAME_READING: f64 = 0.15;
 /// this share of the samples, or at most one independent sample. Such samples are due to a jolt or a transmission
 /// error, and a single one of them would dominate the estimated noise.
 const FOREIGN: f64 = 1e-3;
-/// Maximum number of independent samples of one rest in the comparison of its noise with that of the other rests. With
-/// this number of samples, a rest contradicts a trial value of the noise only if the noise of the rest differs from the
-/// trial value by more than about 14 %, which is the spacing of the trial values.
+/// A rest counts as at most this number of independent samples when its noise is compared with the noise of other
+/// rests. With this number of samples, a rest contradicts a trial value of the noise only if the noise of the rest
+/// differs from the trial value by more than about 14 %, which is the spacing of the trial values.
 const COMPARED: f64 = 300.0;
 /// A rest contradicts a trial value of the noise if its log-likelihood at this value is more than this amount below its
-/// maximum log-likelihood. This corresponds to four standard deviations. The trial values are compared by the sum of
-/// this difference over the rests. In the sum, the difference of each rest is limited to this amount, so that no single
-/// rest can exclude a trial value.
+/// maximum log-likelihood. This corresponds to four standard deviations. The trial values are compared by the sum, over
+/// the rests, of (maximum log-likelihood) - (log-likelihood). In the sum, the contribution of each rest is limited to
+/// this amount, so that no single rest can exclude a trial value.
 const CONTRADICTION: f64 = 8.0;
 /// Smallest and largest trial value of the standard deviation of the noise, in steps. With the smallest value, nearly
 /// all samples of a rest are equal. With the largest value, rounding causes no error of the mean.

@@ -2,8 +2,8 @@
 //! the unit of the readings. It is determined from the readings of this axis only.
 //!
 //! Values may be counts, counts times a scale, or such products rounded to float32 or to the decimals of a text file.
-//! If a recording was corrected for misalignment, each axis is a combination of the counts of three axes. The readings
-//! of such an axis are not quantised, or their quantisation step is far below the noise.
+//! If a recording was corrected for misalignment, each axis is a linear combination of the counts of three axes. The
+//! readings of such an axis are not quantised, or their quantisation step is far below the noise.
 
 use crate::recording::Samples;
 
@@ -17,7 +17,8 @@ const FAR: f64 = 20.5;
 /// Maximum deviation of a distance between two levels from a multiple of the step, in steps. In a text file with few
 /// decimals, the distances are uneven.
 const UNEVEN: f64 = 0.25;
-/// Minimum share of the distances between neighbouring levels that are multiples of the step.
+/// Readings are quantised only if at least this share of the distances between neighbouring levels are multiples of the
+/// step. Only distances shorter than [`FAR`] steps are counted.
 const REGULAR: f64 = 0.9;
 /// Readings are quantised only if at least this share of the distances between neighbouring levels is shorter than
 /// [`FAR`] steps. Continuous values do not reach this share, because most of their distances are much larger than the

@@ -188,8 +188,8 @@ mod tests {
         let h = 1e-6;
         for (number, motion) in motions().iter().enumerate() {
             for i in 1..4000 {
-                // The number of steps, 4001, is prime, so no instant coincides with a corner of the acceleration (a
-                // multiple of 1/6 s).
+                // The number of steps, 4001, is prime, so no instant coincides with a corner of the acceleration (the
+                // corners are at multiples of 1/6 s).
                 let t = motion.duration_s() * f64::from(i) / 4001.0;
                 let (before, now, after) = (motion.at(t - h), motion.at(t), motion.at(t + h));
                 let turned = before.rotation_world_from_body.inverse() * after.rotation_world_from_body;

@@ -128,10 +128,10 @@ struct Flicker {
     generators: Generators,
 }
 
-/// Ratio of the decays d of adjacent poles. With this ratio, the relative error of the power of the flicker noise is
-/// 0.05 %.
+/// Ratio of the decays d of adjacent poles p = exp(-d). With this ratio, the relative error of the power of the flicker
+/// noise is 0.05 %.
 const RATIO: f64 = 2.5;
-/// Largest decay d of a pole. Poles with larger decays have coefficients c below 1e-12 and are omitted.
+/// Largest decay d of a pole p = exp(-d). Poles with larger decays have coefficients c below 1e-12 and are omitted.
 const FASTEST: f64 = 64.0;
 /// Decay d above which a pole is treated as a filter without memory. The state of such a pole decays within one step by
 /// the factor p, which is below 1e-6.

@@ -193,9 +193,9 @@ fn finish(
     let second_order = second_order::mean_square(solution, &row_gain, first..problem.count(), residuals_at)?;
     let mut report = FitReport::of(solution);
     if !is_determined {
-        // Priors also determine parameters, but the degrees of freedom count only the residuals of the rests. They are
-        // the number of rests minus the sum of the leverages of the rests. This sum is the number of parameters that
-        // the rests determine.
+        // Priors also determine parameters, but the degrees of freedom count only the residuals of the rests. The
+        // degrees of freedom are the number of rests minus the sum of the leverages of their residuals. This sum is the
+        // number of parameters that the rests determine.
         let of_rests: f64 = lsq::leverages(&solution.jacobian)[..problem.means.len()].iter().sum();
         report.degrees_of_freedom = problem.means.len().saturating_sub(of_rests.round() as usize);
     }

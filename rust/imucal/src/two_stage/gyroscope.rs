@@ -70,8 +70,8 @@ struct Linearised {
 /// If the rms of the direction errors of a first fit is below this limit, rad, the fit is assumed to be close to the
 /// global minimum. No further start values are then tried.
 const CLOSE_RAD: f64 = 0.05;
-/// A preintegration is corrected to first order for a slightly different sensitivity if, for each move, the
-/// second-order error is at most this value times the standard deviation of the direction residual. Otherwise, the
+/// A preintegration is corrected to first order for a slightly different sensitivity if, for each move, the neglected
+/// second-order term is at most this value times the standard deviation of the direction residual. Otherwise, the
 /// samples are integrated again.
 const MAX_SECOND_ORDER: f64 = 1e-9;
 
@@ -151,8 +151,8 @@ impl<'a> PreintegratedMoves<'a> {
         Weighed { moves: self, ends, rows: (0..self.segments.len()).collect() }
     }
 
-    /// Preintegrates all moves with the gyroscope `triad`. If the second-order error is small, the samples are not
-    /// integrated again. Instead, the most recent preintegration is corrected to first order.
+    /// Preintegrates all moves with the gyroscope `triad`. If a first-order correction of the most recent
+    /// preintegration is accurate enough ([`MAX_SECOND_ORDER`]), it is used, and the samples are not integrated again.
     fn preintegrated(&self, triad: &Triad<f64>, ends: &[Ends]) -> Rc<Linearised> {
         let known = self.last.borrow().clone();
         if let Some(moved) = known.and_then(|last| last.moved(triad, ends)) {
@@ -169,13 +169,13 @@ impl<'a> PreintegratedMoves<'a> {
 
 impl Linearised {
     /// Corrects these preintegrated moves to first order for a slightly different gyroscope sensitivity; `None` if the
-    /// second-order error is too large.
+    /// neglected second-order term is too large ([`MAX_SECOND_ORDER`]).
     fn moved(self: Rc<Self>, triad: &Triad<f64>, ends: &[Ends]) -> Option<Rc<Self>> {
         if self.triad == *triad {
             return Some(self);
         }
-        // T_old is the sensitivity of these moves, and T_new that of `triad`. T_new^-1 = (I + `change`) T_old^-1, and
-        // the bias is the same. The change of the rate is therefore `change` x old rate.
+        // These moves were preintegrated with the sensitivity T_old, and T_new is the sensitivity of `triad`. T_new^-1
+        // = (I + `change`) T_old^-1, and the bias is the same. The change of the rate is therefore `change` x old rate.
         let change = triad.inverse() * self.triad.sensitivity() - Matrix3::identity();
         let mut preintegrated = self.preintegrated.clone();
         for (preintegrated, ends) in preintegrated.iter_mut().zip(ends) {

@@ -285,7 +285,7 @@ mod tests {
 
     #[test]
     fn undetermined_by_itself_or_in_combination() {
-        // Only the first column and the sum of the last two are observable.
+        // Only the first parameter and the sum of the last two parameters are observable.
         let open = Open::of(&design(&[&[50.0, 0.0, 0.0, 0.0], &[0.0, 0.0, 40.0, 40.0]])).unwrap();
         assert_eq!(open, Open { columns: vec![1, 2, 3], traded: vec![(vec![2, 3], 1)] });
         let words = open.explain(7, 0, "add rests", "").unwrap();

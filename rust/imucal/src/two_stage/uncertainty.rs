@@ -1,6 +1,6 @@
 //! Computes the covariance of the parameters that the two-stage fit estimates (model.md (9)).
 //!
-//! Both stages use the same rests. Errors of the rests therefore affect the gyroscope in three ways: through the
+//! Both stages use the same rests. Errors of mean readings therefore affect the gyroscope in three ways: through the
 //! gravity directions, through the parameters of the accelerometer, and through the gyroscope bias. To first order, the
 //! error of every parameter is a linear function of independent errors: three errors of each mean force (one per axis),
 //! three of each mean rate, and two of each move (one per direction residual). The covariance is computed from the
@@ -72,8 +72,8 @@ pub(crate) fn covariance(
     covariance
 }
 
-/// Computes the covariance of the nine parameters of an accelerometer without a gyroscope, in the order of the fit, raw
-/// units.
+/// Computes the covariance of the nine parameters of an accelerometer without a gyroscope, raw units. The order is:
+/// bias x, y, z, and then the entries xx, yy, zz, xy, xz, yz of the sensitivity.
 pub(crate) fn accelerometer_covariance(rests: &[&Rest], fit: &AccelerometerFit) -> Mat<f64> {
     let mut map = Mat::<f64>::zeros(9, 3 * rests.len());
     accelerometer_rows(&mut map, rests, fit);

@@ -29,7 +29,7 @@ pub(crate) const SIGNIFICANCE: f64 = 1e-5;
 /// Kind of residuals. The residuals of a kind are compared with noise in one test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResidualGroup {
-    /// Norm of the specific force at the rests minus local gravity.
+    /// Norms of the corrected specific force at the rests, minus local gravity.
     RestNorms,
     /// Gravity direction propagated through each move by integrating the gyroscope rates, minus the direction measured
     /// after the move.

@@ -67,7 +67,7 @@ pub enum Reason {
     UnknownDirection {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
-        /// Error of the gravity direction that noise causes during a move, deg: the median of its standard deviations
+        /// Standard deviation of the error that noise causes in the gravity direction after a move, deg: the median
         /// over the moves.
         sigma_deg: f64,
         /// Maximum standard deviation for a verdict on a gyroscope, deg.
@@ -127,8 +127,8 @@ pub enum Reason {
     CalibrationContradicted {
         /// Name of the parameter that differs most, relative to its standard deviation in the calibration.
         parameter: String,
-        /// Largest difference between the calibration and the values that the recordings determine, over all
-        /// combinations of the nine parameters, in standard deviations of this difference.
+        /// Largest difference between the calibration and the values that the recordings determine, over nine
+        /// uncorrelated linear combinations of the parameters, in standard deviations of this difference.
         sigmas: f64,
     },
     /// The recordings do not determine some parameters, so these parameters have the default prior. The verdict is

@@ -35,8 +35,8 @@ const LEAST: f64 = 8.0;
 /// only fit the approximation error.
 const SHARE: f64 = 0.02;
 /// Threshold of differences in log evidence, nats. A candidate is a rival of the best candidate if its log evidence is
-/// smaller by less than this threshold. A random walk replaces other hypotheses, and an alias replaces an effect, if
-/// this increases the log evidence by more than this threshold. 3 nats are odds of 20 to 1.
+/// smaller by less than this threshold. A random walk replaces other hypotheses, and an alias (effect with nearly the
+/// same residuals) replaces an effect, if the log evidence increases by more than this. 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
 /// Effects that are not selected if the gyroscope bias varies with heading. The cause of such a variation may be an
 /// external field, for example a magnetic field. The errors due to the vertical component of the field then resemble

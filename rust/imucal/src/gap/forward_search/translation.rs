@@ -1,8 +1,9 @@
-//! Recognises a hand that translated the unit inside the moves (docs/decisions/0059).
+//! Recognises from the residuals that a hand translated the unit inside the moves (docs/decisions/0059).
 //!
-//! The specific force inside the moves then contains accelerations that no effect and no hypothesis explains. An error
-//! of the unit that no effect and no hypothesis explains leaves residuals there, too. If it is an error of the
-//! gyroscope, it also changes the gravity directions after the moves. A translation does not.
+//! If a hand translated the unit, the specific force inside the moves contains accelerations. No effect and no generic
+//! hypothesis (unknown variation of a bias or scale) explains them. An unknown error of the unit may also leave
+//! residuals of this force unexplained. If it is an error of the gyroscope, it also changes the gravity directions
+//! after the moves, whereas a translation does not change them.
 
 use imucal_core::effects::Sensor;
 
@@ -11,19 +12,20 @@ use crate::gap::stage::Stage;
 use crate::joint::{INSIDE, Kinds, MOVE_DIRECTIONS};
 
 /// Smallest chi2 per degree of freedom of the specific force inside moves that is attributed to a hand if a generic
-/// hypothesis wins. The accelerations by the hand may have caused the evidence of the hypothesis.
+/// hypothesis is significant. The accelerations by the hand may be the cause of its significance.
 const LEAST_INSIDE: f64 = 1.1;
-/// As [`LEAST_INSIDE`], if effects are selected and no hypothesis wins. Noise that is larger in motion also increases
-/// chi2.
+/// As [`LEAST_INSIDE`], if effects are selected and no generic hypothesis is significant. The value is larger, because
+/// noise that is larger in motion also increases chi2.
 const LEAST_INSIDE_BESIDE_EFFECTS: f64 = 2.0;
-/// Smallest share of the excess chi2 (chi2 beyond noise) of the specific force inside moves that remains if a hand has
-/// caused it. A hypothesis or an effect that describes the cause leaves a smaller share.
+/// Residuals of the specific force inside moves are attributed to a hand only if more than this share of their excess
+/// chi2 (chi2 beyond noise) remains after the search. A smaller share remains if a generic hypothesis or an effect in
+/// the model describes the cause of the residuals.
 const LEFT_BY_HAND: f64 = 0.25;
-/// Largest chi2 per degree of freedom of the gravity directions after moves that noise leaves.
+/// Largest chi2 per degree of freedom of the gravity directions after moves that is attributed to noise.
 const MOST_DIRECTIONS: f64 = 2.0;
 
-/// What a search leaves unexplained of two groups of residuals: chi2 per degree of freedom, with the selected effects
-/// and the best generic hypothesis in the model. `None` if the search does not use the residuals.
+/// chi2 per degree of freedom of two groups of residuals at the end of a search, with the selected effects and the best
+/// generic hypothesis in the model. The value of a group is `None` if the search does not use its residuals.
 pub(super) struct Left {
     /// The specific force inside moves.
     inside: Option<f64>,
@@ -51,16 +53,18 @@ impl Left {
         let inside = scale(INSIDE);
         let least = if generic.is_some() { LEAST_INSIDE } else { LEAST_INSIDE_BESIDE_EFFECTS };
         let is_large = |(before, left): (f64, f64)| left > least && left - 1.0 > LEFT_BY_HAND * (before - 1.0);
-        // Encoders show that the unit turns on a stand.
+        // If encoder angles are used, a stand and not a hand moves the unit.
         let may_be_of_hand =
             !kinds.encoders && (generic.is_some() || has_effects) && before.zip(inside).is_some_and(is_large);
         let is_of_accelerometer = generic.is_some_and(|own| own.block.sensor() == Sensor::Accelerometer);
         Self { inside, directions: scale(MOVE_DIRECTIONS), may_be_of_hand, is_of_accelerometer }
     }
 
-    /// Whether a search without the specific force inside moves, which leaves `self`, confirms that a hand caused what
-    /// the search with this force has left. It does not if the cause may be an error of the gyroscope, because the
-    /// gravity directions have the larger residuals.
+    /// Whether a hand may have caused the residuals `with_inside`, which a search with the specific force inside moves
+    /// leaves. `self` are the residuals that a search without this force leaves. The result is `false` if chi2 of the
+    /// gravity directions in `self` exceeds both chi2 of the force in `with_inside` and [`MOST_DIRECTIONS`], because an
+    /// error of the gyroscope is then more likely. If the best hypothesis in `with_inside` is about the accelerometer,
+    /// the result is always `true`.
     pub(super) fn is_consistent_with_hand(&self, with_inside: &Self) -> bool {
         let most = with_inside.inside.map_or(MOST_DIRECTIONS, |inside| inside.max(MOST_DIRECTIONS));
         with_inside.is_of_accelerometer || self.directions.is_none_or(|directions| directions <= most)

@@ -63,7 +63,7 @@ impl Left {
     }
 
     /// Eigenvalues of the Schur complement: a change of the parameters by one typical size in the direction of an
-    /// eigenvector changes chi2 by its eigenvalue. All are zero if a number is not finite.
+    /// eigenvector changes chi2 by its eigenvalue. All eigenvalues are zero if a matrix element is not finite.
     pub(crate) fn eigenvalues(&self) -> Vec<f64> {
         let normal = DMatrix::from_fn(self.columns(), self.columns(), |a, b| self.sums.row(a.min(b))[a.abs_diff(b)]);
         if normal.iter().any(|number| !number.is_finite()) {

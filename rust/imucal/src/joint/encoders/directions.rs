@@ -4,7 +4,7 @@
 //! When a motor reverses, its reading jumps by twice the backlash (model.md (21)). If the wrong direction is assigned
 //! to a sample, its corrected angle has an error of this size. A motor starts slowly, so differences of readings detect
 //! the motion too late. The first sample of the motion is therefore estimated by least squares. It is the sample `o`
-//! for which the following model has the smallest sum of squared noise:
+//! for which the following model has the smallest sum of squared residuals (noise):
 //!
 //! ```text
 //! before o    level + noise
@@ -21,14 +21,14 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 use crate::cancellation::checkpoint;
 use crate::numerics::stats::{median, quantile, sample_interval_s};
 
-/// Order (0 to 1) of a quantile over the rests. For each rest, the largest change of a reading within `SPAN_S` is
+/// Probability (0 to 1) of a quantile over the rests. For each rest, the largest change of a reading within `SPAN_S` is
 /// computed. The quantile of these changes is taken as the largest change at an undisturbed rest. With 0.9, up to a
 /// tenth of the rests may be disturbed.
 const ORDINARY: f64 = 0.9;
 /// Motion is detected from the change of a reading over this time interval, s. A rotation of half a degree or more
 /// changes the reading within this interval by more than the largest change at rest.
 const SPAN_S: f64 = 0.3;
-/// Minimum number of samples at standstill from which the level (the mean reading before a motion) is computed.
+/// Minimum number of samples at standstill from which the level (the constant reading before a motion) is computed.
 const FEWEST: usize = 8;
 /// A reading has left the level if two consecutive samples deviate from the level by more than this number of standard
 /// deviations of the readings at standstill.
@@ -79,9 +79,9 @@ struct Motor {
 impl Motor {
     /// Sign of the last motion, for every sample.
     ///
-    /// Motion is detected at a sample from the changes of the reading over the span before the sample and over the span
-    /// after it. Both changes must exceed `still_rad`. The sign is that of the later change, because the earlier change
-    /// may contain the jump of the backlash.
+    /// Motion is detected at a sample from the changes of the reading over the `span` samples before it and over the
+    /// `span` samples after it. Both changes must exceed `still_rad`. The sign is that of the later change, because the
+    /// earlier change may contain the jump of the backlash.
     fn signs(&self) -> Vec<f64> {
         let readings = &self.readings;
         let mut signs = vec![0.0; readings.len()];

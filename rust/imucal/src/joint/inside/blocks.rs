@@ -112,7 +112,7 @@ impl WithSimd for IntoLanes<'_> {
 }
 
 /// Divides the rows of a move, each with `length` values, by direction. The first direction, along gravity, has one row
-/// per block. The two perpendicular directions have one more row, for the rest after the move.
+/// per block. Each of the two perpendicular directions has one additional row, for the rest after the move.
 fn by_direction<T>(rows: &mut [T], blocks: usize, length: usize) -> [&mut [T]; 3] {
     let (along, across) = rows.split_at_mut(blocks * length);
     let (one, other) = across.split_at_mut((blocks + 1) * length);

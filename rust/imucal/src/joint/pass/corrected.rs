@@ -62,8 +62,8 @@ impl Step {
 
 /// Number of fixed-point iterations for the angular acceleration. Iterations are needed because the angular
 /// acceleration is the derivative of the corrected rate, and the correction depends on the angular acceleration. Each
-/// iteration multiplies the error by the ratio of the gyroscope delay to the time scale of the motion, which is about
-/// 1/50. For long delays, more iterations would amplify noise.
+/// iteration multiplies the error by the ratio of the gyroscope delay to the time scale of the motion (about 1/50). For
+/// long delays, more iterations would amplify noise.
 ///
 /// A gyroscope with a delay measures the rate of an earlier time. The correction of the delay needs the mean of the
 /// angular acceleration over the delay. This mean is approximated by the mean of two derivatives: that of the corrected

@@ -77,8 +77,8 @@ pub struct TermEstimate {
     pub parameter_names: Vec<String>,
     /// Whether the effect is in the catalogue.
     pub in_catalogue: bool,
-    /// Wald statistic `theta^T C^-1 theta` of the linear parameters theta with covariance C. Under the null hypothesis,
-    /// it has a chi2 distribution with as many degrees of freedom as there are parameters.
+    /// Wald statistic `theta^T C^-1 theta` of the linear parameters theta with covariance C. If the true theta is zero,
+    /// it has a chi2 distribution with as many degrees of freedom as there are linear parameters.
     pub statistic: f64,
 }
 

@@ -44,11 +44,11 @@ pub(crate) struct Wandering {
 
 impl Wandering {
     /// Computes the second whitening. `None` if the biases are constant, the means have no rounding errors, and no rest
-    /// has more than one epoch. If there are too many rests to factorise their covariance, rounding errors and pose
-    /// errors are neglected.
+    /// has more than one epoch. If there are too many residuals to factorise their covariance (`MOST_ROWS`), rounding
+    /// errors and pose errors are neglected.
     ///
     /// # Errors
-    /// [`Error::Input`] if the biases vary and there are too many rests to factorise their covariance.
+    /// [`Error::Input`] if the biases vary and there are too many residuals to factorise their covariance.
     pub(crate) fn new(joint: &Joint<'_>, linear: &Linear, unit: Option<&UnitWander>) -> Result<Option<Self>, Error> {
         let rows = linear.head_rows();
         let is_rounded = rows <= MOST_ROWS && joint.is_rounded();
@@ -203,7 +203,7 @@ impl Joint<'_> {
     ///
     /// `Scales` contains a factor on the standard deviations of force norms, and a factor on those of gravity
     /// directions after moves. The rounding errors of the forces are multiplied by the larger of these two factors.
-    /// Otherwise, if rounding is the dominant error, the two factors would hardly change the whitened residuals and
+    /// Without a factor on a dominant rounding error, the two factors would hardly change the whitened residuals and
     /// would not converge. The rounding errors must be multiplied by the same factor in all residuals. If one axis is
     /// quantised much more coarsely than the other axes, the whitening estimates the rounding error of a rest from one
     /// residual and subtracts it from the other residuals. If the factors of these residuals differed, the whitening

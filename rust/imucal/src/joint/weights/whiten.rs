@@ -47,8 +47,8 @@ impl Whitening {
                 row[j - first] = (row[j - first] - dot) / other[j - start];
             }
             let square: f64 = row[..i - first].iter().map(|v| v * v).sum();
-            // In exact arithmetic, the square of a diagonal entry is at least the independent variance. The lower limit
-            // of half this variance protects against rounding errors.
+            // In exact arithmetic, the square of a diagonal entry is at least `own[i]`, the variance of the independent
+            // error. The lower limit of half this variance protects against rounding errors.
             row[i - first] = (row[i - first] - square).max(0.5 * own[i]).sqrt();
             rows.push((first, row));
         }

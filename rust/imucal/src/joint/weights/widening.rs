@@ -53,9 +53,10 @@ pub(crate) struct Scales {
 pub(in crate::joint) struct Widened {
     /// One flag for each kind, in the order of `Scales`.
     kinds: [bool; FACTORS],
-    /// For each gyroscope axis: whether the variances of the mean rates of rests are increased.
+    /// For each gyroscope axis: whether the variances of the mean rates at rests are increased.
     rates: [bool; 3],
-    /// For each gyroscope axis: whether the variances of the mean rates of later epochs of long rests are increased.
+    /// For each gyroscope axis: whether the variances of the mean rates at the second and later epochs are increased.
+    /// An epoch is a part of a long rest with its own mean.
     epoch_rates: [bool; 3],
     /// Whether the excess scatter of the mean rates is modelled as bias instability. If false, it is modelled as errors
     /// that are independent from rest to rest.
@@ -169,8 +170,8 @@ fn excess_of_rates(
             Some([x?, y?, z?])
         })
     {
-        // If bias instability explains the significant scatter better than independent variances, it is estimated for
-        // all axes.
+        // If bias instability explains the significant scatter better than errors that are independent from rest to
+        // rest, it is estimated for all axes.
         let wandering = [0, 1, 2].map(|axis| modes[axis].scatter(&axes[axis].0).excess(free[axis]));
         let cost = |axis: usize, found: &[Option<Excess>; 3]| found[axis].map_or(f64::INFINITY, |e| e.cost);
         let beyond: Vec<usize> = (0..3).filter(|&axis| one_by_one[axis].is_some()).collect();

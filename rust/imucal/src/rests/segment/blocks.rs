@@ -248,7 +248,7 @@ impl Colour {
         self.samples = self.samples.max(other.samples);
     }
 
-    /// Returns the factor c of a mean over much more than 0.25 s. `factor` is the estimate of c from means over 0.25 s.
+    /// Returns c (see [`Self::factor`]) of means over much more than 0.25 s. `factor` is c estimated from 0.25 s means.
     ///
     /// Low-pass filtered noise is correlated across the boundary of two consecutive means, so their difference is too
     /// small. Therefore `factor = c (1 - 1.5 / (pi^2 tau B))` with `1 / B = 2 c dt`. tau is the averaging time of 0.25

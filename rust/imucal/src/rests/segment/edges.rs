@@ -16,9 +16,9 @@ pub(super) fn trim(blocks: &Range<usize>, windows: usize) -> Range<usize> {
     start..end.max(start)
 }
 
-/// Removes blocks at both ends of a rest while the statistic (variance / noise variance) of the first or last window is
-/// above 3 x max(1, median of the statistic over the rest). The reason is that a hand settles slowly after a move. The
-/// limit is proportional to this median, so it adapts to the tremor of the rest.
+/// Removes blocks at both ends of a rest while the statistic (variance / noise variance) of the first or last window
+/// (half a second) is above 3 x max(1, median of the statistic over the rest). The reason is that a hand settles slowly
+/// after a move. The limit is proportional to this median, so it adapts to the tremor of the rest.
 pub(super) fn calm(mut blocks: Range<usize>, statistic: &[f64]) -> Range<usize> {
     if blocks.len() <= WINDOW_BLOCKS {
         return blocks;

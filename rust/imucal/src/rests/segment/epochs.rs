@@ -57,7 +57,7 @@ fn parts(range: &Range<usize>, count: usize) -> Vec<Range<usize>> {
 }
 
 /// Joins consecutive intervals at rest that are separated only by noise, if the result is a long rest. In a rest of
-/// several minutes, the variance of the noise in a window occasionally exceeds the threshold, so that the rest is
+/// several minutes, the variance of noise in a half-second window may exceed the threshold, so that the rest is
 /// detected as several intervals. Intervals are ranges of blocks of `samples` samples. `floor` is the standard
 /// deviation of the noise of each channel.
 pub(super) fn joined(

@@ -19,7 +19,7 @@ pub(super) struct Stretch {
     pub(super) whole: Block,
     /// Sums over the samples of the first and of the last third of the interval; `None` for fewer than three blocks.
     thirds: Option<[Block; 2]>,
-    /// Median of the statistic (variance / noise variance) over all windows of the interval.
+    /// Median of the statistic (variance / noise variance) over all half-second windows of the interval.
     scatter: f64,
     /// Sums from which the factor c of model.md (10) is computed: the factor by which the correlation of the noise
     /// increases the variance of a mean.
@@ -63,8 +63,8 @@ impl Stretch {
     }
 }
 
-/// Maximum deviation of the mean force of a window from the mean force of the rest, divided by gravity. 0.05
-/// corresponds to a tilt of 3 deg.
+/// Maximum deviation of the mean force of a window (half a second) from the mean force of the rest, divided by gravity.
+/// 0.05 corresponds to a tilt of 3 deg.
 const MAX_TILT: f64 = 0.05;
 
 /// The factors c of a recording, by which the correlation of the noise increases the variance of a mean (model.md

@@ -1,5 +1,5 @@
-//! Estimates the noise variance, computes the statistic of each window (variance / noise variance), and chooses the
-//! threshold of the rest detection (model.md (11)).
+//! Estimates the noise variance, computes the statistic (variance / noise variance) of each half-second window, and
+//! chooses the threshold of the rest detection (model.md (11)).
 
 use std::ops::Range;
 
@@ -36,8 +36,8 @@ pub(super) fn window_statistic(
         let quietest = quantile_of(of_channel.len(), write, 0.05);
         let may_be_coarse = steps[channel].is_finite() && quietest < (LEAST_SCATTER * steps[channel]).powi(2);
         if let Some(step) = may_be_coarse.then(|| step_of(channel)).flatten() {
-            // If the mean is in the middle between two levels, rounded samples are equally often at both levels. In
-            // this case, they have the variance step^2 / 4, even with very small noise.
+            // If the mean is midway between two multiples of the step, half of the samples are rounded to each of
+            // them. The rounded samples then have the variance step^2 / 4, even with very small noise.
             rounding[channel] = steps[channel] * steps[channel] / 4.0;
             coarse[channel] = step;
         }

@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use crate::numerics::stats::{MEDIAN_SIZE, median, random_effects_mean};
 use crate::rests::rest::Rest;
 
-/// Maximum deviation of the mean rate of a rest from the median of all rests, in standard deviations. An interval with
-/// a larger deviation is assumed to contain a slow rotation, so it is not used as a rest.
+/// Maximum deviation of a rest's mean rate from the median of the mean rates at all rests, in standard deviations. An
+/// interval with a larger deviation is assumed to contain a slow rotation, so it is not used as a rest.
 const LIMIT: f64 = 6.0;
 
 /// The gyroscope bias and the weights of the rests, for each axis separately.
@@ -61,9 +61,10 @@ pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> Gyros
 
 /// Indices of the rests that are not excluded (model.md (7)).
 ///
-/// The mean rate of a rest is compared with the median of all rests. Its deviation has three causes: the noise of the
-/// rest, the scatter from rest to rest, and the error of the median. If only the noise of the rest were considered, the
-/// rest with the least noise would be excluded first, for example a rest on a table before a hand-held run.
+/// The mean rate of a rest is compared with the median of the mean rates at all rests. The difference has three causes:
+/// the noise of the rest, the scatter from rest to rest, and the error of the median. If only the noise of the rest
+/// were considered, the rest with the least noise would be excluded first, for example a rest on a table before a
+/// hand-held run.
 fn kept(means: &[f64], variances: &[f64]) -> Vec<usize> {
     let centre = median(&mut means.to_vec());
     let squares: Vec<f64> = means.iter().map(|mean| (mean - centre).powi(2)).collect();
