@@ -34,7 +34,7 @@ NAMED_SHARE: Final = 0.3
 
 
 def standard_poses() -> list[FloatArray]:
-    """The six faces of a box, then its twelve edges and eight corners, (26 unit vectors)."""
+    """The six faces of a box, then its twelve edges and eight corners (26 unit vectors)."""
     grid = [np.array(ends, dtype=np.float64) for ends in itertools.product((1, 0, -1), repeat=3) if any(ends)]
     edges = [ends for ends in grid if np.abs(ends).sum() == 2]
     corners = [ends for ends in grid if np.abs(ends).sum() == 3]

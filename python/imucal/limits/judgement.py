@@ -106,7 +106,7 @@ class Check:
         return f"at least {self.low:.10g}" if self.low is not None else f"at most {self.high:.10g}"
 
     def _against(self, limit: float | None) -> str:
-        """The value as text, with enough digits to distinguish it from its limit."""
+        """A clause with the value and its unit, with enough digits to distinguish the value from its limit."""
         same = self.value_text == f"{limit:.7g}"
         unit = "" if self.unit == "1" else f" {self.unit}".rstrip()
         return f"{self.what} is {self.value if same else self.value_text}{unit}"

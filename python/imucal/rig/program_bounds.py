@@ -61,7 +61,7 @@ class Fault(NamedTuple):
 
 
 def too_many(count: int) -> Fault | None:
-    """The fault of a program with more steps than the largest number, or None."""
+    """The fault of a program with more than `MAX_STEPS` steps, or None."""
     if count > MAX_STEPS:
         return Fault("$.steps", f"has {count} items: a program has at most {MAX_STEPS} steps")
     return None

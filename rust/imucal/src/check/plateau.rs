@@ -25,8 +25,9 @@ const SIBLING_SHARE: f64 = 0.05;
 /// Plateaus at an extreme value are reported only if noise would cause them with at most this probability. With this
 /// limit, one in 1e5 recordings without saturation is falsely reported as saturated.
 const BY_CHANCE: f64 = 1e-5;
-/// Upper limit of the assumed probability that noise makes two consecutive samples equal. Without this limit, noise
-/// below one step would explain any plateau, because it makes most consecutive samples near an extreme value equal.
+/// Upper limit of the assumed probability that noise makes two consecutive samples equal. Without this limit, no
+/// plateau would be reported if the noise is smaller than one step of the converter. Most consecutive samples are then
+/// equal, so that noise would make even a long plateau probable.
 const MOST_EQUAL: f64 = 0.5;
 
 /// Size of a set of plateaus: the number of plateaus, the number of samples in all of them, and the number of samples

@@ -135,8 +135,8 @@ impl<'a> Fits<'a> {
             let is_finite = |recording: &Recording<'_>| {
                 recording.temperature_degc.is_none_or(|degc| degc.iter().all(|value| value.is_finite()))
             };
-            // The control recordings could be evaluated with the model without effects. If their temperatures are also
-            // finite, the effects are the cause of the failure.
+            // An earlier evaluation of the control recordings, with the model without effects, gave finite figures. If
+            // their temperatures are also finite, the effects are the cause of the failure.
             let effects_fail = !names.is_empty() && self.control.iter().all(is_finite);
             return Err(if effects_fail { Error::Fit(words) } else { Error::Input(words) });
         }

@@ -164,7 +164,8 @@ impl Sensors {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::AngularAcceleration))
     }
 
-    /// Whether an estimated effect makes the derivatives of the readings depend on the time since the start of the run.
+    /// Whether the derivatives of the readings with respect to the parameters depend on the time since the start of the
+    /// run, because an estimated effect depends on it.
     pub(super) fn depend_on_time(&self) -> bool {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::Time))
     }

@@ -26,8 +26,8 @@ pub(super) struct AngleRange {
 }
 
 /// Ranges from small to large angles. The relative truncation error of the polynomial for the tangent is at most 1e-14.
-/// The truncation error of the polynomial for the squared cosine does not accumulate, because the norm is corrected
-/// once per tile (8 steps).
+/// The truncation error of the polynomial for the squared cosine changes only the norm of the quaternion of the
+/// rotation. It does not accumulate, because this norm is corrected once per tile (8 steps).
 pub(super) const ANGLE_RANGES: [AngleRange; 3] = [
     AngleRange { turn_rad: 0.001, terms: [2, 3] },
     AngleRange { turn_rad: 0.03, terms: [4, 4] },
