@@ -25,7 +25,8 @@ class Finding:
 
     `code` is a stable identifier for scripts. The `severity` "error" means that a calibration from this
     recording would be wrong and is refused. `columns` is empty if the fault concerns the whole recording.
-    `value`, in `unit`, is the number that exceeded the limit of the check.
+    `place` is the range of the affected samples, and `count` the number of affected samples or other items,
+    such as axes or files. `value`, in `unit`, is the measured value that revealed the fault.
     """
 
     code: str

@@ -149,7 +149,7 @@ class Scale(NamedTuple):
     zero: float = 0.0
 
     def shown(self, value: float) -> float:
-        """The value as a table shows it."""
+        """The SI value `value` in the unit of the table."""
         return self.factor * (value - self.zero)
 
     def named(self, name: str) -> str:

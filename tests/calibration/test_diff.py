@@ -127,7 +127,9 @@ def test_an_effect_of_one_of_them_is_zero_in_the_other():
     found = imucal.diff(BEFORE, effect(1e-3))
     assert found.verdict == "same"
     assert len(found.changes) == 30
-    assert found.notes == ("only the second contains gyro_g_sensitivity: it is zero in the other",)
+    assert found.notes == (
+        "only the second calibration contains gyro_g_sensitivity: it counts as zero in the other calibration",
+    )
     found = imucal.diff(effect(1e-5), BEFORE)
     assert {c.name for c in found.moved} == {
         f"gyro_g_sensitivity_{entry}" for entry in ("xx", "xy", "xz", "yx", "yz", "zx", "zy", "zz")

@@ -154,12 +154,12 @@ def test_a_probable_candidate_that_was_not_added_is_said_to_be_none(gap, tmp_pat
         text = (tmp_path / "gap.html").read_text(encoding="utf-8")
         return text.partition("Probability that a candidate")[2].partition("<")[0]
 
-    assert "None was added" not in caption(gap)
+    assert "No candidate was added" not in caption(gap)
     other = replace(gap, verdict="unknown", effects=())
-    assert caption(other).endswith(" None was added to the model.")
+    assert caption(other).endswith(" No candidate was added to the model.")
     law = Law("gyro_law_f", "gyro: k*f", "gyroscope", ("f",), (), 1.0, 1.0, {}, (), None)
     assert caption(replace(other, laws=(law,))).endswith(
-        " None was added to the model: a law describes the residuals."
+        " No candidate was added to the model: a law describes the residuals."
     )
 
 

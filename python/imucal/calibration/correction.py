@@ -279,6 +279,6 @@ def _rounded_size(triad: Triad, raw: SampleArray) -> FloatArray:
 def _largest(rows: FloatArray) -> FloatArray:
     """The largest absolute value of the three axes at each sample, (N, 1)."""
     x, y, z = np.abs(rows).T
-    # NumPy takes several times longer for the largest of three values in a row.
+    # `np.max` along the axis of three values takes several times longer.
     largest: FloatArray = np.maximum(np.maximum(x, y), z)
     return largest[:, None]

@@ -350,5 +350,8 @@ def _notes(before: Calibration, after: Calibration) -> list[str]:
         )
     for name, one, other in (("first", before, after), ("second", after, before)):
         only = {values.name for values in one.effects} - {values.name for values in other.effects}
-        notes += [f"only the {name} contains {effect}: it is zero in the other" for effect in sorted(only)]
+        notes += [
+            f"only the {name} calibration contains {effect}: it counts as zero in the other calibration"
+            for effect in sorted(only)
+        ]
     return notes

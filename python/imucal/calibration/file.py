@@ -377,7 +377,10 @@ def _imported(node: Node) -> Imported | None:
 
 
 def _name(node: Node, *, empty: bool = False) -> str:
-    """A name in a file. Raises FormatError for a name with characters that cannot be printed."""
+    """A name in a file. Raises FormatError for a name with characters that cannot be printed.
+
+    empty   whether the name may be an empty text
+    """
     if empty and node.value == "":
         return ""
     try:

@@ -177,7 +177,7 @@ def references_of(
 
 
 def _number(name: str, value: Any) -> float | None:
-    """A number or None. The range of the number is checked by the compiled library."""
+    """The argument `name` as a float, or None. The compiled library checks the range of the number."""
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):

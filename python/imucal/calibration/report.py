@@ -52,7 +52,8 @@ VERSION: Final = (
 )
 # Accepted difference between a p-value in the file and the p-value that follows from its chi2, because the
 # file may be rounded. The test statistic of an effect is recomputed only if the condition number of the
-# correlation matrix is at most 1 / STATISTIC_ROUNDING, because a larger one amplifies the rounding.
+# correlation matrix is at most 1 / STATISTIC_ROUNDING, because a larger condition number amplifies the
+# rounding too much.
 STATISTIC_ROUNDING: Final = 1e-4
 
 

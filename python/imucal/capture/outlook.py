@@ -105,7 +105,7 @@ def outlook_of(recording: Recording, gravity_mps2: float, before: Outlook | None
 
 
 def _shown(size: Size | None) -> str:
-    """A standard deviation in the unit of datasheets."""
+    """A standard deviation as text in the unit of datasheets; `NOT_YET` if it is None."""
     if size is None:
         return NOT_YET
     unit = SHOWN_IN.get(size.unit, size.unit)

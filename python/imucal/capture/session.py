@@ -322,7 +322,7 @@ class Session:
                 self.poses[i] = dataclasses.replace(pose, start_s=rest.start_s, end_s=rest.end_s)
 
     def _ask(self, now_s: float, current: FloatArray | None) -> list[Event]:
-        """Request the next pose."""
+        """Request the next pose. `current` is the up direction of the present pose, or None."""
         is_held = [any(angle_deg(pose.up, up) < NEAR_DEG for pose in self._round) for up in self._directions]
         asked = next_pose(self._directions, is_held, current)
         # A pose between two requested directions counts for both directions. Therefore all directions may

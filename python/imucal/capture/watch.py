@@ -36,14 +36,14 @@ ENOUGH_SHARE: Final = 0.8
 # If the vertical changes by more than this angle during `SHAKES_S`, deg, the motion counts as a rotation and
 # not as shaking.
 SHAKEN_DEG: Final = 10.0
-# If the ratio of the mean angular rate to its rms exceeds this number, the motion counts as a rotation and
-# not as shaking.
+# If the magnitude of the mean angular rate, divided by the rms of the rate, exceeds this number, the motion
+# counts as a rotation and not as shaking.
 SHAKEN_SHARE: Final = 0.35
 # An axis is reported as clipped at rest if at least this share of its samples in the last `SHAKES_S` have its
 # extreme value.
 CLIPPED_SHARE: Final = 0.3
-# An axis is not reported as clipped if more than this share of its other samples equal the previous sample,
-# because the step of its converter then exceeds the noise.
+# An axis is not reported as clipped if more than this share of its other samples equal the previous sample.
+# The step of its converter then exceeds the noise, so that samples are equal without clipping.
 EQUAL_SHARE: Final = 0.1
 # A rotation is too fast above this angular rate, deg/s. It is the smallest measurement range of common
 # gyroscopes.
@@ -56,8 +56,8 @@ RECENT_S: Final = 0.5
 # Time at each end of a rest, s, that is not evaluated, because the end of a rest in progress may still
 # change.
 BLOCK_S: Final = 0.1
-# Time after the first sample, s, during which a wrong unit of measurement cannot be distinguished from a fast
-# rotation.
+# Time after the first sample, s, during which a rest may not have been detected yet, so that a wrong unit of
+# measurement cannot be distinguished from a fast rotation.
 FIRST_S: Final = 1.5
 # Between two rests, the direction of gravity rotates in the body frame. The accelerometer gives the mean rate
 # of this rotation, and the largest gyroscope reading must be at least this rate, except for sensor errors of
@@ -68,7 +68,7 @@ LEAST_SHARE: Final = 0.5
 LEAST_MEAN_DPS: Final = 15.0
 # A rotation is too fast if the direction of gravity rotates faster than this mean rate, deg/s. This limit is
 # used for gyroscopes in raw counts, whose scale is not known yet. The peak rate of a smooth rotation is twice
-# its mean rate.
+# its mean rate, here 300 deg/s.
 FAST_MEAN_DPS: Final = 150.0
 
 

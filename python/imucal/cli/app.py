@@ -213,14 +213,14 @@ def _run(arguments: list[str]) -> int:
 
 
 def _complete(instruction: str) -> NoReturn:
-    """Answer the completion script of a shell."""
+    """Run an instruction of the completion script of a shell, such as `bash_complete`."""
     from click.shell_completion import shell_complete
 
     sys.exit(shell_complete(app, {}, "imucal", COMPLETE, instruction))
 
 
 def _unwritable(error: OSError) -> int:
-    """Handle an OSError of standard output. Commands convert all other OSErrors to ImucalError."""
+    """Print the message of an OSError of standard output. Commands convert other OSErrors to ImucalError."""
     if error.filename is None and error.strerror is not None:
         # Standard output is redirected to the null device, because the interpreter flushes it again at exit.
         # Without the redirection, this flush would also fail.

@@ -20,7 +20,7 @@ def show_calibration(
 ) -> None:
     """Print parameters, figures of merit, findings and verdict.
 
-    A poor verdict ends the command with exit code 2.
+    A verdict worse than `require` ends the command with exit code 2.
 
     saved  path of the calibration file, if one was written
     """

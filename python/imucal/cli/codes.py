@@ -697,7 +697,7 @@ def _plain(text: str) -> str:
 
 
 def codes_markdown() -> str:
-    """The page docs/codes.md."""
+    """The text of the page docs/codes.md."""
     lines = [HEAD]
     for heading, entries in CODES.items():
         lines += [f"## {heading}", "", "| code | kind | cause | what to do |", "|---|---|---|---|"]

@@ -69,7 +69,10 @@ def gap(
     write_json(runs[0].truth.to_dict(), folder / "truth.json")
     out = Output(json)
     out.document({**found.to_dict(), "truth": runs[0].truth.to_dict()})
-    out.line(f"{folder / 'run.csv'} and {folder / 'control.csv'} contain an effect beyond the 21 parameters:")
+    out.line(
+        f"{folder / 'run.csv'} and {folder / 'control.csv'} contain an effect beyond bias, scale and "
+        "misalignment:"
+    )
     for line in found.summary().splitlines():
         out.line(line)
     out.line(_revealed(hidden, found))
@@ -78,7 +81,7 @@ def gap(
 
 
 def _hidden(seed: int) -> EffectValues:
-    """The effect to hide: name and size are random numbers determined by the seed."""
+    """The effect to hide. The seed determines which effect of `HIDDEN` it is, and its random size."""
     import numpy as np
 
     from imucal.document.whole import check_seed

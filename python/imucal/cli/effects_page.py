@@ -109,7 +109,7 @@ The function is called with a `State` of N samples: `angular_rate`, `specific_fo
 
 
 def page() -> str:
-    """The text of the page."""
+    """The text of the page docs/effects.md."""
     lines = [HEAD, "## The catalogue", ""]
     lines.append("| effect | adds | parameters | typical size | depends on | observable in |")
     lines.append("|---|---|---|---|---|---|")

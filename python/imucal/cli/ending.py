@@ -41,7 +41,7 @@ class Ended:
 
     @property
     def what(self) -> str:
-        """Description for a message."""
+        """How the command ended, for a message, such as `ended by SIGTERM`."""
         return "interrupted" if self.by is None else f"ended by {self.by.name}"
 
     @property
@@ -54,8 +54,8 @@ class Ended:
 def as_interrupts() -> Iterator[Ended]:
     """Inside this block SIGTERM and SIGHUP raise KeyboardInterrupt.
 
-    On POSIX, a KeyboardInterrupt that Python discards is raised again (`_discarded_again`). Signals interrupt
-    only the main thread, so the block changes nothing in other threads.
+    On POSIX, a KeyboardInterrupt that Python discards is raised again (`_discarded_again`). Python handles
+    signals only in the main thread, so the block has no effect if another thread enters it.
     """
     ended = Ended()
     if threading.current_thread() is not threading.main_thread():

@@ -112,7 +112,7 @@ class Equipment:
     unwind: Annotated[bool, _option("--unwind", "Turn the motors back to zero first.", START)] = False
     resume_hold: Annotated[
         bool,
-        _option("--resume-hold", "grbl: end a feed hold or a closed safety door without waiting.", GRBL),
+        _option("--resume-hold", "grbl: go on after a feed hold or a closed door without cycle start.", GRBL),
     ] = False
     ids: Annotated[str, _option("--ids", "Numbers of the three motors, outermost first.", DYNAMIXEL)] = (
         "1,2,3"
@@ -161,7 +161,10 @@ class Equipment:
 
     @classmethod
     def of_dict(cls, values: dict[str, Any], **changes: Any) -> Equipment:
-        """The equipment stored in a journal. Options that this version does not know are ignored."""
+        """The equipment stored in a journal. Options that this version does not know are ignored.
+
+        changes   options that replace those in the journal
+        """
         known = {field.name for field in fields(cls)}
         given = {name: value for name, value in values.items() if name in known} | changes
         packet = given.get("packet")

@@ -157,7 +157,7 @@ def _write(path: str, error: BaseException) -> None:
 
 
 def _is_read(path: str, given: Iterable[Any]) -> bool:
-    """Whether another argument has the same path as --json, so that the file may be an input."""
+    """Whether another argument in `given` has the same path as --json, so that the file may be an input."""
     if path == "-":
         return False
     values = [item for value in given for item in (value if isinstance(value, (list, tuple)) else [value])]

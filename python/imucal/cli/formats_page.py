@@ -99,7 +99,7 @@ Each extra is installed by its name, for example `pip install "imucal-rs[ros]"`,
 
 
 def page() -> str:
-    """The page as Markdown."""
+    """The page docs/formats.md as Markdown."""
     return "\n".join([HEAD, *_overview(), *_sections(), *exports_section(), FOOT])
 
 

@@ -146,7 +146,7 @@ class Commands(_Help, click.Group):
         return self.commands.get(cmd_name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List each command with its whole first sentence, by tasks."""
+        """List the commands by task, each with the whole first sentence of its help."""
         tasks: dict[str, list[tuple[str, str]]] = {}
         for name, lazy in self._lazy.items():
             tasks.setdefault(lazy.task, []).append((name, lazy.summary))
@@ -175,7 +175,7 @@ class Commands(_Help, click.Group):
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the group's own function and the command."""
+        """Run the group's own function, and then the subcommand if one is given."""
         # Errors of a group are also written to the file of --json, because `imucal demo` is a group that runs
         # without a subcommand.
         with no_result_told(ctx.params):

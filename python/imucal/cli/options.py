@@ -68,7 +68,11 @@ JsonPath = Annotated[
 ]
 Control = Annotated[
     list[Path] | None,
-    option("--control", metavar="REC", help="Recording not used for the fit; may be repeated."),
+    option(
+        "--control",
+        metavar="REC",
+        help="Recording to test the result, not used for the fit; may be repeated.",
+    ),
 ]
 Gravity = Annotated[float, option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")]
 # Options for local gravity and the clock in a calibration. Without them, standard gravity and an exact clock

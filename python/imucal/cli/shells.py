@@ -23,14 +23,19 @@ PLACES: Final[dict[str, tuple[str, str | None, str]]] = {
 
 
 def show_completion(context: click.Context, complete: str) -> None:
-    """Print the script for the current shell."""
+    """Print the completion script for the current shell.
+
+    complete   environment variable that the script sets when it calls `imucal`
+    """
     print(_script(context, _shell(), complete))
 
 
 def install_completion(context: click.Context, complete: str) -> None:
     """Write the script for the current shell, and add a line that loads it to the start file if necessary.
 
-    Raises InputError for another shell, or if a file cannot be written.
+    Raises InputError for a shell that is not in `PLACES`, or if a file cannot be written.
+
+    complete   environment variable that the script sets when it calls `imucal`
     """
     shell = _shell()
     script, started_by, line = PLACES[shell]

@@ -13,7 +13,10 @@ GAP = "  "
 def table_lines(
     headings: Sequence[str], rows: Sequence[Sequence[str]], heading_style: Callable[[str], str]
 ) -> Iterator[str]:
-    """The lines of a table. The first column is aligned left, and all other columns are aligned right."""
+    """The lines of a table. The first column is aligned left, and all other columns are aligned right.
+
+    heading_style   function that adds the terminal codes of a style to a heading
+    """
     widths = [max(map(_width, cells)) for cells in zip(headings, *rows, strict=True)]
     yield _line(headings, widths, heading_style)
     for row in rows:

@@ -44,7 +44,7 @@ def agree(one: float, other: float, *, absolute: float = 0.0, relative: float = 
 def require_agreement(
     given: Node, written: Any, *, origin: Callable[[str], Origin], optional: Container[str], way_out: str
 ) -> None:
-    """Raise FormatError for the first value in `given` that differs from the same value in `written`.
+    """Raise FormatError for the first value in `given` that differs from the value at its path in `written`.
 
     given     the document as it was read
     written   the document that is made from the fields of `given`, as plain values
@@ -78,7 +78,11 @@ def require_agreement(
 
 
 def require_fields(node: Node, known: Sequence[str], what: str) -> None:
-    """Raise FormatError for an unknown field. The message suggests the known field with the nearest name."""
+    """Raise FormatError for an unknown field. The message suggests the known field with the nearest name.
+
+    known   names of the allowed fields
+    what    words for the kind of `node` in the message, such as "a unit file"
+    """
     for name in node.mapping():
         if name not in known:
             import difflib

@@ -105,7 +105,7 @@ class Node:
             raise FormatError(f"{self.file}: the document {what}, {schema!r} is needed")
 
     def get(self, name: str) -> Node:
-        """A required field."""
+        """The field `name` of an object, which must exist."""
         if not isinstance(self.value, dict):
             raise self._wrong("an object")
         if name not in self.value:

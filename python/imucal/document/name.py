@@ -19,7 +19,10 @@ LONGEST_NAME: Final = 200
 
 
 def require_name(name: object, what: str) -> str:
-    """Return `name` if it is a valid name. Raises InputError, with the reason, for any other value."""
+    """Return `name` if it is a valid name. Raises InputError, with the reason, for any other value.
+
+    what   words for the name in the message, such as "the rostopic"
+    """
     if not isinstance(name, str):
         raise InputError(f"{what} is {name!r}: give text, {str(name)!r}")
     if not name.strip():

@@ -132,6 +132,9 @@ def parsing(file: str, kind: str, way_out: str) -> Iterator[None]:
     """Convert any exception of a library that parses a file to a FormatError with the file and a remedy.
 
     Parsers raise all kinds of exceptions on damaged files, so every exception is treated as damage.
+
+    kind      name of the format
+    way_out   the remedy
     """
     try:
         yield

@@ -78,7 +78,7 @@ class UserEffect:
 
     @property
     def plain(self) -> int:
-        """Number of parameters of the plain form. A user-defined effect has only this form."""
+        """Number of parameters: a user-defined effect has only one form, with all its parameters."""
         return len(self.parameters)
 
     @property
@@ -162,7 +162,7 @@ def definitions(user_effects: Sequence[UserEffect]) -> Mapping[str, Effect | Use
 
 
 def counts_of(effect: Effect | UserEffect) -> range:
-    """The possible numbers of parameters of an effect: one for each form, from the plain to the full form."""
+    """Possible numbers of parameters of an effect, one for each form; the full form has all parameters."""
     return range(effect.plain, len(effect.parameters) + 1, effect.plain)
 
 

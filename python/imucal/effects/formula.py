@@ -3,9 +3,9 @@
     [NAME =] SENSOR [AXIS]: EXPRESSION
 
 The effect adds the value of the expression to the true rate (rad/s) or force (m/s^2). The parameters are the
-names that are neither inputs, functions nor columns of the recordings; the expression must be linear in them,
-without a constant term. Without an axis, the effect acts on all three axes, each of which has separate
-parameters.
+names that are neither inputs (such as temp_degc), constants, functions nor columns of the recordings. The
+expression must be linear in the parameters, and each of its terms must contain one. Without an axis, the
+effect acts on all three axes, each of which has separate parameters.
 
 The text is parsed but never executed. The syntax tree may contain only numbers, names, the operations in
 `OPERATORS`, comparisons, and calls of `FUNCTIONS`.

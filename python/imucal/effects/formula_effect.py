@@ -88,7 +88,8 @@ class FormulaEffect(UserEffect):
 
         A name in the formula that is neither one of `parameters` nor an input is a column.
 
-        Raises InputError if the text is not a formula, or if it has another number of parameters.
+        Raises InputError if the text is not a formula, or if its number of parameters differs from that of
+        `parameters`.
         """
         names = names_in(text)
         stored = {parameter.name for parameter in parameters}
@@ -179,7 +180,7 @@ def _unit_of(formula: Formula, factor: ast.expr) -> str:
 
 
 def _inputs(state: State, axis: int, formula: Formula) -> dict[str, FloatArray]:
-    """The inputs that the formula uses, (N,) each."""
+    """Values of the inputs that the formula uses, (N,) each; w, f and dw are components along `axis`."""
     vectors = {"w": state.angular_rate, "f": state.specific_force, "dw": state.angular_acceleration}
     values: dict[str, FloatArray | None] = {
         **state.auxiliary,

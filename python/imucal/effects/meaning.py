@@ -210,8 +210,8 @@ MEANINGS: Final[dict[str, Meaning]] = {
             "directly."
         ),
         remedy=(
-            "Check the delay and the low-pass filter of the gyroscope first: a delay has the same form for "
-            "each axis."
+            "Check the delay and the low-pass filter of the gyroscope first: a delay also causes an error "
+            "proportional to the angular acceleration, with the same factor on each axis."
         ),
     ),
     "gyro_time_offset": Meaning(

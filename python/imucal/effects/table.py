@@ -52,7 +52,7 @@ def find(name: str) -> Effect:
 
 
 def has_parameter(effect: str, name: str) -> bool:
-    """Whether a parameter belongs to an effect.
+    """Whether the parameter with the full name `name` belongs to the effect `effect`.
 
     For effects of the catalogue, it is not sufficient that the name of the parameter begins with the name of
     the effect, because the name of one effect may begin with the name of another.
@@ -65,7 +65,7 @@ def has_parameter(effect: str, name: str) -> bool:
 
 
 def not_known(name: str, known: Iterable[str]) -> InputError:
-    """The error for an unknown name, with similar names."""
+    """The InputError for an unknown name of an effect; its message lists similar names from `known`."""
     import difflib
 
     close = difflib.get_close_matches(name, list(known), cutoff=0.5)

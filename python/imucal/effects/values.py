@@ -38,7 +38,7 @@ Definition: TypeAlias = Effect | UserEffect | Disturbance
 def give_effects(
     effects: Mapping[str, EffectInput] | Iterable[EffectValues], user_effects: Sequence[UserEffect] = ()
 ) -> tuple[EffectValues, ...]:
-    """Convert an argument with effects, noise and faults, in one of the forms above, to their values.
+    """Convert an argument with effects, noise and faults, in a form listed in this module, to their values.
 
     Raises InputError for an unknown name and for values that do not match the definition of the effect.
     """
@@ -81,12 +81,12 @@ def _parse(text: str) -> tuple[str, EffectInput]:
 
 
 def effects_to_list(effects: Iterable[EffectValues]) -> list[dict[str, Any]]:
-    """Values of effects as they are stored in files."""
+    """Convert values of effects to JSON objects, one for each effect, as files store them."""
     return [{"name": effect.name, "values": effect.values, "shape": effect.shape} for effect in effects]
 
 
 def effects_of(node: Node, user_effects: Sequence[UserEffect] = ()) -> tuple[EffectValues, ...]:
-    """Read a list of effects, from the catalogue or user-defined, in a file.
+    """Read the effects, from the catalogue or user-defined, from the list `node` of a file.
 
     Raises FormatError with the name of an invalid effect.
     """

@@ -88,7 +88,7 @@ def calibrate(
     gravity_sigma_mps2 standard deviation of local gravity, m/s^2, to include in the standard deviations of
                        the accelerometer scales. None: with `latitude_deg` the standard deviation of normal
                        gravity, otherwise zero
-    latitude_deg, height_m   geodetic latitude, deg, and height, m, of the place
+    latitude_deg, height_m   geodetic latitude, deg, and height, m, of the place of the recordings
     clock_ppm          standard deviation of the rate error, ppm, of the clock that gives the time stamps, to
                        include in the standard deviations of the gyroscope scales
     frame              body frame of the result: "symmetric" or "triangular", see `imucal.calibration.triad`

@@ -208,7 +208,7 @@ def _covariance(calibration: Calibration) -> FloatArray | None:
 
 
 def require_judges(model: SensorModel, judges: Sequence[Recording]) -> None:
-    """Raise InputError for recordings on which a calibration cannot be evaluated."""
+    """Raise InputError without recordings, for equal recordings, and for raw units other than the model's."""
     if not judges:
         raise InputError("there is no recording for the evaluation: give at least one")
     require_different(judges)

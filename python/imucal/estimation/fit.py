@@ -1,4 +1,4 @@
-"""Report on an estimation: how rests were detected, how each fit ended, and tests of its residuals."""
+"""Report on an estimation: how rests were detected, how each fit ended, and tests of the residuals."""
 
 from __future__ import annotations
 

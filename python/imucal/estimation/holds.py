@@ -59,7 +59,7 @@ def _of_mapping(name: str, given: Any) -> HoldTuple:
 
 
 def profile_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[tuple[str, list[float]], ...]:
-    """Spread of the parameters between units (standard deviation), by group, from the profile of `unit`.
+    """Standard deviation between units of each group of parameters, from the profile of `unit`.
 
     The result is for the symmetric frame. The profile states the standard deviation of the off-diagonal
     entries of the sensitivity in the frame of the sensor's package (its housing). In the symmetric frame, an

@@ -153,7 +153,7 @@ def inspect(
 
 
 def only_moves_determine(names: Sequence[str]) -> str:
-    """A sentence on the parameters that the rests alone do not determine."""
+    """A sentence on the parameters `names`, which the rests determine only together with the moves."""
     return (
         f"the directions of gravity at the rests do not determine {', '.join(names)}; together with the "
         "moves between the rests they do"

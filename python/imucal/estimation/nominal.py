@@ -27,7 +27,7 @@ UNDETERMINED: Final = "not determine"
 def require_nominals(recording: Recording, accel_nominal: float | None, gyro_nominal: float | None) -> None:
     """Raise InputError for a nominal sensitivity that cannot be that of the recording.
 
-    The sensor is not in raw counts, or the nominal sensitivity of the accelerometer is in counts per g.
+    This is so if the sensor is not in raw counts, or if the value for the accelerometer is in counts per g.
     """
     for name, nominal, samples, unit in (
         ("accel_nominal", accel_nominal, recording.specific_force, recording.accel_unit),

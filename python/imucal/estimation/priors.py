@@ -103,7 +103,7 @@ class Priors:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences on the held parameters, the shares of the priors, and the errors due to the priors."""
+        """Sentences on the held parameters, and on the variances and errors that come from the priors."""
 
         def key(held: HeldParameter) -> tuple[Any, ...]:
             return held.group, held.prior_value, held.prior_sigma, held.prior_source, held.unit

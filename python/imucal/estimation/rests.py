@@ -117,5 +117,5 @@ def of_library(kind: type[T], fields: Mapping[str, Any]) -> T:
 
 
 def used_of(items: Sequence[Rest] | Sequence[Move]) -> str:
-    """The number of used rests or moves and their total number, as text."""
+    """The number of used rests or moves and their total number, such as "12 of 14"."""
     return f"{sum(item.excluded is None for item in items)} of {len(items)}"

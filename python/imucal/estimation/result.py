@@ -221,7 +221,7 @@ class CalibrationResult:
 
     @property
     def used(self) -> str:
-        """The numbers of used rests and moves, as text."""
+        """The numbers of used rests and moves, such as "12 of 14 rests and 11 of 13 moves used"."""
         if self.calibration.gyroscope is None:
             return f"{used_of(self.rests)} rests used"
         return f"{used_of(self.rests)} rests and {used_of(self.moves)} moves used"

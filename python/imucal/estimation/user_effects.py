@@ -51,12 +51,15 @@ class UserEffectSource:
         return [effect.name for effect in self.effects]
 
     def fields(self, names: Sequence[str], estimate: _core.Estimate) -> list[UserField]:
-        """The named effects, with the error per unit of each parameter at corrected samples, (N, 3, p)."""
+        """The effects `names`, with the error per unit of each parameter at each corrected sample, (N, 3, p).
+
+        The samples are corrected by `estimate`.
+        """
         own = [effect for effect in self.effects if effect.name in names]
         return self._fields(own, self._calibration(estimate), self.recordings) if own else []
 
     def corrected(self, estimate: _core.Estimate, of_control: bool) -> list[RateAndForce]:
-        """Corrected rate and force, (N, 3) each, of each recording.
+        """Rate and force, (N, 3) each, of each recording after correction by `estimate`.
 
         of_control  whether to correct the control recordings instead of the calibration recordings
         """

@@ -71,7 +71,7 @@ def _number(word: str) -> int:
 
 
 def _turn(axis: int, angle_deg: float) -> FloatArray:
-    """A rotation about one axis, exact for multiples of 90 deg."""
+    """The matrix of a rotation about one axis, exact for multiples of 90 deg."""
     quarter, rest = divmod(angle_deg, 90.0)
     if rest == 0:
         cosine, sine = ((1, 0), (0, 1), (-1, 0), (0, -1))[int(quarter) % 4]

@@ -50,9 +50,9 @@ def require_prefix(prefix: str) -> None:
 def matrix_constant(
     name: str, rows: Sequence[Sequence[float]], row: Callable[[Sequence[float]], str]
 ) -> list[str]:
-    """A constant matrix in a C function.
+    """The lines that define a constant 3 x 3 matrix in a C function.
 
-    name   type and name
+    name   type and name of the matrix
     row    function that writes the initialiser of a row
     """
     return [
@@ -63,7 +63,7 @@ def matrix_constant(
 
 
 def assigned_sum(start: str, terms: Sequence[str]) -> list[str]:
-    """A C statement that assigns a sum, with one term per line."""
+    """A C statement that assigns a sum, one term per line; `start` is its beginning, such as `x =`."""
     if len(terms) == 1:
         return [f"{start} {terms[0]};"]
     indent = " " * (len(start) - len(start.lstrip()) + 4)

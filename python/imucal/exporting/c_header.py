@@ -57,7 +57,8 @@ ARGUMENTS: Final = {
     "angular_acceleration": "const {real} angular_acceleration_radps2[3]",
 }
 # Number of passes of the fixed-point iteration in single precision that use the strict limit of convergence.
-# Effects of ordinary size (q < 0.1, docs/model.md (16)) reach this limit in about seven passes.
+# Effects of ordinary size, for which each pass multiplies the error by less than 0.1 (docs/model.md (16)),
+# reach this limit in about seven passes.
 STRICT_PASSES: Final = 16
 
 

@@ -75,7 +75,7 @@ class Split:
 
 
 def split(triad: Triad, unit: str) -> Split:
-    """Split the correction of a triad whose raw samples have this unit."""
+    """Split the correction of a triad into the parts of `Split`; `unit` is the unit of the raw samples."""
     rest = inverse(triad)
     is_counts = unit == "lsb"
     bias = _single(np.round(triad.bias)) if is_counts else np.zeros(3)

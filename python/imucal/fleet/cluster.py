@@ -61,7 +61,10 @@ class DaskPool:
         self._futures[future] = work
 
     def next(self) -> Done:
-        """Wait until one of the submitted tasks ends. Raises ImucalError if the scheduler is lost."""
+        """Wait until one of the submitted tasks ends. Returns the task and its answer.
+
+        Raises ImucalError if the scheduler is lost.
+        """
         import distributed
         from distributed.scheduler import KilledWorker
 

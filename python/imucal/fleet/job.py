@@ -3,7 +3,7 @@
     recording = hash(serial number, contents of the files)
     key       = hash(recording, options, version of imucal)
 
-Equal keys have equal results, so a job whose key is in the store is not computed again.
+Jobs with equal keys have equal results, so a job whose key is in the store is not computed again.
 """
 
 from __future__ import annotations

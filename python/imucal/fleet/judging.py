@@ -69,7 +69,7 @@ class Judging(ABC):
         return spc(self.measurements(covariances=False, **selection))
 
     def capability(self, limits: Limits | None = None, **selection: str | None) -> CapabilityResult:
-        """Capability indices for limits, spread without measurement noise, and proposed limits."""
+        """Capability indices for `limits`, spread of the true values of the units, and proposed limits."""
         return capability(self.measurements(covariances=False, **selection), limits)
 
     def grr(

@@ -67,7 +67,7 @@ def shard_of(text: str) -> tuple[int, int]:
 
 
 def shard(jobs: Iterable[Job], part: tuple[int, int] | None) -> Iterator[Job]:
-    """The jobs of part I of N: every N-th job from the I-th on."""
+    """The jobs of `part` (I, N): every N-th job from the I-th on; all jobs if `part` is None."""
     if part is None:
         return iter(jobs)
     number, count = part

@@ -101,7 +101,7 @@ def naming_of(pattern: str | None) -> Naming:
 def files_of(patterns: Sequence[str], *, or_none: bool = False) -> list[str]:
     """The files that match paths, folders and glob patterns. The files of each folder or pattern are sorted.
 
-    Raises InputError for a pattern without any file.
+    Raises InputError for a pattern without any file, unless `or_none` is true.
     """
     found: dict[str, None] = {}
     for pattern in patterns:

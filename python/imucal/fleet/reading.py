@@ -62,7 +62,7 @@ CONDITIONS: Final = {
 
 
 def conditions(given: Mapping[str, str | None]) -> tuple[str, list[str]]:
-    """The SQL condition that selects rows, and the arguments of the condition."""
+    """The SQL condition for a selection such as {"serial": "A-17"}, and the arguments of the condition."""
     used = {name: value for name, value in given.items() if value is not None}
     return " AND ".join(CONDITIONS[name] for name in used) or "TRUE", list(used.values())
 
@@ -180,7 +180,7 @@ def _measurements(
 def documents(
     connection: sqlite3.Connection, where: str, arguments: Sequence[Any]
 ) -> Iterator[tuple[str, Any]]:
-    """Yield the serial number and the JSON document of each current row with a result."""
+    """Yield the serial number and the JSON document of the last calibration of each selected recording."""
     rows = connection.execute(
         "SELECT m.serial, d.document, d.covariance FROM measurements m JOIN documents d ON d.job = m.id "
         f"WHERE {where} ORDER BY m.date, m.serial, m.id",
@@ -191,7 +191,7 @@ def documents(
 
 
 def _common(sets: Sequence[Sequence[tuple[str, ...]]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The names and the units of all parameters. The parameters in `BASE_NAMES` come first."""
+    """The names and the units of all parameters in `sets`. The parameters in `BASE_NAMES` come first."""
     units: dict[str, str] = {}
     for pairs in sorted(sets, key=len):
         for name, unit in pairs:

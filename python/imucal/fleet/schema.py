@@ -231,7 +231,7 @@ def _uri(path: str | os.PathLike[str]) -> str:
 def _version(
     connection: sqlite3.Connection, path: str | os.PathLike[str], known: int, *, may_be_new: bool
 ) -> int:
-    """The version of the tables; 0 for a new file."""
+    """The version of the tables; 0 for a new file. Raises FormatError for a version above `known`."""
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()

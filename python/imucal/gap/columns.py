@@ -28,7 +28,7 @@ EXPLAINED: Final = 0.95
 # evidence if there are more candidates. The selected columns are those whose variance is explained least by
 # time, temperature, force and rate.
 MOST_COLUMNS: Final = 6
-# Maximum number of samples of a recording from which the share EXPLAINED of a column is computed.
+# Maximum number of samples of a recording from which the explained share of a column's variance is computed.
 SAMPLES: Final = 4000
 
 

@@ -71,7 +71,7 @@ def find_gap(
     user_effects        user-defined effects, which are always candidates
     gravity_mps2        local gravity, m/s^2; default: gravity of `calibration`, else standard gravity
     min_rest_s          minimum duration of a rest, s
-    exclude_saturated   whether to exclude saturated samples
+    exclude_saturated   whether to exclude rests and moves with saturated samples
     model, hold         which parameters have a prior in all fits, see `calibrate`
     stage               function that is called with a description of each step before the step starts
 

@@ -6,8 +6,8 @@ Effect a, with its estimated parameters theta_a, causes residuals. The rival b (
 base parameters (changes delta) are fitted to these residuals, and T(a, b) is the chi2 that remains. Residuals
 are divided by their standard deviation. A motion distinguishes between effects if T(a, b) and T(b, a) are
 large for all rivals (Atkinson and Fedorov, Biometrika 62, 1975, 57-70). J_a, J_b and J_base are the
-Jacobians of the residuals with respect to the parameters, as in the search. They are evaluated on the present
-recordings and on a simulated recording of the motion.
+Jacobians of the residuals with respect to the parameters, as in the search for effects. They are evaluated
+on the present recordings and on a simulated recording of the motion.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
 __all__ = ["next_motion"]
 
-# A motion distinguishes between an effect and its rival if T(effect, rival), the expected chi2 defined above,
-# exceeds this number. The log likelihood ratio of the true effect to its rival has the mean chi2 / 2 and the
-# standard deviation sqrt(chi2). For chi2 = 30 it is 15 +- 5.5 nats.
+# A motion distinguishes between an effect and its rival if the expected chi2 T(effect, rival), defined at the
+# top of this file, exceeds this number. The log likelihood ratio of the true effect to its rival has the mean
+# chi2 / 2 and the standard deviation sqrt(chi2). For chi2 = 30 it is 15 +- 5.5 nats.
 SEPARATES: Final = 30.0
 # Seed of the noise of simulated recordings.
 SEED: Final = 3

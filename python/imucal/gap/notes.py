@@ -71,8 +71,8 @@ PATTERNS: Final = {
     "white": "independently in each rest and move",
 }
 
-# Faults of the data that the residuals of moves show. If effects were accepted, such a fault is the pattern
-# of the remainder.
+# Faults of the data that the residuals of moves show. If effects were accepted, such a fault is reported as
+# the pattern of the residuals that these effects do not explain.
 FAULTS: Final = {
     "clock_irregular": "the samples were not taken at the times of their time stamps",
     "noise_grows_in_motion": "the noise of the gyroscope is larger inside moves than at rest",
@@ -127,7 +127,8 @@ def of_analysis(question: Question, analysis: _core.GapAnalysis) -> Iterator[str
     if analysis.chi2_of_given is not None:
         yield from _refit_alone(analysis.chi2_of_given, question)
     control = (analysis.after or analysis.before).control
-    # The sentence on a change of the biases between sessions contains the change of the temperature.
+    # If the biases changed between sessions, the sentence on this change also contains the change of the
+    # temperature.
     if control is not None and control.verdict == "poor" and analysis.session is None:
         yield from _temperature_change(question)
 
@@ -233,7 +234,7 @@ def generic_of(found: _core.GenericFinding | None) -> dict[str, Any] | None:
 
 
 def session_of(found: _core.SessionStep | None) -> SessionStep | None:
-    """The change of the biases between sessions."""
+    """The change of the biases between sessions with its likely cause; None if the library found none."""
     if found is None:
         return None
     x = found.accelerometer_mps2, found.gyroscope_radps

@@ -320,7 +320,7 @@ def _move_residuals(corrected: Sequence[_Corrected]) -> MoveResiduals:
 def _move_row(
     of: _Corrected, move: Move, rest_from: Rest, rest_to: Rest
 ) -> tuple[bool, int, float, float, float] | None:
-    """The values of `MoveResiduals` for one move; None if the move is not a rotation about one body axis."""
+    """The values of `MoveResiduals` for one move; None for a move that `MoveResiduals` does not include."""
     time = of.raw.time_s[move.first : move.last + 1]
     rates = np.asarray(of.after.angular_rate, dtype=float)[move.first : move.last + 1]
     turned = 0.5 * (np.diff(time)[:, None] * (rates[1:] + rates[:-1])).sum(axis=0)
@@ -346,7 +346,7 @@ def _move_row(
         rotation = _core.integrate(time, np.ascontiguousarray(own_rates))
         predicted = _into_end(rotation, start / np.linalg.norm(start))
         # A rate error e that acts for a time dt changes the predicted gravity direction p by p x e dt (cross
-        # product).
+        # product). If e is perpendicular to p, the cross product of p and the measured direction is e dt.
         errors.append(float(np.cross(predicted, end / np.linalg.norm(end)) @ about) / seconds)
     return of.is_control, axis, rate, errors[0], errors[1]
 

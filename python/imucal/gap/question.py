@@ -1,4 +1,4 @@
-"""Input of a search: recordings of a unit, control recordings, and options."""
+"""Input of a search for effects: recordings of a unit, control recordings, and options."""
 
 from __future__ import annotations
 

@@ -51,9 +51,9 @@ class Gap(GapFields):
                        angular_rate_rms_radps and specific_force_rms_mps2, each with before, after, factor
                        (before / after), and factor_low and factor_high (95 % interval); None if no effect was
                        accepted
-    traces             for each effect, the residuals that it would cause at its typical size: `times_noise`
-                       by kind of residual, and `taken_up`, the share of their chi2 that the 21 base
-                       parameters absorb
+    traces             for each effect, the residuals that it would cause at its typical size: `times_noise`,
+                       their size by kind of residual in multiples of the noise, and `taken_up`, the share of
+                       their chi2 that the 21 base parameters absorb
     calibration_set    figures of merit on the calibration recordings without (before) and with the effects
                        (after)
     control_set        figures of merit on the control recordings, before and after; None without control

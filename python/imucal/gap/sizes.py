@@ -19,7 +19,7 @@ PER_COLUMN: Final = re.compile(r"(?P<of>rad/s|m/s\^2)/\(?(?P<column>[A-Za-z_]\w*
 
 
 def p_text(p_value: float) -> str:
-    """A probability as text; for a value near the rounding error of its computation, only an upper bound."""
+    """A p-value as text, such as "p 0.013"; below `LEAST_P`, near its rounding error, only this bound."""
     return f"p {p_value:.2g}" if p_value > LEAST_P else f"p below {LEAST_P:g}"
 
 

@@ -30,7 +30,7 @@ from imucal.recording.recording import Recording, samples_of_both
 
 __all__ = ["is_soak", "soak"]
 
-# Maximum number of epochs over which readings are averaged. Each epoch has `LEAST_SAMPLES` samples or more.
+# Maximum number of epochs. Readings are averaged over each epoch, which has `LEAST_SAMPLES` samples or more.
 EPOCHS: Final = 240
 LEAST_SAMPLES: Final = 10
 # Minimum number of epochs, and minimum range of their temperatures, K. Recordings with fewer epochs or a
@@ -256,7 +256,7 @@ class _Search:
         return self.history.direction if name.endswith("_hysteresis") else self.difference
 
     def _fit(self, form: Form) -> FloatArray:
-        """The coefficients of all axes, (1 + p, 3)."""
+        """Coefficients of the linear fit of a form, for all axes, (1 + p, 3)."""
         columns, size = _scaled(self._columns(form))
         found = np.linalg.lstsq(columns, self.mean, rcond=1e-10)[0]
         solved: FloatArray = found / size[:, None]
@@ -294,7 +294,7 @@ class _Search:
             yield Form((*own, *other))
 
     def _with_lags(self, form: Form, counts: tuple[int, ...]) -> Form:
-        """The form with additional lags whose time constants give the best prediction."""
+        """The form with more lags, of `counts` parameters each, at the time constants that predict best."""
         effects = (*form.effects, *((f"{self.prefix}_lag", count) for count in counts))
         span_s = self.history.duration_s
         grid = np.geomspace(max(span_s / 300.0, 1.0), span_s / 2.0, TAUS)

@@ -101,7 +101,8 @@ def sentences(gap: GapFields) -> Iterator[str]:
             f"{where}: {words} {before:.4g} before{refitted}, {after:.4g} after, "
             f"noise floor {floor:.3g}{f' {unit} rms' if unit else ''}: "
             # If the figure of merit is worse with the effects, the closed share of the gap is negative. Such
-            # a difference is within the scatter of the two values.
+            # a difference is within the scatter of the two values, because effects that make the prediction
+            # significantly worse are rejected.
             + (
                 "the difference is not significant"
                 if figure["closed"] < 0
@@ -129,7 +130,7 @@ def sentences(gap: GapFields) -> Iterator[str]:
 
 
 def _laws(gap: GapFields) -> Iterator[str]:
-    """A sentence on each law: formula, parameters, share of the gap that it closes, and similar effects."""
+    """A sentence on each law: formula, parameters, removed share of the excess chi2, and similar effects."""
     for law in gap.laws:
         values = ", ".join(
             f"{p['name']} = {p['value']:.3g} ± {p['std'] or 0.0:.1g} {p['unit']}" for p in law.parameters
@@ -153,7 +154,7 @@ def _remainder(gap: GapFields) -> Iterator[str]:
 
 
 def nothing_in_words(gap: GapFields, p_value: float) -> str:
-    """The residuals of control or held-out data with their p-value, for a remainder of the kind `nothing`.
+    """Text on the residuals of unseen data and their p-value, for a remainder of the kind `nothing`.
 
     If there are many residuals, they may exceed their noise significantly although their ratio to the noise
     is below two.
@@ -173,7 +174,7 @@ def nothing_in_words(gap: GapFields, p_value: float) -> str:
 
 
 def _remaining(fit: CalibrationResult) -> str:
-    """The verdict on the calibration, with the residuals that still exceed their noise."""
+    """A sentence with the verdict on the calibration and the residuals that still exceed their noise."""
     of = "with the effects" if fit.calibration.effects else "without effects"
     sets = {"calibration set": fit.residuals, "control set": fit.control.residuals if fit.control else ()}
     remaining = [
@@ -245,7 +246,7 @@ def _ratio(before: Mapping[str, Any], after: Mapping[str, Any], name: str) -> fl
 
 
 def _times_noise_less(figure: Mapping[str, Any]) -> float:
-    """Decrease of the figure of merit from `before` to `after`, in multiples of its noise."""
+    """Decrease of the figure of merit from `before` to `after`, in multiples of `floor`, its noise."""
     power = 0.5 if figure["metric"] == "chi2_per_dof" else 1.0
     before, after = ((figure[name] / max(figure["floor"], 1e-300)) ** power for name in ("before", "after"))
     return float(before - after)
@@ -257,7 +258,7 @@ def _drop(row: Mapping[str, Any]) -> float:
 
 
 def _size(effect: Mapping[str, Any]) -> str:
-    """The largest parameter with its standard deviation, as text."""
+    """Text on the largest parameter of an effect, such as "largest parameter 0.12 ± 0.01 mg"."""
     units = {p["unit"] for p in effect["parameters"]}
     # Time constants are left out, because a time constant is not the size of an effect.
     sizes = [p for p in effect["parameters"] if p["unit"] != "s" or units == {"s"}]

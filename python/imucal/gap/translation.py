@@ -129,7 +129,7 @@ def _faults(faults: Sequence[Finding]) -> tuple[dict[str, Any], ...]:
 
 
 def _closed(question: Question, analysis: _core.GapAnalysis) -> dict[str, Any]:
-    """Figure of merit on control or held-out data, and the share of its excess over noise that is removed.
+    """Figure of merit on unseen data, and the share of its excess over noise that the effects remove.
 
     With a given calibration and control recordings, `before` is the value for the given calibration.
     """

@@ -29,7 +29,7 @@ COUNTS: Final = ("a.u.", "a.u", "lsb", "counts")
 
 
 def recognises(content: Content) -> bool:
-    """Whether the file has the matrices of an accelerometer and of a gyroscope."""
+    """Whether the file has the matrices and the bias of the accelerometer, K_a, R_a and b_a."""
     return {"K_a", "R_a", "b_a"} <= content.fields.keys()
 
 
@@ -67,7 +67,11 @@ def _unit(document: Node, name: str, default: str) -> str:
 def _triad(
     document: Node, letter: str, sensor: str, short: str, si_unit: str, given: str | None
 ) -> tuple[Triad, str]:
-    """The triad, and its raw unit: counts ("lsb") or the SI unit."""
+    """The triad of a sensor, and its raw unit: counts ("lsb") or the SI unit.
+
+    letter, short   the sensor in names of matrices (a, g) and of units (acc, gyr)
+    given           raw unit that the user gives, or None
+    """
     matrix = document.get(f"K_{letter}").array(3, 3) @ document.get(f"R_{letter}").array(3, 3)
     # The matrices convert calibrated samples, in the units that the file states, to raw samples.
     calibrated = _unit(document, f"{short}_unit", "m/s^2" if short == "acc" else "deg/s")

@@ -67,7 +67,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
 
 
 def _sensor(name: str, place: int, count: int) -> str:
-    """The sensor of a file, from the file name or from the order of two files."""
+    """The sensor of a file, from its name, or from its index `place` if there are two files."""
     found = [sensor for word, sensor in SENSORS.items() if word in PurePath(name).name.lower()]
     if len(found) == 1:
         return found[0]

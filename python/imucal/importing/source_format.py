@@ -69,7 +69,7 @@ class Found:
     user_effects               effects that a formula defines
     accel_unit, gyro_unit      raw units: m/s^2 and rad/s, or lsb
     noise                      noise figures, named as in a calibration file
-    temperature_range_degc     range outside which the thermal terms are constant
+    temperature_range_degc     temperatures for which the thermal terms are valid; None without these terms
     missing                    parts of a calibration, besides covariance and gravity, that the files do not
                                state; see `Imported.missing`
     notes                      remarks for the user

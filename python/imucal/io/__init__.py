@@ -169,8 +169,8 @@ def _chosen(
     for path in paths:
         if not isinstance(path, (str, os.PathLike)):
             raise InputError(
-                f"a {type(path).__name__} is neither the path of a file nor a data frame: collect a lazy "
-                "frame, and give several frames one by one"
+                f"a {type(path).__name__} is neither the path of a file nor a data frame: call collect() of "
+                "a lazy frame, and give several frames one by one"
             )
     for path in paths:
         require_file(path)

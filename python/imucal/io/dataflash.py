@@ -114,7 +114,7 @@ def _complaints() -> Iterator[io.StringIO]:
 
 
 def _rows(name: str, log: Any) -> tuple[dict[tuple[str, int], Rows], list[int]]:
-    """The samples, and the values of AHRS_ORIENTATION in the order of the log."""
+    """The samples by kind of message and instance, and all values of AHRS_ORIENTATION, as in the log."""
     rows: dict[tuple[str, int], Rows] = {}
     orientations: list[int] = []
     kinds = [message for message in log.name_to_id if MESSAGE.fullmatch(message)]

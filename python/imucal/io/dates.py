@@ -65,9 +65,10 @@ def _pattern(column: Any) -> str | None:
 
 
 def nanoseconds(column: Any) -> NDArray[np.int64] | None:
-    """The times of a text column with dates, ns since an epoch; NaT (the least integer) for empty cells.
+    """The times of a text column with dates, in ns; NaT (the least integer) for empty cells.
 
-    None if the form is not known or cells have different forms.
+    Dates count from 1970, and times of day from midnight of the first day. The result is None if the form of
+    the dates is not known or cells have different forms.
     """
     import pyarrow as pa
     from pyarrow import compute

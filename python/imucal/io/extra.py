@@ -11,7 +11,11 @@ __all__ = ["library"]
 
 
 def library(module: str, extra: str, what: str) -> Any:
-    """Import a library of an optional extra. Raises ImucalError with the install command if it is missing."""
+    """Import a library of an optional extra. Raises ImucalError with the install command if it is missing.
+
+    extra   name of the extra of this package that installs the library
+    what    the files or messages that the library reads, for the error message
+    """
     try:
         return importlib.import_module(module)
     except ImportError as error:

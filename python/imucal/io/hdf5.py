@@ -41,6 +41,9 @@ def hdf5_arrays(
     A compound data set becomes one array per field. The file is open only inside the `with` block, so the
     values must be read there. Links to other files are not followed. Data sets that are stored in other files
     are refused when they are read.
+
+    separator   text that replaces `/` in the paths
+    kind        name of the format in messages
     """
     file_name = Path(path).name
     found: dict[str, StoredArray] = {}

@@ -122,7 +122,7 @@ def names_given(name: str, layout: Layout, columns: str | Sequence[str] | None) 
 
 
 def require_agreement(name: str, layout: Layout, names: Sequence[str], *, check_axes: bool) -> None:
-    """Raises InputError if the header states another unit, sensor or axis than the assigned names."""
+    """Raises InputError if the header states another unit, sensor or (`check_axes`) axis than `names`."""
     if layout.names is None or len(layout.names) != len(names):
         return
     header = layout_header(layout)
@@ -209,7 +209,10 @@ def _by_header(text: Text, rate_hz: float | None) -> Table:
 
 
 def canonical_names(names: Sequence[str], header: Header, time: tuple[str, str] | None) -> list[str]:
-    """The canonical name of each column; `-` for a column whose quantity is not known."""
+    """The canonical name of each column; `-` for a column whose quantity is not known.
+
+    time   (name, canonical name) of the time column, or None
+    """
     canonical = [SKIP[0]] * len(names)
     known = {name: index for index, name in reversed(list(enumerate(names)))}
     for triad, what in ((header.accel[0], "accel"), (header.gyro[0], "gyro")):
@@ -229,8 +232,9 @@ def certain_time(
 ) -> tuple[tuple[str, str] | None, float | None] | None:
     """(name, canonical name) of the time column and its ticks per second, as from `time_of`.
 
-    The result is None if the header is ambiguous or contradicts the data. It is also None if the program that
-    wrote the file reverses signs (`Header.axes`), because the caller must then give `axes`.
+    Both are None with `has_rate`, if the caller gives the sampling rate. The result is None if the header is
+    ambiguous or contradicts the data. It is also None if the program that wrote the file reverses signs
+    (`Header.axes`), because the caller must then give `axes`.
     """
     if len(header.accel) != 1 or len(header.gyro) != 1 or header.axes is not None:
         return None
@@ -265,7 +269,10 @@ def time_of(header: Header, head: FirstCells) -> tuple[tuple[str, str], float | 
 
 
 def as_read(file: str, header: Header, time: tuple[str, str] | None) -> Finding:
-    """A finding that lists the columns and units as read, and explains how to correct them."""
+    """A finding that lists the columns and units as read, and explains how to correct them.
+
+    time   (name, canonical name) of the time column, or None
+    """
     is_stamp = time is not None and header.stamp is not None and time[0] == header.stamp[0]
     shown = [] if time is None else [f"{time[1]}={' and '.join(header.stamp or ()) if is_stamp else time[0]}"]
     for triad, what in ((header.accel[0], "accel"), (header.gyro[0], "gyro")):

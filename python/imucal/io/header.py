@@ -53,7 +53,7 @@ class Triad(NamedTuple):
 class Header:
     """The columns of a text file by role.
 
-    accel, gyro  the triads, the more likely one first
+    accel, gyro  triads of the sensor, in the order in which they were found
     linear       triads of acceleration without gravity
     plain        triads whose column names are only x, y, z, each with the sensor that its unit implies, or
                  "" if the unit implies no sensor
@@ -207,7 +207,7 @@ def header_of(
 
 
 def names_sensor(names: Sequence[str], what: str) -> bool:
-    """Whether the words of any column name identify an axis of this sensor, "accel" or "gyro"."""
+    """Whether the words of any column name identify an axis of the sensor `what`, "accel" or "gyro"."""
 
     def of(name: str) -> str | None:
         bare, unit = split_unit(name)
@@ -236,7 +236,7 @@ def _shared_start(names: Sequence[str]) -> str:
 
 
 def _has(groups: _Groups, what: str) -> bool:
-    """Whether the columns of all three axes of this sensor have been found."""
+    """Whether the columns of all three axes of the sensor `what` have been found."""
     return any(of.endswith(what) and len(found) == 3 for (of, _), found in groups.items())
 
 

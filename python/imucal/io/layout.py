@@ -158,7 +158,7 @@ def layout_of(
 
 
 def _without_rows(lines: list[_Line], text: bytes) -> Layout:
-    """The layout without rows. The header is the first line with canonical names, or else the first line."""
+    """The layout of a text without rows. Its header is the first line with canonical names, else line 1."""
     header = next((line for line in lines if any(map(is_canonical, _fields(line.text)))), lines[0])
     names = _fields(header.text)
     separator = next((mark for mark in SEPARATORS if mark in header.text), ",")
@@ -184,7 +184,7 @@ def _lines(text: bytes) -> Iterator[_Line]:
 
 
 def _offset(text: bytes, number: int) -> int:
-    """The offset of a line, bytes."""
+    """The offset of the line with this number, bytes."""
     at = 3 if number == 1 and text.startswith(b"\xef\xbb\xbf") else 0
     for _ in range(number - 1):
         at = text.index(b"\n", at) + 1

@@ -85,7 +85,7 @@ def parquet_pieces(
 
 
 class Whole:
-    """Iterator over pieces of a recording that collects the description of the whole recording."""
+    """Iterator over the pieces of a recording that also counts its samples and determines its duration."""
 
     def __init__(self, pieces: Iterable[Recording]) -> None:
         self._pieces = pieces

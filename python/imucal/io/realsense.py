@@ -104,7 +104,7 @@ def _columns(lines: Sequence[bytes], names: list[str]) -> list[FloatArray] | Non
 
 
 def _unit_ns(file: str, hardware: FloatArray, host: FloatArray) -> int:
-    """The unit of the hardware clock, ns."""
+    """The unit of the hardware clock, ns, from a comparison with the clock of the host."""
     span, span_ms = hardware[-1] - hardware[0], host[-1] - host[0]
     if len(hardware) < 2 or not (span > 0 and span_ms > 0):
         raise FormatError(f"{file}: the time stamps do not increase: record again")

@@ -101,7 +101,7 @@ def _sources(path: Path) -> list[Source]:
 
 
 def _topics(name: str, given: str | None, types: dict[str, str], counts: dict[str, int]) -> list[str]:
-    """The topic, or the two topics of accelerometer and gyroscope."""
+    """The topics in `given`, or the only Imu topic; two topics are those of accelerometer and gyroscope."""
     imus = [topic for topic, kind in types.items() if kind == IMU]
     listed = ", ".join(f"{topic} ({counts[topic]} messages)" for topic in imus)
     if given is not None:

@@ -87,6 +87,10 @@ def cleaned_columns(
     """The table of a text in which lines that are not rows are skipped with a warning.
 
     Raises FormatError with the position of the first such line if there are too many.
+
+    buffer  the text from its first row on, without an incomplete last line
+    place   function that returns the position in the file of the line with a given index, for messages
+    last    the last line of the text, for the warning if it is incomplete
     """
     import numpy as np
     import pyarrow as pa
@@ -177,7 +181,7 @@ def _valid_text(buffer: Any) -> Any:
 
 
 def _numbers(name: str, column: Any, decimal: str) -> tuple[Any, Any]:
-    """A text column as numbers (a column of dates is unchanged), and the mask of cells that are invalid."""
+    """A text column as numbers, or as time stamps if it contains dates, and the mask of invalid cells."""
     import numpy as np
     import pyarrow as pa
     from pyarrow import compute

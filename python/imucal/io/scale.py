@@ -178,7 +178,7 @@ def gyro_reading(values: FloatArray, *, is_moving: bool = False) -> Reading:
     # blocks contain only noise. No unit of measurement is therefore returned if the quietest block indicates
     # another unit of measurement than `noise` does.
     if likely is None or _unit_of_noise(least) not in (None, likely) or (is_moving and likely == "dps"):
-        return Reading(None, f"{text}: the data do not tell which")
+        return Reading(None, f"{text}: the data do not tell which unit is right")
     return Reading(likely, text)
 
 

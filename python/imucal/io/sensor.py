@@ -167,8 +167,7 @@ def _unit_of_manual(sensor: Sensor, what: str) -> str | None:
 
 
 def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
-    """The unit of a sensor.
-
+    """The unit of a sensor ("accel" or "gyro") as a suffix of canonical names, such as mps2.
     The unit is stated by the header or the caller. If neither states it, it is that of the manual of the
     program, or is inferred from the size of gravity.
     """
@@ -271,6 +270,8 @@ def time_of_sensor(sensor: Sensor, given: str | None) -> tuple[tuple[str, str], 
     """(name, canonical name) of the time column, and its ticks per second.
 
     The ticks per second are None if the canonical name ends with the unit of time, as in time_us.
+
+    given   unit of time that the caller gives, or None
     """
     if not sensor.header.times:
         raise FormatError(

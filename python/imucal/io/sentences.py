@@ -105,7 +105,7 @@ def read_labels(
 def _of_rows(
     file: File, rows: Sequence[str], left: int, columns: str | Sequence[str] | None, rate_hz: float | None
 ) -> Recording:
-    """The recording in a header line and rows, with a warning about the skipped lines."""
+    """The recording in a header line and rows, with a warning about the `left` skipped lines."""
     text = open_text(replace(file, content="\n".join([*rows, ""]).encode()))
     recording = recording_of_text(text, columns, rate_hz)
     warning = lines_left_out(file.name, [f"{left} lines without these labels"], left)
@@ -194,7 +194,7 @@ def _given(file: str, columns: str | Sequence[str]) -> list[str]:
 
 
 def _is_valid(body: bytes, given: bytes) -> bool:
-    """Whether the checksum of a sentence is correct: 8-bit exclusive or, or CRC-16-CCITT."""
+    """Whether `given` is the checksum of the sentence `body`: 8-bit exclusive or, or CRC-16-CCITT."""
     if len(given) == 2 and given.upper() != b"XX":
         return _is_hex(given) and reduce(xor, body, 0) == int(given, 16)
     if len(given) == 4 and _is_hex(given):

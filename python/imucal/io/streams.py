@@ -192,7 +192,10 @@ def _part(stream: Stream, which: Any) -> Stream:
 
 
 def onto_clock(clock: Stream, other: Stream, is_averaged: bool) -> tuple[Stream, Stream]:
-    """The samples of `clock` while `other` has samples, and `other` resampled to the times of `clock`."""
+    """The samples of `clock` while `other` has samples, and `other` resampled to the times of `clock`.
+
+    is_averaged   whether `other` is averaged over the intervals of `clock`; otherwise it is interpolated
+    """
     start_ns = min(clock.time_ns[0], other.time_ns[0])
     at_s, other_s = (clock.time_ns - start_ns) / 1e9, (other.time_ns - start_ns) / 1e9
     half_s = 0.5 / median_rate_hz(clock.time_ns) if is_averaged else 0.0
@@ -218,7 +221,7 @@ def onto_clock(clock: Stream, other: Stream, is_averaged: bool) -> tuple[Stream,
 
 
 def _mean(at_s: FloatArray, half_s: float, time_s: FloatArray, values: FloatArray) -> FloatArray:
-    """The mean of the linear interpolation of `values` over the interval at_s +- half_s."""
+    """The mean of the linear interpolation of `values` (at the times time_s) over at_s +- half_s."""
     # The mean of the values is subtracted before the integration, so that the integral stays small and the
     # differences of the integral keep their precision.
     level = float(values.mean())
@@ -236,7 +239,7 @@ def _mean(at_s: FloatArray, half_s: float, time_s: FloatArray, values: FloatArra
 
 
 def _noise_left(clock: Stream, other: Stream, is_averaged: bool) -> float:
-    """Standard deviation of the white noise after resampling, divided by its value before resampling."""
+    """Standard deviation of the white noise of `other` after resampling, divided by its value before."""
     if is_averaged:
         return float(np.sqrt(median_rate_hz(clock.time_ns) / median_rate_hz(other.time_ns)))
     k = np.clip(np.searchsorted(other.time_ns, clock.time_ns, side="right") - 1, 0, len(other.time_ns) - 2)

@@ -23,7 +23,7 @@ TempScale = str | Sequence[float]
 
 
 def scale_of(given: TempScale) -> tuple[float, float]:
-    """Slope and offset. Raises InputError if they are not two numbers, or the slope is zero."""
+    """Slope and offset of a `TempScale`. Raises InputError unless it has two numbers and a nonzero slope."""
     try:
         slope, offset = map(_number, given.split(",")) if isinstance(given, str) else map(float, given)
     except (TypeError, ValueError, ZeroDivisionError):

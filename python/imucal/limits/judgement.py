@@ -95,18 +95,18 @@ class Check:
 
     @property
     def value_text(self) -> str:
-        """The value for a table."""
+        """The value as text for a table; "-" if it does not exist."""
         return "-" if self.value is None else f"{self.value:.7g}"
 
     @property
     def limit_text(self) -> str:
-        """The limit as text."""
+        """The limit as text, such as "0.1 to 0.2" or "at most 2"."""
         if self.low is not None and self.high is not None:
             return f"{self.low:.10g} to {self.high:.10g}"
         return f"at least {self.low:.10g}" if self.low is not None else f"at most {self.high:.10g}"
 
     def _against(self, limit: float | None) -> str:
-        """A clause with the value and its unit, with enough digits to distinguish the value from its limit."""
+        """A clause with the value, its unit, and enough digits to distinguish the value from its limit."""
         same = self.value_text == f"{limit:.7g}"
         unit = "" if self.unit == "1" else f" {self.unit}".rstrip()
         return f"{self.what} is {self.value if same else self.value_text}{unit}"
@@ -133,7 +133,7 @@ class VerdictCheck(Check):
 
     @staticmethod
     def of(limit: Verdict, verdict: Verdict, reasons: Sequence[str]) -> VerdictCheck:
-        """The check of a verdict with these reasons."""
+        """The check of `verdict`, which has these `reasons`, against the worst permitted `limit`."""
         value, high = VERDICTS.index(verdict), VERDICTS.index(limit)
         why = f": {reasons[0]}" if reasons else ""
         problem = f"the verdict is {verdict}, {limit} is required{why}" if value > high else ""
@@ -146,7 +146,7 @@ class VerdictCheck(Check):
 
     @property
     def value_text(self) -> str:
-        """The verdict."""
+        """The name of the verdict."""
         return VERDICTS[int(self.value or 0)]
 
     @property
@@ -200,7 +200,7 @@ class Judgement:
 
     @property
     def count(self) -> str:
-        """The number of passed checks, as text."""
+        """A clause with the number of passed checks, the number of all checks, and the limits file."""
         kept = len(self.checks) - len(self.failed)
         of = f" of {self.source.path}" if self.source else ""
         return f"{kept} of {len(self.checks)} limits{of} are kept"

@@ -88,7 +88,7 @@ class AxisNoise:
 
     @property
     def figures(self) -> dict[str, NoiseFigure]:
-        """The four figures by name."""
+        """The four noise figures by name."""
         return {name: getattr(self, name) for name in FIGURES}
 
 
@@ -176,7 +176,7 @@ class NoiseResult:
 
     @property
     def duration_s(self) -> float:
-        """Duration of the rest, s."""
+        """Duration of the rest that was used, s."""
         return self.end_s - self.start_s
 
     @property

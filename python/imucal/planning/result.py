@@ -130,7 +130,7 @@ def not_reached(plan: Plan) -> str:
 
 
 def shown(size: Size | None) -> str:
-    """A standard deviation with its unit."""
+    """A standard deviation as text with its unit; "not determined" if it is None."""
     if size is None:
         return "not determined"
     unit = SHOWN_IN.get(size.unit, size.unit)
@@ -138,7 +138,7 @@ def shown(size: Size | None) -> str:
 
 
 def worst_rows(plan: Plan) -> list[list[str]]:
-    """Largest standard deviation of each group for this plan and for the programs grid and random."""
+    """Table rows: name, minutes and `worst` of this plan and of the programs in `comparison`."""
     rows = [["this plan", f"{plan.minutes:.2f}", *(shown(plan.worst[group]) for group in GROUPS)]]
     for row in plan.comparison:
         rows.append([row.name, f"{row.minutes:.2f}", *(shown(row.worst[group]) for group in GROUPS)])

@@ -125,7 +125,7 @@ def limits(judgement: Judgement) -> Figure:
 
 
 def _panels(result: CalibrationResult | Calibration, trace: Callable[[Any, list[Parameter]], Any]) -> Figure:
-    """One panel for each kind of parameter, stacked vertically."""
+    """A figure with one panel for each kind of parameter; `trace` draws the parameters of a panel."""
     from imucal.calibration.calibration import Calibration
 
     calibration = result if isinstance(result, Calibration) else result.calibration
@@ -157,7 +157,7 @@ def _kind(parameter: Parameter, calibration: Calibration) -> str:
 
 
 def _scale(parameter: Parameter) -> Scale:
-    """The unit of datasheets for a parameter."""
+    """The unit in which datasheets give a parameter, with the conversion to it."""
     return datasheet(parameter.name, parameter.unit)
 
 

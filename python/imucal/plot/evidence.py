@@ -192,7 +192,7 @@ def law(found: Law, points: Mapping[str, tuple[FloatArray, FloatArray]] | None =
 
 
 def _in_shown_units(variable: str, values: FloatArray) -> tuple[FloatArray, str]:
-    """Values of a formula variable in the unit of datasheets, and the name of the variable with this unit."""
+    """Values of a formula variable in the unit of datasheets, and the title of the axis of this variable."""
     factor, unit = VARIABLES.get(variable, (1.0, variable))
     return factor * values, unit
 

@@ -176,7 +176,7 @@ def correlations(calibration: Calibration) -> Figure:
 
 
 def largest_correlations(calibration: Calibration, most: int = 5) -> list[tuple[str, str, float]]:
-    """Pairs of parameters with the largest correlations above 0.5, the largest first."""
+    """At most `most` pairs of parameters with a correlation beyond +-0.5, the strongest correlation first."""
     names, matrix = _correlation(calibration)
     pairs = [
         (names[i], names[k], float(matrix[i, k])) for i in range(len(names)) for k in range(i + 1, len(names))

@@ -45,7 +45,7 @@ def over_time(
     limits: tuple[float | None, float | None],
     unit: str,
 ) -> Figure:
-    """Median of a parameter for each station, with the range of the middle 90 % of its units.
+    """Median of a parameter over time for each station, with the range of the middle 90 % of the units.
 
     times       middle of each bin
     quantiles   5 %, 50 % and 95 % quantiles by station, (bins, 3); NaN if a bin has no unit

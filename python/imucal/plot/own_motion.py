@@ -63,6 +63,8 @@ def move_signals(signals: MoveSignals, *, has_effects: bool = True, is_hand_move
     The plot shows the body axis with the largest residual after the move. The lower panel shows the residual,
     measured minus predicted.
 
+    With `has_effects`, the signal predicted with the found effects is also drawn.
+
     With `is_hand_moved`, the range of the lower panel is set by the residuals at the rests, because during
     the move the accelerometer also measures the acceleration of the hand.
 

@@ -105,7 +105,7 @@ def envelope(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatA
 def saturated_samples(
     recording: Recording, inspection: Inspection, prefix: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Times and values of saturated samples; at most two per interval.
+    """Times and values of saturated samples of a sensor (`prefix`); at most two per interval of time.
 
     These are consecutive samples with the extreme value of a column that a finding reports as saturated.
     """

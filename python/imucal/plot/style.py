@@ -23,7 +23,7 @@ GREY: Final = "#6f7780"
 BLUE: Final = "#0072b2"
 VERMILION: Final = "#d55e00"
 GREEN: Final = "#008560"
-# Background colour of ranges of residuals that noise explains, and of allowed ranges.
+# Background colour of ranges of residuals that noise explains, of allowed ranges, and of rests and moves.
 BAND: Final = "rgba(111,119,128,0.18)"
 # Background colour of rests that the fit excludes.
 EXCLUDED: Final = "rgba(213,94,0,0.22)"

@@ -18,7 +18,7 @@ __all__ = ["temperature_loop"]
 
 
 def temperature_loop(loop: TemperatureLoop) -> Figure:
-    """Residuals of each axis over temperature, without and with the effects.
+    """Residuals of each axis of a sensor at rest over temperature, without and with the effects.
 
     Residuals without the effects have different colours for heating and cooling.
 

@@ -36,7 +36,7 @@ class Axes:
 
     @staticmethod
     def parse(text: str) -> Axes:
-        """The axes of a text in one of the forms above. Raises InputError for any other text."""
+        """The axes of a text in a form listed at the start of this module. Raises InputError for others."""
         parts = re.split(r"[;\s]+", text.strip().lower()) if isinstance(text, str) else []
         given: dict[str, FloatArray] = {}
         for part in parts:

@@ -2,7 +2,7 @@
 
 1. Time is in seconds. Each sensor is either in SI units (m/s^2, rad/s) or in raw counts ("lsb").
 2. An accelerometer at rest reads +g on the axis that points up.
-3. Values are kept as recorded. The checks, not this type, detect NaN, gaps and saturation.
+3. Values are kept as recorded. `imucal.inspect`, not this type, detects NaN, gaps and saturation.
 """
 
 from __future__ import annotations

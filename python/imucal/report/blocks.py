@@ -47,7 +47,7 @@ def propagated_tab(judged: Evaluation) -> Tab:
 
 
 def residuals(result: CalibrationResult | Evaluation, name: str) -> Iterator[Shown]:
-    """Plots of the residuals of all rests and of all moves."""
+    """Plots of the residuals of all rests and of all moves; `name` begins their identifiers in the page."""
     if result.rests:
         yield Shown(
             f"{name}-rests",

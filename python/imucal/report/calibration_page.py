@@ -118,7 +118,7 @@ def _sphere_tab(result: CalibrationResult) -> Tab:
         return covered
     figure, factor = plot.sphere_before_and_after(result)
     zero = (
-        " Before the calibration, all axes have the same scale and the same zero."
+        " Before the calibration, the counts of all axes are converted with one scale and one bias."
         if result.calibration.accel_unit == "lsb"
         else ""
     )

@@ -305,7 +305,7 @@ def _shown(measured: Measurements, odd: OutlierResult | str, drift: DriftResult 
 
 
 def _linked(html: str, shown: Sequence[str]) -> str:
-    """A table whose first column links to the sections of units."""
+    """The table `html`, in which the serial numbers of the units `shown` link to their sections."""
     for serial in shown:
         cell = escape(serial).replace("_", "_<wbr>")
         link = f'<a href="#unit-{escape(serial)}">{cell}</a>'

@@ -101,8 +101,8 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
     yield Shown(
         "signals",
         plot.move_signals(signals, has_effects=gap.has_effects, is_hand_moved=gap.is_hand_moved),
-        f"Move {signals.move} of {name}: gravity as the accelerometer measures it, "
-        f"and as the gyroscope predicts it from the rest before the move (shaded).{of_hand}",
+        f"Move {signals.move} (shaded) of {name}: gravity as the accelerometer measures it, "
+        f"and as the gyroscope predicts it from the rest before the move.{of_hand}",
     )
 
 

@@ -136,7 +136,9 @@ def _curve(law: Law, motion: OwnMotion | None) -> Shown:
 def evidence(gap: Gap) -> Iterator[Shown | str]:
     """The tab of the evidence: probability of each candidate, sizes of the named effects, and the ranking."""
     has_effects = any(effect["parameters"] for effect in gap.effects)
-    none_added = " None was added to the model" + (": a law describes the residuals." if gap.laws else ".")
+    none_added = " No candidate was added to the model" + (
+        ": a law describes the residuals." if gap.laws else "."
+    )
     yield Shown(
         "probabilities",
         plot.probabilities(gap),

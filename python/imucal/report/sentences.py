@@ -98,9 +98,9 @@ def of_gap(gap: Gap) -> Verdict:
     if remainder is not None and gap.effects and gap.has_effects and is_left:
         beside = f"Remainder: {remainder.description}. {beside}"
     if gap.verdict == "named" and remainder is not None and remainder.matters:
-        rest = "varies randomly" if remainder.kind == "stochastic" else "is unknown"
+        rest = "varies randomly" if remainder.kind == "stochastic" else "has an unknown cause"
         return Verdict(
-            "incomplete", f"Missing from the model: {names}. The remainder {rest}.", beside.strip()
+            "incomplete", f"Missing from the model: {names}. The remaining error {rest}.", beside.strip()
         )
     if gap.verdict == "named":
         return Verdict(

@@ -136,7 +136,11 @@ def _figure(key: str, value: float | None) -> str:
 
 
 def file_button(name: str, file: str, text: str) -> str:
-    """A text shown on the page with a button that saves it to a file."""
+    """A text shown on the page with a button that saves it to a file.
+
+    name   identifier of the text in the page
+    file   proposed name of the saved file
+    """
     return (
         f'<button type="button" hidden data-from="{escape(name)}" data-file="{escape(file)}">'
         f'Save {escape(file)}</button>\n<pre id="{escape(name)}">{escape(text)}</pre>'

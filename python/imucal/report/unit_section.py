@@ -19,7 +19,10 @@ __all__ = ["unit_section"]
 
 
 def unit_section(measured: Measurements, serial: str, distance: UnitDistance | None) -> str:
-    """A collapsed section on the unit `serial`, with the anchor unit-SERIAL for links."""
+    """A collapsed section on the unit `serial`, with the anchor unit-SERIAL for links.
+
+    distance   distance of the unit from the other units, or None if it is not known
+    """
     own = measured.where(measured.serials == serial)
     dates = [
         [

@@ -103,7 +103,7 @@ class StandLimits:
 
     @staticmethod
     def read(path: str | os.PathLike[str]) -> StandLimits:
-        """Read a file; FormatError names the invalid field."""
+        """Read a file of stand limits; FormatError names the invalid field."""
         node = read_json(path)
         node.require_schema(SCHEMA)
         require_fields(node, FIELDS, "a file of stand limits")

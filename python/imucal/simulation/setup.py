@@ -105,7 +105,7 @@ class Setup:
     def for_core(
         self, *, added_force: FloatArray | None = None, added_rate: FloatArray | None = None
     ) -> CoreSetup:
-        """The setup as the compiled library reads it."""
+        """The setup for the compiled library; the arrays are added to the true force and rate."""
         return CoreSetup(
             motion=self.motion.in_si(),
             unit=self.unit,
@@ -214,9 +214,9 @@ def _formula_of(item: Node, name: str) -> FormulaEffect:
 
 
 def with_disturbances(setup: Setup, disturbances: Iterable[EffectValues]) -> Setup:
-    """The setup with these noise processes and faults.
+    """The setup with noise processes and faults added, whose names and values are in `disturbances`.
 
-    Raises InputError for a fault that the motion cannot have.
+    Raises InputError for a fault that the motion cannot have (such as `mount_slip` without a stand).
     """
     for disturbance in disturbances:
         setup = DISTURB[disturbance.name](setup, disturbance.values)

@@ -88,10 +88,13 @@ def simulate(
     gravity_mps2  local gravity, m/s^2; None: normal gravity at `latitude_deg` and `height_m`, or standard
                   gravity
     latitude_deg  adds the effect earth_rate, the Earth's rate at this latitude; None: no Earth's rate
-    temperature   a Temperature, degC, "warmup:20:35:300", "cycle:10:50:1200", or a CSV file; the temperature
-                  is recorded if it is given or an effect depends on it
+    temperature   a Temperature, degC, the path of a CSV file with time_s and temp_degc, or a text:
+                  "warmup:20:35:300" (from 20 to 35 degC with a time constant of 300 s) or "cycle:10:50:1200"
+                  (from 10 to 50 degC and back in 1200 s); the temperature is recorded if it is given or an
+                  effect depends on it
     clock_rate_error  relative error of the unit's clock, positive if fast
-    filter_hz     bandwidth of the low-pass filter before sampling, or "datasheet"
+    filter_hz     bandwidth of the low-pass filter before sampling, or "datasheet" (the bandwidth in the
+                  datasheet of the unit); None: the filter of the unit, if it has one
     averaging     whether samples are means over the sampling interval
 
     Raises InputError for invalid arguments, FormatError for an invalid file.

@@ -25,7 +25,7 @@ class Clock(Protocol):
         """Take the next item of a queue. Raises `queue.Empty` if none arrives within `wait_s`."""
 
     def start_work(self, thread: Thread) -> None:
-        """Start a computation in parallel to the run."""
+        """Start `thread`, a computation in parallel to the run."""
 
 
 class SystemClock:

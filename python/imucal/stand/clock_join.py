@@ -19,19 +19,19 @@ from imucal.stand.stream import TICKS_PER_S
 
 __all__ = ["host_instants", "joined_angles"]
 
-# Largest relative difference between the rates of two clocks that is accepted without a check. Quartz
-# oscillators differ by less than 200 ppm.
+# Largest relative difference between the rates of the unit's clock and the host's clock that is accepted
+# without a check. Quartz oscillators differ by less than 200 ppm.
 MAX_SLOPE: Final = 500e-6
 # A rate difference beyond `MAX_SLOPE` is accepted if both halves of the run confirm it: the rate difference
 # in each half is also beyond `MAX_SLOPE`, and deviates from the rate difference over the whole run by at most
 # this number. Such large rate differences occur if the clock of the unit is an RC oscillator, or if the unit
 # sends no time and does not sample at its nominal rate.
 AGREEING_SLOPE: Final = 2e-3
-# Minimum duration of a run, s, for a rate difference beyond `MAX_SLOPE` to be accepted. A shorter run does
-# not determine the rate difference.
+# Minimum duration of a run, s, for a rate difference beyond `MAX_SLOPE` to be accepted. In a shorter run the
+# varying delays of the samples make the rate difference too uncertain.
 SLOPE_OVER_S: Final = 20.0
-# Maximum number of samples from which the rate difference is computed. More samples are divided into blocks,
-# and only the least delayed sample of each block is used.
+# Maximum number of samples from which the rate difference is computed. If a run has more samples, they are
+# divided into blocks, and only the least delayed sample of each block is used.
 MOST_POINTS: Final = 20_000
 # Longest interval between two reported positions, s, over which the angles of a moving stand are
 # interpolated. At an acceleration of 500 deg/s^2 the interpolation error is 0.6 deg.
@@ -48,10 +48,10 @@ AT_REST_DEG: Final = 0.05
 
 
 def joined_angles(logged: Logged) -> FloatArray:
-    """Motor angles at the samples, (N, 3), deg; NaN where they are not known.
+    """Motor angles at the instants of the samples, (N, 3), deg; NaN where the angles are not known.
 
-    Angles are not known if the stand moved between two reports that are too far apart, and after the last
-    report of a moving stand. Before the first report the stand is assumed to be at rest.
+    Angles are not known if the stand moved between two reports that are too far apart in time, and after the
+    last report of a moving stand. Before the first report the stand is assumed to be at rest.
     """
     reported_s, angles = logged.positions[:, 0], logged.positions[:, 1:]
     order = np.argsort(reported_s, kind="stable")
@@ -72,7 +72,7 @@ def joined_angles(logged: Logged) -> FloatArray:
 
 
 def host_instants(logged: Logged) -> FloatArray:
-    """Host time of each sample, (N,), s. All times are late by the shortest transmission delay."""
+    """Host time at which each sample was taken, (N,), s; late by the shortest transmission delay."""
     name = next((column for column in logged.columns if column in TICKS_PER_S), None)
     if name is None or len(logged.samples) < 2:
         return logged.host_s

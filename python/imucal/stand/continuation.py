@@ -1,10 +1,10 @@
 """Determines the time between the last sample of an interrupted run and the first sample after it.
 
 After an interruption, samples may be delivered late, because a device or a network has stored them while no
-program read them. They are never delivered early. The first samples are therefore held back until their times
-are known. If one of them arrives at the time that the clock of the unit predicts, this clock has continued.
-Otherwise the unit has restarted, or it sends no time. The delay of the least delayed sample is then assumed
-to be zero.
+program read them. They are never delivered early. The arrival of the first sample therefore does not give its
+time, and the first samples are held back until their times are known. If one of them arrives at the time that
+the clock of the unit predicts, this clock has continued. Otherwise the unit has restarted, or it sends no
+time. The delay of the least delayed sample is then assumed to be zero.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ __all__ = ["WRAP_SHARE", "Continuation"]
 # Longest time, s, for which samples are held back after an interruption.
 WAITS_S: Final = 2.0
 # The clock of the unit counts as continued during the interruption if a sample arrives at the time that this
-# clock predicts. The accepted difference is NEAR_S, s, plus CLOCK_ERROR times the elapsed time.
+# clock predicts. The accepted difference is NEAR_S, s, plus CLOCK_ERROR times the duration of the
+# interruption.
 NEAR_S: Final = 1.0
 CLOCK_ERROR: Final = 1e-3
 # A counter counts as wrapped if it jumps from above this share of its range to below 1 minus this share.

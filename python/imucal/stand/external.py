@@ -40,7 +40,8 @@ QUERY_S: Final = 0.04
 ANSWER_S: Final = 3.0
 FIRST_S: Final = 15.0
 # A pose counts as reached if each motor is within this angle of its target, deg. The angle is larger than the
-# error of a hobby servo. The recorded angles do not depend on this limit, because the program reports them.
+# error of a hobby servo. The recorded angles do not depend on this limit, because the program reports the
+# actual angles.
 NEAR_DEG: Final = 1.0
 # The motors count as stalled if none of them turns by more than `STILL_DEG` within `STALL_S` before the
 # target is reached.

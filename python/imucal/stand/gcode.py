@@ -115,13 +115,16 @@ class Block:
         return f"G4P{_number(self.dwell_s, 3)}"
 
     def move_line(self, axes: Axes, words: str = "G1", shift_deg: Sequence[float] = (0.0, 0.0, 0.0)) -> str:
-        """The line of the move; `shift_deg` is the position that is reported at the zero of the stand."""
+        """The line of the move with the command `words`.
+
+        `shift_deg` is the position that the controller reports at the zero of the stand.
+        """
         angles = [angle + shift for angle, shift in zip(self.angles_deg, shift_deg, strict=True)]
         return f"{words}{axes.words(angles)}F{_number(self.feed_dpm or LEAST_FEED_DPM, FEED_DECIMALS)}"
 
     @property
     def hold_s(self) -> float:
-        """Actual dwell of the controller, s: `dwell_s` rounded up to its resolution, computed as in GRBL."""
+        """Actual dwell of the controller, s: `dwell_s` rounded up to a multiple of 50 ms as in GRBL."""
         return DWELL_STEP_S * float(np.ceil(np.float32(1.0 / DWELL_STEP_S) * np.float32(self.dwell_s)))
 
 
@@ -182,7 +185,7 @@ def duration_s(blocks: Sequence[Block]) -> float:
 
 
 def late(blocks: Sequence[Block]) -> list[int]:
-    """Numbers of the steps whose move takes longer than in the program."""
+    """Indices of the steps whose move takes longer on the controller than in the program."""
     return [number for number, block in enumerate(blocks) if block.late_s > LATE_S]
 
 

@@ -31,16 +31,16 @@ AT_TARGET_DEG: Final = 0.02
 # this angle, deg. It allows for half a unit of the last digit of a report, and for rounding.
 SAME_DEG: Final = 0.0015
 # A restart of the controller sets the offset of the work coordinates to a known value, by which the restart
-# is detected. A target with the same offset is displaced by this angle, deg, so that a restart can still be
-# detected.
+# is detected. A target whose offset equals this value is displaced by this angle, deg, so that a restart can
+# still be detected.
 MARK_DEG: Final = 0.004
 # Timeout of a move: the planned duration times this factor, plus `Timeouts.stall_s`.
 SLOW_FACTOR: Final = 1.5
 # A message reports that a move takes longer if it has not ended this time, s, after its planned end.
 SLOW_S: Final = 2.0
 # Modal G-codes for all lines: millimetres (degrees for rotary axes), absolute positions. With inverse time
-# feed (G93), GRBL refuses an axis word without a feed in the same line. Therefore a line from which the word
-# G92 was lost does not move the motors.
+# feed (G93), GRBL refuses an axis word without a feed in the same line. A line with G92 has no feed, so it
+# does not move the motors if the word G92 is lost.
 SETUP: Final = "G21G90G93G1F1"
 # Modes for the move: feed per minute (G94), and no motion mode (G80), so that GRBL refuses a move from which
 # the word G1 was lost. This line is sent after the target is confirmed, because GRBL refuses G92 after G80.
@@ -95,8 +95,8 @@ class Motors:
         if not idle:
             state = self._session.report.state if self._session.report else "silent"
             raise StoppedError("alarm", f"the controller is locked after a reset (state {state})")
-        # During this pause about three reports arrive, which show whether the position has survived the
-        # reset.
+        # During this pause about ten reports arrive. Three reports that agree show whether the position has
+        # survived the reset (`Track`).
         yield from self._session.pause(self._timeouts.answer_s / 4)
 
     def _judge(self, report: Report) -> None:
@@ -141,7 +141,8 @@ class Motors:
     def reach(self, angles_deg: Sequence[float], feed_dpm: float | None, step: int) -> Waiting:
         """Set and confirm the target, and move to it until the motors are reported at rest there.
 
-        step  number of the step, for messages
+        feed_dpm  feed along the combined rotation, deg/min; None for `RETURN_DPS`
+        step      number of the step, for messages
         """
         self.phase = "moving"
         target = self._marked(sum_of(self._zero_deg, angles_deg))
@@ -265,7 +266,7 @@ class Motors:
 
 
 def sum_of(a: Sequence[float], b: Sequence[float]) -> Triple:
-    """The sums of the angles of three motors."""
+    """The angles `a` plus the angles `b`, for each of the three motors."""
     x, y, z = (first + second for first, second in zip(a, b, strict=True))
     return (x, y, z)
 

@@ -23,7 +23,8 @@ RESET, HOLD, RESUME, STATUS = b"\x18", b"!", b"~", b"?"
 # at an acceleration of 1000 deg/s^2 gives an error of 0.2 deg with this interval.
 QUERY_S: Final = 0.04
 # Relative variation of the intervals between queries. Some controllers and ports have a fixed cycle (20 ms in
-# a simulator, 16 ms in a USB converter). With equal intervals, they would always answer with the same delay.
+# a simulator, 16 ms in a USB converter). With equal intervals, all reports could have the same delay, and no
+# undelayed report would correct the instants of the others (grbl_times.py).
 SPREAD: Final = 0.25
 # Golden ratio minus 1. Its multiples modulo 1, which vary the intervals, are evenly distributed from 0 to 1.
 GOLDEN: Final = 0.618

@@ -127,7 +127,10 @@ class Parser:
         )
 
     def _mapped(self, numbers: list[str]) -> Triple | None:
-        """The numbers of the three motors; None if an axis is missing or a number lacks a decimal."""
+        """The angles of the three motors from the numbers of all axes.
+
+        None if an axis is missing or a number lacks a decimal.
+        """
         decimals = 4 if self.in_inches else 3
         if max(self.indices) >= len(numbers):
             return None
@@ -155,7 +158,7 @@ def is_lock(line: str) -> bool:
 
 
 def number_in(line: str) -> int:
-    """The number after the colon; 0 if it is missing."""
+    """The number after the colon of a line such as `ALARM:1`; 0 if it is missing."""
     digits = line.partition(":")[2].strip()
     return int(digits) if digits.isdigit() else 0
 

@@ -48,7 +48,8 @@ ROUND_TRIPS: Final = 16
 # cycle would otherwise answer with the same delay each time.
 CYCLE_S: Final = 0.02
 # A report that is delayed by more than the shortest delay plus this time, s, is not used. The time is shorter
-# than the interval of queries, because after the loss of a query a report may be assigned to a wrong query.
+# than the interval between queries, so that a report is also not used if it is assigned to an earlier query
+# than its own, which happens after the loss of a query.
 LATE_S: Final = 0.03
 # Number of equal readings after which a setting counts as known. One reading is not sufficient, because the
 # text has no checksum.

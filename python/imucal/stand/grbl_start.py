@@ -138,7 +138,7 @@ def require_zero(position_deg: Triple, consent: Consent) -> None:
 def _await_rest(session: GrblSession) -> Waiting:
     """Wait for a first report and for the end of a motion of an earlier run.
 
-    Refuse other states with a message.
+    Raises ImucalError with the remedy if the controller is then in a state of `STATES`.
     """
     yield from session.until(lambda: session.report is not None, session.timeouts.boot_s)
     moving = ("Run", "Jog", "Home")
@@ -201,7 +201,10 @@ def _coordinates(session: GrblSession) -> Waiting:
 def _require_travel(
     settings: dict[int, float], travels: Sequence[int], blocks: Sequence[Block], letters: str
 ) -> None:
-    """Refuse a program that exceeds the travel of the soft limits, before the first move."""
+    """If soft limits are on, refuse a program that exceeds the travel of an axis, before the first move.
+
+    travels   number of the setting that contains the travel of each axis
+    """
     if not settings.get(SOFT_LIMITS, 0.0):
         return
     angles = np.array([(0.0, 0.0, 0.0), *(block.angles_deg for block in blocks)])

@@ -33,8 +33,9 @@ def one_way_s(shortest_s: float, length: int, baud: int) -> tuple[float, float]:
     """Shortest time from a query until the position is read, and from then until the report arrives, s.
 
     `shortest_s` is the shortest time from a query to the arrival of its report. It includes the transmission
-    of the report, which takes the time given by the baud rate, unless the line is faster, as with USB. Of the
-    remaining time, one half is assumed to pass before the position is taken, and the other half after it.
+    of the report, of `length` characters, which takes the time given by the baud rate, unless the line is
+    faster, as with USB. Of the remaining time, one half is assumed to pass before the position is taken, and
+    the other half after it.
     """
     sent_s = length * BITS / baud
     if sent_s > shortest_s:

@@ -20,8 +20,8 @@ from imucal.stand.grbl_start import NEAR_DEG
 __all__ = ["Track"]
 
 # A reported position is possible if the motors have rotated by at most RATE_FACTOR times the commanded rate
-# times the elapsed time, plus EXTRA_DEG, deg. Both numbers allow for errors of a few milliseconds in the
-# instants of reports.
+# times the time since the last accepted position, plus EXTRA_DEG, deg. Both numbers allow for errors of a few
+# milliseconds in the instants of reports.
 RATE_FACTOR: Final = 1.5
 EXTRA_DEG: Final = 1.0
 # An implausible position is accepted as true if this number of consecutive reports agree on it.

@@ -30,7 +30,7 @@ BIN_S: Final = 0.2
 # at most this angle, deg.
 STILL_DEG: Final = 2.0
 # Second condition for rest: the angular rates, averaged over intervals of `BIN_S`, deviate from their mean by
-# at most this share of the largest range of such averages during a move.
+# at most this share of the largest range that such averages have had in a move.
 STILL_SHARE: Final = 0.15
 # A pose is described by a single body axis, such as `+x up`, if that axis is within this angle of the
 # vertical, deg.

@@ -146,8 +146,8 @@ class PacketDecoder:
             inner = data.find(self.form.sync, at + 1, at + self._whole) if is_whole else -1
             if inner >= 0:
                 # Data that are not a packet pass a 16-bit CRC with a probability of 1/65536. If another valid
-                # packet starts inside this packet, this packet is therefore a false match: the end of one
-                # packet and the start of the next packet.
+                # packet starts inside this packet, one of the two is such a false match. It is assumed to be
+                # this packet, which then consists of the end of one packet and the start of the next packet.
                 if len(data) - inner < self._whole:
                     break
                 is_whole = not self._is_whole(data, inner)

@@ -6,7 +6,7 @@ Both links return messages in the form of Sensor Logger's push, one JSON object 
     "z": ...}},
                  {"name": "gyroscope", "time": ..., "values": {...}}]}
 
-with times in ns, m/s^2 and rad/s. Messages of phyphox are converted to this form.
+with times in ns, and values in m/s^2 and rad/s. Messages of phyphox are converted to this form.
 
 Sources: https://github.com/tszheichoi/awesome-sensor-logger (PUSHING.md, UNITS.md) and
 https://phyphox.org/wiki/index.php/Remote-interface_communication.
@@ -92,7 +92,7 @@ class _SensorLogger:
                 self.end_headers()
 
             def log_message(self, *_: object) -> None:
-                """Requests are not printed, because they would disturb the view."""
+                """Requests are not printed, because they would disturb the live view of the run."""
 
         try:
             self._server = http.server.ThreadingHTTPServer(self._address, Handler)

@@ -17,9 +17,9 @@ __all__ = ["PhoneDecoder"]
 # If a sensor is sent under both names, only the samples under the name that arrives first are used.
 ACCEL: Final = ("totalacceleration", "accelerometeruncalibrated")
 GYRO: Final = ("gyroscope", "gyroscopeuncalibrated")
-# Number of samples of each sensor from which the rates are determined.
+# Number of samples of each sensor from which the sampling rates are determined.
 FIRST: Final = 50
-# Number of earlier samples that are kept, for the rate and for interpolation.
+# Number of earlier samples that are kept, for the sampling rate and for interpolation.
 KEPT: Final = 100
 COLUMNS: Final = (
     "time_us",

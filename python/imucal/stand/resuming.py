@@ -32,7 +32,7 @@ class Interrupted:
 
     logged  contents of the journal
     output  path of the recording
-    about   data stored by the command: name, options and programs
+    about   data that the interrupted command stored: its name, options and programs
     clock   clock that continues the clock of the run
     """
 

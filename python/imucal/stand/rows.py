@@ -13,7 +13,7 @@ __all__ = ["recording_of"]
 
 
 def recording_of(columns: Sequence[str], rows: FloatArray, name: str) -> Recording:
-    """The recording of samples (N, columns). Raises InputError if columns of a recording are missing."""
+    """The recording `name` of the samples `rows`, (N, columns). InputError if a needed column is missing."""
     import pyarrow as pa
 
     table = Table(name, list(columns), [pa.array(column) for column in rows.T], lambda row: f"row {row + 1}")

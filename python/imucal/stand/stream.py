@@ -231,7 +231,7 @@ class StreamSource:
         return False
 
     def _take(self, timed: Sequence[Timed], rows: list[list[float]]) -> None:
-        """Convert rows to samples, and add the samples and their times of arrival."""
+        """Convert `timed` to samples, and append these to `rows` and their arrival times to `_arrivals`."""
         for raw, arrived_s in timed:
             if not self._are_finite(raw):
                 self._count["counters_not_finite"] += 1

@@ -8,8 +8,8 @@
 //! An [`Effect`] has a name, a sensor, parameters theta with units and typical sizes, and a function, the field Phi.
 //! Phi is a 3 x p matrix. It contains the derivatives of the error that the effect adds, in the body frame, with
 //! respect to the p parameters of the effect. The simulation adds `Phi theta` to the true quantity. The correction on
-//! the device subtracts `Phi theta` ([`EffectSet::remove`]). An estimator computes every Jacobian from Phi by the chain
-//! rule.
+//! the device subtracts `Phi theta` ([`EffectSet::remove`]). An estimator computes the Jacobians of its residuals from
+//! Phi by the chain rule.
 //!
 //! Each family of effects has its own file. To add an effect, add its definition to the file of its family and a line
 //! to the family's list. The formula of the field is written only once: the columns of Phi and the product `Phi theta`

@@ -62,7 +62,7 @@ pub struct RestDetector<F: RealField + Copy> {
     start_sample: usize,
     /// Sums of the current, incomplete block.
     filling: BlockSums<F>,
-    /// Number of complete blocks.
+    /// Number of complete blocks since `start_sample`.
     blocks: usize,
     /// Ring buffer with the sums of the blocks of the last window. Only the first `window_blocks` entries are used.
     ring: [BlockSums<F>; MAX_WINDOW_BLOCKS],

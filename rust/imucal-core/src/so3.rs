@@ -120,7 +120,7 @@ const COS: [f64; 6] = [-1.0 / 3_628_800.0, 1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 2
 const SINC: [f64; 6] = [-1.0 / 39_916_800.0, 1.0 / 362_880.0, -1.0 / 5_040.0, 1.0 / 120.0, -1.0 / 6.0, 1.0];
 
 /// Taylor coefficients in t^2 of (t - sin t)/t^3, highest power first. The first omitted term is below 2^-52 times the
-/// sum for t^2 < 1.
+/// sum of the series for t^2 < 1.
 const T_MINUS_SIN: [f64; 8] = [
     -1.0 / 355_687_428_096_000.0,
     1.0 / 1_307_674_368_000.0,

@@ -112,8 +112,8 @@ pub(crate) struct GapFit {
     effects: Vec<String>,
     outcome: Py<Outcome>,
     control: Option<Py<Evaluation>>,
-    /// Whether the fit uses each of two kinds of residuals although its effects are observable without them: the
-    /// specific force inside moves, and the angles of the stand.
+    /// Whether the fit also uses each of two kinds of residuals, because the other residuals hardly determine its
+    /// effects: the specific force inside moves, and the angles of the stand.
     more_residuals: (bool, bool),
 }
 

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 /// Reads the columns of a text table that contains only numbers. The text is passed in blocks of bytes.
 #[pyclass]
 pub(crate) struct NumberColumns {
-    /// None after a block with anything other than plain numbers, and after a call of `finish`.
+    /// None after a block that is not part of a plain table, and after a call of `finish`.
     table: Option<Library>,
 }
 
@@ -21,7 +21,8 @@ impl NumberColumns {
         Self { table: Some(Library::new(form)) }
     }
 
-    /// Adds a block of text. Returns false if the text is not a plain table of numbers.
+    /// Adds a block of text. Returns false if the text is not a plain table. In a plain table, each field in use is a
+    /// decimal number, and all lines have equal numbers of fields.
     fn add(&mut self, py: Python<'_>, block: &[u8]) -> bool {
         let Some(table) = &mut self.table else { return false };
         let is_plain = py.detach(|| table.add(block)) == Ok(());
@@ -31,7 +32,7 @@ impl NumberColumns {
         is_plain
     }
 
-    /// The columns as arrays of int64 or float64; None if the text is not a plain table of numbers.
+    /// The columns as arrays of int64 or float64; None if the text is not a plain table.
     fn finish<'py>(&mut self, py: Python<'py>) -> Option<Vec<Bound<'py, PyUntypedArray>>> {
         let columns = self.table.take().ok_or(NotPlain).and_then(Library::finish).ok()?;
         Some(columns.into_iter().map(|column| array(py, column)).collect())

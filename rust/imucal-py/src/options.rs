@@ -31,7 +31,7 @@ impl Wander {
     }
 }
 
-/// Options of a calibration, converted from the attributes of `imucal.options.Options`.
+/// Options of a calibration, converted from the attributes of `imucal.estimation.options.Options`.
 #[derive(FromPyObject)]
 pub(crate) struct CalibrateOptions<'py> {
     gravity_mps2: f64,
@@ -46,15 +46,16 @@ pub(crate) struct CalibrateOptions<'py> {
     /// "bias" (biases).
     model: String,
     hold: Vec<HeldTuple>,
-    /// Standard deviations of the differences of parameters between units, from the unit profile. They are used as
-    /// standard deviations of priors. For each group of parameters, for example `gyro_misalignment`: the name of the
-    /// group and its standard deviations.
+    /// Standard deviations of the parameters between units, from the unit profile. They are used as standard deviations
+    /// of priors. For each group of parameters, for example `gyro_misalignment`: the name of the group and its standard
+    /// deviations.
     profile: Vec<(String, Vec<f64>)>,
     joint: bool,
     /// Bias instability and random walk of the accelerometer and of the gyroscope.
     wander: Option<(Wander, Wander)>,
     /// For each effect in the model: its name, and the number of its parameters that are estimated.
     effects: Vec<(String, usize)>,
+    /// Names of the effects whose parameters have a prior (`NAME:seen`).
     partly: Vec<String>,
     user_fields: Vec<UserFieldArrays<'py>>,
     folds: Option<usize>,

@@ -103,7 +103,8 @@ pub(crate) fn predict_sigma(
 
 /// Finds the best program. Returns its steps, and whether it reaches the target standard deviations `sigma`. With
 /// `sigma`, the best program is the shortest one that reaches the targets. Without `sigma`, it is the program of at
-/// most `duration_s` that gives the most information about all parameters.
+/// most `duration_s` that gives the most information about all parameters. `proposals` is the number of changes of the
+/// program that the search tries, with random numbers from `seed`.
 #[pyfunction]
 #[pyo3(signature = (sensors, limits, duration_s, sigma, seed, proposals))]
 pub(crate) fn optimal_program(

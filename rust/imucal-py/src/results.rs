@@ -112,7 +112,7 @@ pub(crate) struct Outcome {
     joint_scales: Option<Fields>,
     misfit: Fields,
     bias_instability_radps: Option<[f64; 3]>,
-    /// RMS tremor of each recording, rad; None for a unit that is not hand-held.
+    /// Rms angle of the hand tremor about each axis in each recording, rad; None for a unit that is not hand-held.
     tremor_rad: Vec<Option<f64>>,
     effects: Vec<Py<EffectEstimate>>,
     /// Parameters with a prior (held parameters), with their priors and estimates; empty if there are none.

@@ -206,7 +206,8 @@ pub(crate) fn gravity_mps2(latitude_deg: f64, height_m: f64) -> f64 {
     earth::gravity_mps2(latitude_deg.to_radians(), height_m)
 }
 
-/// Standard deviation of the difference between actual and normal gravity, m/s^2.
+/// Standard deviation of the difference between actual and normal gravity, m/s^2. For an unknown height, it includes
+/// the uncertainty of the height.
 #[pyfunction]
 pub(crate) fn normal_gravity_sigma_mps2(height_is_known: bool) -> f64 {
     earth::normal_gravity_sigma_mps2(height_is_known)

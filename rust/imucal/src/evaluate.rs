@@ -69,7 +69,7 @@ pub struct RestReport {
     pub epochs: usize,
     /// Unsteadiness (model.md (11)): the larger of two ratios, which are near 1 for a unit on a table and larger for a
     /// unit in a hand. The first ratio is the variance of the samples within half a second divided by the noise
-    /// variance. The second ratio measures the drift of the mean force.
+    /// variance. The second ratio compares the drift of the mean force with the drift due to noise.
     pub unsteadiness: f64,
     /// Mean accelerometer reading in raw units, or in m/s^2 if the evaluated samples are already corrected for effects.
     pub mean_specific_force: Vector3<f64>,
@@ -338,8 +338,9 @@ fn judge(
     })
 }
 
-/// Computes the figures of merit over all used rests and moves. `parameters` is the number of parameters that were
-/// fitted to these rests and moves.
+/// Computes the figures of merit over all used rests and moves. `move_residuals` contains the direction residuals of
+/// the used moves, divided by their standard deviations. `parameters` is the number of parameters that were fitted to
+/// these rests and moves.
 pub(crate) fn figures(
     rests: &[RestReport],
     moves: &[MoveReport],

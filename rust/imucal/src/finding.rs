@@ -14,7 +14,7 @@ pub enum Severity {
 /// A fault of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
-    /// Reason code for scripts, in lower case; it does not change between versions.
+    /// Reason code for scripts, in lower case; it does not change between versions of imucal.
     pub code: &'static str,
     /// Whether the calibration continues or is refused because of the fault.
     pub severity: Severity,

@@ -102,8 +102,8 @@ pub struct Search {
     /// variation explains a significant part of the residuals that the selected effects leave unexplained. If several
     /// hypotheses do so, this is the hypothesis with the largest log Bayes factor.
     pub generic: Option<GenericFinding>,
-    /// Effects with a large log Bayes factor on these recordings. They were nevertheless not selected, because they do
-    /// not improve the prediction of held-out rests and moves.
+    /// Effects that are significant in the fit to these recordings. They were nevertheless not selected, because they
+    /// do not improve the prediction of held-out rests and moves.
     pub not_predictive: Vec<NotPredictive>,
     /// Magnitude and standard deviation, rad/s, of a constant rate that the search estimated as the effect `earth_rate`
     /// and that differs significantly from the Earth's rate. In this case, `earth_rate` was removed from the
@@ -211,7 +211,7 @@ pub struct GenericFinding {
     /// the deviation. For a variation that is observable only in moves: indices of the rests before the three moves
     /// with the largest deviations.
     pub rests: Vec<usize>,
-    /// Rms deviation of the parameter on the sensor axis `axis`, SI units.
+    /// Rms deviation of the parameter over all rests (or moves), on the sensor axis `axis`, SI units.
     pub rms: f64,
 }
 

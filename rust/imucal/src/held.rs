@@ -42,7 +42,7 @@ pub enum PriorSource {
 }
 
 impl PriorSource {
-    /// Name in documents: `given`, `unit` or `default`.
+    /// Name in JSON documents: `given`, `unit` or `default`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Given => "given",
@@ -83,7 +83,7 @@ pub struct PriorCost {
 /// Function h of the parameters. The prior of a held parameter applies to the value of h.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Quantity {
-    /// A parameter divided by a constant.
+    /// A parameter divided by the constant `nominal`: the nominal sensitivity for a scale, and 1 for a bias.
     Entry { parameter: usize, nominal: f64 },
     /// An off-diagonal entry of a sensitivity divided by the diagonal entry of its row.
     Misalignment { parameter: usize, diagonal: usize },

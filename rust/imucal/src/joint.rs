@@ -116,7 +116,8 @@ const NOT_SETTLED: f64 = 0.1;
 /// reported as not converged. Most runs converge within five fits.
 const MAX_ROUNDS: usize = 16;
 /// A search for effects estimates its first weights from the residuals of its start model. If these residuals scatter
-/// by more than this multiple of their noise, the weights are too small. The fit is then repeated with new weights.
+/// by more than this multiple of their noise, the errors of the start model make the weights far too small. The fit is
+/// then repeated with new weights.
 const MISLEADING: f64 = 10.0;
 /// The repeated fits of a search for effects end if, for every kind of residuals, the ratio of scatter to noise changes
 /// by less than this factor from one fit to the next.
@@ -329,8 +330,9 @@ fn check_determined(
     // A prior acts in all directions. It is so wide (100 typical sizes) that it hardly changes the estimate in
     // observable directions, so no limit between observable and unobservable directions is needed.
     for term in &terms.all {
-        // Jacobian columns of zeros are omitted. While an effect is zero, the derivative with respect to its time
-        // constant is zero, and the QR decomposition would give this column an arbitrary direction.
+        // Jacobian columns of zeros are omitted from the QR decomposition. While an effect is zero, the derivatives of
+        // the residuals with respect to its time constant are zero, and the decomposition would give this column an
+        // arbitrary direction.
         let own = BASE + term.first..BASE + term.first + term.linear;
         let others = (BASE..terms.total()).filter(|p| !own.contains(p)).filter(|&p| jacobian.col(p).norm_l2() > 0.0);
         let order: Vec<usize> = (0..BASE).chain(others).chain(own.clone()).collect();

@@ -408,7 +408,8 @@ mod tests {
             converter: Some(Converter { lsb: noise_std * counts, bits: 24 }),
             ..Sensor::ideal()
         };
-        // If the rounding variance were not subtracted, the estimate would be 4 % too large.
+        // The rounding variance is 1/12 of the noise variance. If it were not subtracted, the estimate of the noise
+        // density would be 4 % too large.
         for axis in axes(&noise_of(&still(counted(1.0), 1200.0, 5))) {
             let (value, std) = (axis.noise_density.value.unwrap(), axis.noise_density.std.unwrap());
             assert!(((value - 1e-3) / std).abs() < 4.0, "{value}");

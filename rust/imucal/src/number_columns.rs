@@ -58,7 +58,7 @@ pub struct NumberColumns {
 }
 
 impl NumberColumns {
-    /// An empty table.
+    /// Creates a reader for a text with the format `form`. It has read no line yet.
     #[must_use]
     pub fn new(form: Form) -> Self {
         let columns = form.columns(0);
@@ -69,7 +69,7 @@ impl NumberColumns {
     ///
     /// # Errors
     ///
-    /// [`NotPlain`] if the block contains anything other than lines of decimal numbers. The table must not be used
+    /// [`NotPlain`] if the block contains anything other than lines of decimal numbers. The reader must not be used
     /// afterwards.
     pub fn add(&mut self, block: &[u8]) -> Result<(), NotPlain> {
         let Some(first) = block.iter().position(|&byte| byte == b'\n') else {

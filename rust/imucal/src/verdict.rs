@@ -59,7 +59,7 @@ impl Verdict {
         Self::Poor(poor)
     }
 
-    /// Name of the verdict in documents: `good`, `incomplete` or `poor`.
+    /// Name of the verdict in JSON documents: `good`, `incomplete` or `poor`.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Good => "good",

@@ -175,7 +175,7 @@ class _Corrected:
             yield corrected
 
     def _check(self, raw: Recording) -> None:
-        """Run the checks of a recording, and keep the findings to report."""
+        """Check a piece of the recording, and store the first finding of each code of `REPORTED`."""
         import imucal._core as _core
         from imucal.units import STANDARD_GRAVITY_MPS2
 
@@ -194,9 +194,9 @@ class _Corrected:
 
 
 def _after(last_s: float, raw: Recording, before: int) -> Recording:
-    """A piece of a recording for the checks, with an additional sample at the end of the piece before.
+    """A piece of a recording for the checks, with an additional sample before its first sample.
 
-    The additional sample repeats the first sample of this piece at the time `last_s`, so that the checks find
+    The additional sample repeats the first sample of the piece at the time `last_s`, so that the checks find
     a jump of the time between the pieces.
 
     last_s   last time stamp of the piece before, s

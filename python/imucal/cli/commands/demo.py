@@ -61,7 +61,7 @@ def demo(
         imucal.write(control.recording, folder / "control.csv")
     result.calibration.save(folder / "calibration.json")
     page = folder / "report.html"
-    write_calibration_page(page, result, title="Simulated calibration of the paper's unit", truth=truth)
+    write_calibration_page(page, result, title="Calibration of a simulated unit", truth=truth)
 
     out = Output(json, units)
     out.document({**result.to_dict(), "truth": run.truth.to_dict(), "page": str(page)})

@@ -82,7 +82,7 @@ def gap(
 
 @contextmanager
 def _executor(workers: int | None, scheduler: str | None) -> Iterator[Executor | None]:
-    """An executor with processes on this computer, or with the workers of a Dask scheduler."""
+    """Yield an executor of processes on this computer or of a Dask scheduler; None for a single process."""
     if scheduler is not None:
         try:
             from distributed import Client

@@ -57,7 +57,7 @@ def certificate(
     ] = None,
     json: JsonPath = None,
 ) -> None:
-    """Write the certificate of one unit: figures with standard deviations, conditions, limits, verdict, hash.
+    """Write the certificate of a unit: values, standard deviations, conditions, limits, verdict, file hashes.
 
     The page fills one sheet. If the name ends in .pdf, an installed browser (Chromium, Chrome or Edge) prints
     it without a window.

@@ -50,8 +50,8 @@ SCHEMA: Final = "imucal.fleet-run/1"
 # Interval, s, at which a watched folder is checked. A file whose size and modification time have not changed
 # during one interval counts as complete.
 WATCH_S: Final = 2.0
-# Maximum number of warnings about a recording that belongs to several serial numbers. The JSON document lists
-# all such recordings.
+# Maximum number of printed warnings about recordings that belong to several serial numbers. The JSON document
+# lists all such recordings.
 MOST_SAME: Final = 10
 
 
@@ -116,7 +116,7 @@ def run(
         option("--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler, instead of --workers."),
     ] = None,
     shard: Annotated[
-        str | None, option("--shard", metavar="I/N", help="Only part I of N, such as 3/16, for batch queues.")
+        str | None, option("--shard", metavar="I/N", help="Only the units of part I of N, for batch queues.")
     ] = None,
     watch: Annotated[
         Path | None,

@@ -142,7 +142,7 @@ def _write(
     short: tuple[str, ...] | list[str],
     units: UnitSystem = UnitSystem.datasheet,
 ) -> Output:
-    """Write rows as CSV and as JSON, and print some of their columns as a table."""
+    """Write rows as CSV and as JSON, and print the columns `short` as a table."""
     readable = [tuple(_plain(value) for value in row) for row in rows]
     write_table(csv, names, readable)
     out = Output(json, units)

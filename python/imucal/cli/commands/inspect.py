@@ -26,8 +26,8 @@ def inspect(
     """Show sampling rate, faults and rests of recordings, and the parameters that they determine.
 
     The standard deviation of every parameter is predicted from the rests, the moves and the noise at rest. A
-    calibration has these standard deviations if, besides noise, the data contain only errors that the 21
-    parameters describe.
+    calibration has these standard deviations if, besides noise, the data contain only errors that biases,
+    scales and misalignments describe.
 
     The exit code is 2 if a recording has a fault for which a calibration refuses it, or if it does not
     determine all parameters.

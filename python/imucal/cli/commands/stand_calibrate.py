@@ -189,7 +189,7 @@ def _turned(program: Program) -> str:
 
 
 def _show(out: Output, outcome: Outcome) -> None:
-    """Print the result for the operator."""
+    """Print accuracy, failed limits, exports, reasons and verdict of the unit."""
     result = outcome.assessment.result if outcome.assessment else None
     if result is not None:
         out.figures({"calibration set": result.calibration_set, "control set": result.control_set})

@@ -88,7 +88,8 @@ def columns_of(measurements: Measurements, *, figures: bool = True) -> Columns:
 def repeatability(numbers: np.ndarray, values: FloatArray, sigmas: FloatArray) -> float:
     """Excess standard deviation of repeated measurements: scatter beyond their stated standard deviations.
 
-    It is the square root of (variance of the repeats - stated variance).
+    It is the square root of (variance of the repeats - stated variance). `numbers` is the index of the unit
+    of each value.
 
     The result is 0 if there are few repeats, or if the excess is not significant. It is computed from the
     scatter of the differences of consecutive measurements about their mean, so a steady drift common to all

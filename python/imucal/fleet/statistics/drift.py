@@ -6,8 +6,9 @@ y_it is the measurement of unit i at time t, and e_it the noise of this measurem
 estimated for each unit. The variance of e_it is the stated variance plus an excess variance, which is
 estimated from repeated calibrations of the fleet.
 
-Shifts common to all units of a station on a day are removed first. A unit is reported as drifting if its
-p-value is significant among the p-values of all units (false discovery rate of Benjamini and Hochberg).
+Shifts common to all units of a station, on all days or on one day, are removed first. A unit is reported as
+drifting if its p-value is significant among the p-values of all units (false discovery rate of Benjamini and
+Hochberg).
 """
 
 from __future__ import annotations

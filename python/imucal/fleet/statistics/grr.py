@@ -111,7 +111,7 @@ class GaugeStudy:
     sigma: SigmaTest | None = None
 
     def component(self, source: str) -> Component:
-        """The component with this name."""
+        """The component of variance with this `source`, such as "unit"."""
         return next(component for component in self.components if component.source == source)
 
 

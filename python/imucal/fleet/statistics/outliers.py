@@ -46,7 +46,7 @@ class Deciding:
 
     value, expected   measured value minus the shifts of the station, and mean of the fleet; natural
                       logarithms for a figure of merit
-    z                 deviation in standard deviations of a measured value
+    z                 deviation of `value` from `expected`, in standard deviations of a measured value
     removed           decrease of d^2 if this parameter is omitted
     """
 
@@ -213,7 +213,8 @@ def _distances(
     """Returns d^2 of each unit, and two arrays with a value for each column of each unit.
 
     The first array contains the decrease of d^2 if the column is omitted. The second contains the residual of
-    the column, divided by its standard deviation.
+    the column, divided by its standard deviation. `residuals` are y_i - mean, `noise` is C_i, and `spread` is
+    S of the module's docstring.
     """
     total = spread + noise
     inverse = np.linalg.inv(total)
@@ -286,7 +287,7 @@ def _exceeded(squared: FloatArray, dof: int, tail: float, scale: float) -> Float
 
 
 def _ratio(distribution: Any) -> float:
-    """The ratio of the upper 5 % point to the median."""
+    """The ratio of the upper 5 % point of a distribution to its median."""
     return float(distribution.ppf(0.95) / distribution.ppf(0.5))
 
 

@@ -205,7 +205,10 @@ class _Column:
         self._batch = np.unique(batches, return_inverse=True)[1].reshape(-1)
 
     def residuals(self, added: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Values minus predictions, and standard deviations of these residuals; NaN for missing values."""
+        """Values without the shifts `added`, minus their predictions; and the residuals' standard deviations.
+
+        Residuals of missing values are NaN.
+        """
         known, numbers, variances = self._known, self._numbers, self._variances
         y = without_trends(numbers, self._months, self._values - added, variances)
         mean = self._means(y)

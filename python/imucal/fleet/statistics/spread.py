@@ -148,7 +148,10 @@ TINY: Final = 1e-24
 
 
 def _interval(y: FloatArray, noise: FloatArray, core: FloatArray, variance: float) -> tuple[float, float]:
-    """95 % interval of the variance by the ratio of the restricted likelihoods."""
+    """95 % interval of the variance of the true values, by the ratio of the restricted likelihoods.
+
+    core, variance   results of `_fit`
+    """
     optimize: Any = scipy_part("optimize")
     quarter = 0.5 * float(scipy_part("stats").chi2.ppf(0.95, 1))
 

@@ -35,7 +35,10 @@ def months_of(measurements: Measurements) -> FloatArray:
 def without_trends(
     numbers: np.ndarray, months: FloatArray, values: FloatArray, variances: FloatArray
 ) -> FloatArray:
-    """Values of one column with trends removed; the first value of each unit is unchanged."""
+    """Values of one column with trends removed; the first value of each unit is unchanged.
+
+    numbers   index of the unit of each value
+    """
     usable = np.isfinite(values) & np.isfinite(months) & (variances > 0)
     weight = np.where(usable, 1.0 / np.where(variances > 0, variances, 1.0), 0.0)
     size = int(numbers.max()) + 1 if len(numbers) else 0

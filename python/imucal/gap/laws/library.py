@@ -79,12 +79,12 @@ class Form:
         return self.sensor, self.variables
 
     def text(self, name: str) -> str:
-        """The formula of an effect with this name."""
+        """The form, written as the formula of an effect with this name."""
         return f"{name} = {self.sensor}: {self.expression}"
 
 
 def library(recordings: Sequence[Recording]) -> list[Form]:
-    """The forms whose input variables vary in these corrected recordings."""
+    """The candidate forms of laws whose input variables vary in these corrected recordings."""
     forms: list[Form] = []
     for sensor in ("gyro", "accel"):
         forms += _of_sensor(sensor, recordings)
@@ -131,7 +131,7 @@ def _of_sensor(sensor: str, recordings: Sequence[Recording]) -> Iterator[Form]:
 
 
 def further_forms(recordings: Sequence[Recording]) -> list[Form]:
-    """The forms whose input variables are angles of a stand or auxiliary columns."""
+    """The candidate forms of laws whose input variables are angles of a stand or auxiliary columns."""
     return [form for sensor in ("gyro", "accel") for form in _of_further(sensor, recordings)]
 
 

@@ -47,8 +47,8 @@ LEAST_CLOSED: Final = 0.3
 # the stand contradicts the sensors, or that the recordings contradict the model. The other two patterns are
 # faults of the data.
 NO_LAW: Final = ("between_sessions", "contradiction", "clock_irregular", "noise_grows_in_motion")
-# Maximum number of values in one linearisation, which has 18 values for each sample and formula. This number
-# of values takes 400 MB of memory.
+# Maximum number of values in one linearisation. Each formula counts as 18 values for each sample: 3 axes
+# times 6 parameters (two for each axis). The maximum number of values takes 400 MB of memory.
 MOST_VALUES: Final = 5e7
 # Number of points of the curve of a law, large enough for corners of the curve to be visible.
 POINTS: Final = 201

@@ -40,11 +40,11 @@ use crate::effects::{EffectSet, Need, Sensor};
 use nalgebra::{RealField, convert};
 
 /// Time constant of the low-passes of the temperature from which the rate of change and the direction are computed, s.
-/// The low-passes suppress the noise of the thermometer. The rate is delayed by twice this time. The temperature of a
-/// unit hardly changes in this time.
+/// The low-passes suppress the noise of the thermometer. The rate is delayed by twice this time, that is by 1 s, in
+/// which the temperature of a unit hardly changes.
 pub const SMOOTHING_S: f64 = 0.5;
 /// Half of the temperature change that reverses the direction from -1 to 1 or back, in kelvin. The noise of a
-/// thermometer after the low-pass is smaller than this temperature change.
+/// thermometer after the low-pass is smaller than this temperature change, so it does not reverse the direction.
 pub const REVERSAL_K: f64 = 1.0;
 
 /// Variables of the temperature history at an instant.
@@ -55,11 +55,11 @@ pub struct TemperatureHistory<F: RealField + Copy> {
     /// Direction of the last temperature change: 1 for heating, -1 for cooling. The value is between -1 and 1 while the
     /// temperature reverses.
     pub direction: F,
-    /// Lag of the gyroscope: low-pass filtered temperature minus temperature, K; 0 if no lag effect acts on the
-    /// gyroscope.
+    /// Lag of the temperature after the low-pass of the gyroscope's lag effect: output minus input, K; 0 if no lag
+    /// effect acts on the gyroscope.
     pub gyroscope_lag_k: F,
-    /// Lag of the accelerometer: low-pass filtered temperature minus temperature, K; 0 if no lag effect acts on the
-    /// accelerometer.
+    /// Lag of the temperature after the low-pass of the accelerometer's lag effect: output minus input, K; 0 if no lag
+    /// effect acts on the accelerometer.
     pub accelerometer_lag_k: F,
 }
 

@@ -33,7 +33,8 @@ pub(super) struct Design {
     rows: Vec<[f64; 18]>,
     /// Residuals, one for each row of the matrix and divided by the same number as the row.
     residuals: Vec<f64>,
-    /// The residuals and their derivatives before the division, as [`Line`]s. The priors are not included.
+    /// The residuals and their derivatives before the division by the model error, as [`Line`]s. The priors are not
+    /// included.
     lines: Vec<Line>,
 }
 
@@ -56,7 +57,8 @@ impl Design {
     /// Returns the design matrix, and the parameters at which it is computed. Determined parameters have their
     /// least-squares values, and all others their nominal values. The matrix at the nominal values of all parameters
     /// would not be suitable: these values differ from the true values by a few per cent, and this error would rotate
-    /// the unobservable directions of the parameter space by a few hundredths of a radian.
+    /// the unobservable directions of the parameter space by a few hundredths of a radian. Determined parameters could
+    /// then count as not determined.
     pub(super) fn near(
         prepared: &Prepared<'_>,
         terms: &Terms<'_>,

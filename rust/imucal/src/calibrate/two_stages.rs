@@ -145,8 +145,8 @@ impl UnitData<'_> {
 
     /// Replaces the flags `used` of the accelerometer fit, one for each rest, by one flag for each epoch. An epoch is a
     /// part of a long rest with its own mean. All epochs of a long rest without known faults are used, even if the fit
-    /// excluded this rest as an outlier. The fit uses one mean for each rest, but one mean does not describe a long
-    /// rest.
+    /// excluded this rest as an outlier. The fit uses one mean for each rest. One mean does not describe a long rest,
+    /// so a large residual of this mean does not show that the rest is faulty.
     pub(super) fn use_epochs(&self, accelerometer: &mut AccelerometerFit) {
         let used = &accelerometer.used;
         let of = |own: Range<usize>| {

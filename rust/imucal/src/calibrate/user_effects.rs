@@ -13,7 +13,7 @@ use crate::numerics::lsq::Termination;
 use crate::verdict::RecordingSet;
 
 /// Maximum number of fits until the fields converge. In each further fit, a field changes by only a few per cent of its
-/// change in the previous fit. This share is about the relative size of the effects.
+/// change in the previous fit. This share is about the size of the effects relative to the reading.
 const MAX_FITS: usize = 20;
 /// A field has converged if the last repetition changed each of its values by at most this fraction of its largest
 /// value. The relative change of the parameters is then also about this fraction.

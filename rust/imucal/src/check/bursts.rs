@@ -104,7 +104,8 @@ mod tests {
                 bursts.way_out
             );
         }
-        // If a timer reads the buffer of the sensor, the number of samples in a packet varies by one.
+        // If a timer that is not synchronised with the sensor reads the sensor's buffer, the number of samples in a
+        // packet varies by one.
         let short = found(|i| ((i + i / 160) / 16) as f64 * 0.16 + ((i + i / 160) % 16) as f64 * 1e-4);
         assert_eq!(short.iter().map(|f| f.code).collect::<Vec<_>>(), ["clock_irregular"]);
     }

@@ -6,7 +6,8 @@ use super::{CHANNELS, names};
 use crate::finding::Finding;
 use crate::recording::Recording;
 
-/// The pairs of channels whose values are equal in all samples so far. Samples that are not finite are ignored.
+/// The pairs of channels whose values are equal in all samples processed so far. Samples that are not finite are
+/// ignored.
 pub(super) struct Identical {
     pairs: Vec<[usize; 2]>,
 }
@@ -33,8 +34,8 @@ impl Identical {
     }
 }
 
-/// Reports pairs of columns that are equal in all samples, except columns with a constant value. No two axes of a
-/// sensor have the same noise.
+/// Reports pairs of columns that are equal in all samples, except columns with a constant value. The noise of two axes
+/// is never the same, so equal columns contain the data of one axis twice.
 pub(super) fn check(recording: &Recording, identical: &Identical, extremes: &Extremes) -> Option<Finding> {
     let ends: Vec<[f64; 2]> = extremes.ends.into_iter().flatten().collect();
     let changes = |channel: usize| ends[channel][0] < ends[channel][1];

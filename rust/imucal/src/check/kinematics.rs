@@ -20,7 +20,7 @@ use crate::recording::{RawUnit, Recording};
 /// Limits of the scale |det P|^(1/3) of the matrix P in true rate = P (raw - bias), for a gyroscope in the correct unit
 /// (ideal: 1). The scale errors of sensors are far smaller.
 const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
-/// The same limits for a gyroscope whose calibration has been applied.
+/// Narrower limits of the same scale, for a gyroscope whose calibration has been applied.
 const CALIBRATED: [f64; 2] = [0.7, 1.4];
 /// The measured rates are too large by the factor 1 / (scale of P). A unit of measurement is recommended if the
 /// relative difference between this factor and its conversion factor is below this value. An example of a conversion
@@ -85,8 +85,9 @@ fn check_rates(recording: &Recording, (p, explained): (&Matrix3<f64>, f64), righ
 
 /// Reports that the sensors did not move together. The finding is only a warning if the rates explain part of the
 /// motion, because two other causes do not make the result wrong. First, the unit may have been accelerated during the
-/// moves: rests alone determine the directions of gravity that the calibration uses. Second, the gyroscope may be late,
-/// and it then still measures the whole rotation between two rests that are longer than its delay.
+/// moves. The calibration computes the directions of gravity only from rests, so this acceleration has no effect.
+/// Second, the gyroscope may be late. It then still measures the whole rotation between two rests that are longer than
+/// its delay.
 fn not_together(recording: &Recording, explained: f64) -> Finding {
     let share = format!(
         "the rates explain only {:.0} % of the changes of the direction of gravity inside moves",

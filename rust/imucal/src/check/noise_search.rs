@@ -5,8 +5,8 @@
 //! whitened: each spectrum is divided by its magnitude, so that all frequencies have equal weight (phase transform:
 //! Knapp and Carter, The generalized correlation method for estimation of time delay, 1976). A strong periodic
 //! vibration in two independent recordings contains only a few frequencies, so it contributes little to the
-//! correlation. The correlation at a lag is a sum over m frequencies (positive and negative) and n signals. For
-//! independent noise, its variance is m n at every lag.
+//! correlation. The correlation at a lag is a sum over m frequencies (positive and negative) and n signals, and each
+//! term has the magnitude 1. For independent noise, the variance of the sum is m n at every lag.
 
 use std::sync::Arc;
 

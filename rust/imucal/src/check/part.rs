@@ -58,8 +58,8 @@ impl<'a> Part<'a> {
         self.triads.each_ref().map(|rows| &rows[own..])
     }
 
-    /// Samples of the accelerometer and of the gyroscope in this block, after the sample before the block. There is no
-    /// such sample before the first block.
+    /// Samples of the accelerometer and of the gyroscope in this block, preceded by the last sample before the block if
+    /// there is one.
     pub(super) fn triads_and_before(&self) -> [&[[f64; 3]]; 2] {
         self.triads.each_ref().map(|rows| &rows[..])
     }

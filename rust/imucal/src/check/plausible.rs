@@ -234,9 +234,10 @@ fn gyro_way_out(recording: &Recording, density: f64, accel: &[RestNoise; 3]) -> 
         .into()
 }
 
-/// Recommends the unit of measurement in which this density of an accelerometer, m/s^2/sqrt(Hz), would be the density
-/// of a usual sensor. If motion explains the density, the text recommends to hold the sensor still instead. Motion is
-/// the explanation if the median specific force equals gravity in the given unit of measurement.
+/// Recommends the unit of measurement in which the implausible noise density `density` of an accelerometer,
+/// m/s^2/sqrt(Hz), would be that of a usual sensor. If the unit of the column is correct, because the median specific
+/// force in this unit equals gravity, a density that is too high is due to motion. The text then recommends holding the
+/// sensor still.
 fn accel_way_out(recording: &Recording, density: f64) -> String {
     let usual = |density_mg: f64| (0.03..=3.0).contains(&density_mg);
     let force = median_force(recording);

@@ -19,8 +19,8 @@ const SHARE_OF_REACH: f64 = 0.8;
 /// the median norm of the specific force, which is 1 g. Below this value, a plateau may be a rest without noise.
 const LOWEST_RAIL_G: f64 = 1.3;
 /// If at most this share of the pairs of consecutive samples of an axis are equal, the noise of the axis is several
-/// steps of the converter. A plateau at any extreme value of this axis is then a rail. Pairs that begin at an extreme
-/// value are not counted.
+/// steps of the converter. A plateau of this axis cannot be a rest without noise, so the limit [`LOWEST_RAIL_G`] does
+/// not apply to it. Pairs that begin at an extreme value are not counted.
 const FEW_EQUAL: f64 = 0.1;
 /// Two rails belong to one measurement range if the relative difference of their distances from the zero reading is
 /// below this value.

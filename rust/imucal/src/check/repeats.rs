@@ -75,7 +75,7 @@ pub(super) struct Repeats {
 }
 
 impl Repeats {
-    /// Number of rows that repeat all values; `None` if so many such rows can occur by coincidence.
+    /// Number of rows that repeat all values of the previous row; `None` if so many such rows can occur by coincidence.
     pub(super) fn reported(&self) -> Option<usize> {
         let count = self.doubled.samples;
         (count >= FEWEST && count > 2 * self.near).then_some(count)

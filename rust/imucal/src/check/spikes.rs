@@ -13,7 +13,8 @@ const MOST: usize = 64;
 const STANDS_OUT: f64 = 10.0;
 /// The neighbours of a spike agree with each other: they differ by at most this share of the height of the spike.
 const AGREE: f64 = 0.1;
-/// Number of largest steps that decide on the spikes: two steps for each spike, and the largest of all other steps.
+/// Number of the largest steps that are kept for each channel: two steps for each spike, to it and from it, and the
+/// largest of all other steps.
 const STEPS: usize = 2 * MOST + 1;
 
 /// The largest steps of each channel. A step is the difference between consecutive samples.

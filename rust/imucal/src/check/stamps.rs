@@ -30,12 +30,12 @@ const SIGNIFICANT: f64 = 5.0;
 /// sample less than the others.
 const LEAST_STEPS: f64 = 1.5;
 
-/// Returns a text that recommends to record the sampling instants, or to replace the time stamps by the mean rate.
+/// Returns a text that recommends recording the sampling instants, or replacing the time stamps by the mean rate.
 pub(crate) fn from_sensor(recording: &Recording) -> String {
     format!("take the time stamp from the sensor's own clock, not on arrival; or, {}", even(recording))
 }
 
-/// Returns a text that recommends to replace the time stamps by a sampling rate, if the sensor samples at equal
+/// Returns a text that recommends replacing the time stamps by a sampling rate, if the sensor samples at equal
 /// intervals. The recommended rate is the mean rate if the time stamps determine it, otherwise the rate to which the
 /// sensor is set.
 pub(super) fn even(recording: &Recording) -> String {

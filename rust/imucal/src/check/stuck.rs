@@ -16,9 +16,9 @@ const MOVING_STEPS: f64 = 8.0;
 ///
 /// Two cases are not reported: a rest without noise, in which all axes are constant, and a coarse converter, with which
 /// the other axes change only by a few steps. The finding is an error if the axis is certainly stuck: the other axes
-/// are noisy while the axis is constant, or a whole triad is constant. The finding is a warning if the other axes also
-/// have no noise, as with a coarse converter or in a simulation without noise. The axis may then be constant because
-/// the motion did not affect it.
+/// are noisy while the axis is constant, or a whole triad is constant while the other triad moves. The finding is a
+/// warning if the other axes also have no noise, as with a coarse converter or in a simulation without noise. The axis
+/// may then be constant because the motion did not affect it.
 pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
     let mut stuck = Vec::new();
     for (first_channel, rows, other, names, unit) in [
@@ -36,7 +36,7 @@ pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
             let triad_is_dead = siblings.iter().all(|&k| range(meanwhile, k) == 0.0)
                 && (0..3).any(|k| moves_widely(other.slice(first..last + 1), k));
             // If the axis also has no noise outside the constant interval, its noise is below a step of the converter.
-            // It is then not certain that the axis is stuck.
+            // The axis may then be constant because the motion does not affect it, so a stuck axis is not certain.
             let [before, after] = [rows.slice(0..first), rows.slice(last + 1..rows.len())];
             let steps = !(before.is_empty() && after.is_empty()) && [before, after].iter().all(|r| !is_noisy(*r, axis));
             let siblings_are_noisy = !steps && siblings.iter().any(|&k| moves(meanwhile, k) && is_noisy(meanwhile, k));

@@ -161,7 +161,7 @@ pub(super) fn check_possible(recording: &Recording, extremes: &Extremes) -> Vec<
     findings
 }
 
-/// Sets the elements of `columns` for which the value in `row` is not finite. Returns whether there is any such value.
+/// Sets `columns[k]` to true if `row[k]` is not finite. Returns whether any value in `row` is not finite.
 fn mark<const N: usize>(row: [f64; N], columns: &mut [bool; N]) -> bool {
     let mut any = false;
     for (value, column) in row.iter().zip(columns) {

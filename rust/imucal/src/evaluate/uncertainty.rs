@@ -7,9 +7,10 @@
 //!
 //! r are the residuals on the control recordings, N is the covariance of their noise, and I is the identity matrix. The
 //! parameters of the calibration have the covariance C = L L^T. D is the derivative of the residuals with respect to
-//! these parameters. A column of D L is the change of the residuals if the parameters change by the same column of L.
-//! If the calibration is from a short recording, the residuals on a long control recording exceed their noise because
-//! of the errors of the calibration. This chi2 therefore takes the uncertainty of the calibration into account.
+//! these parameters. A column of D L is the change of the residuals if the parameters change by the corresponding
+//! column of L. If the calibration is from a short recording, the residuals on a long control recording exceed their
+//! noise because of the errors of the calibration. This chi2 therefore takes the uncertainty of the calibration into
+//! account.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;

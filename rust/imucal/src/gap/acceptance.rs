@@ -90,7 +90,7 @@ pub enum Refusal {
     },
     /// Unseen data are predicted worse with the effect than without it. The variant is also used if the effect does not
     /// improve the prediction although an improvement is required. An improvement is required of effects with little
-    /// evidence and of effects that are functions of time.
+    /// evidence (a small log Bayes factor) and of effects that are functions of time.
     PredictsWorse {
         /// Name of the effect.
         name: String,
@@ -171,20 +171,20 @@ pub(super) struct Accepted {
     pub(super) path: Vec<String>,
     /// The fit with the accepted effects.
     pub(super) fit: Rc<Fit>,
-    /// The fit without effects that uses the same kinds of residuals.
+    /// The fit without effects that uses the same kinds of residuals as `fit`.
     pub(super) reference: Rc<Fit>,
     pub(super) refused: Vec<Refusal>,
 }
 
 impl Fits<'_> {
     /// Tries the selected effects in order of selection. An effect is accepted if it does not make the prediction of
-    /// unseen data worse. Effects with little evidence, and effects that are functions of time, must also improve the
-    /// prediction. If the model with all selected effects predicts unseen data better than the model with the accepted
-    /// effects, all selected effects are accepted.
+    /// unseen data worse. Effects with little evidence (see [`CERTAIN_NATS`]), and effects that are functions of time,
+    /// must also improve the prediction. If the model with all selected effects predicts unseen data better than the
+    /// model with the accepted effects, all selected effects are accepted.
     ///
     /// `before` is the first fit without effects, and `reference` the fit without effects that uses the same kinds of
     /// residuals as the fits with effects. If these fits use more kinds of residuals than `before`, effects with much
-    /// evidence must also improve the prediction of unseen data, and effects are not accepted together.
+    /// evidence must also improve the prediction of unseen data, and the model with all selected effects is not tried.
     pub(super) fn accept_selected(
         &mut self,
         before: &Rc<Fit>,

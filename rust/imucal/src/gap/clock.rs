@@ -38,8 +38,8 @@ const APART: usize = 2 * REACH + 1;
 /// Euclidean norm of the weights 1, -4, 6, -4, 1 of a fourth difference. A fourth difference of white noise, divided by
 /// this norm, has the standard deviation of the noise.
 const FOURTH: f64 = 8.366_600_265_340_756;
-/// Median absolute value of a standard normal variable. Dividing a median of absolute values by it gives a standard
-/// deviation.
+/// Median absolute value of a standard normal variable. Dividing the median absolute value of normal samples with mean
+/// zero by it gives their standard deviation.
 const MEDIAN: f64 = 0.6745;
 /// Threshold for outliers, in standard deviations of a fourth difference. Larger fourth differences are excluded,
 /// because single wrong samples cause them.
@@ -51,8 +51,8 @@ const SMALLEST_JITTER: f64 = -3.0;
 const JITTERS: usize = 60;
 
 /// Tests the time stamps of each recording for errors. If no recording has such errors, tests the recordings for excess
-/// noise inside moves instead. `outcome` is the result of a fit to these recordings. If `must_explain`
-/// is true, only faults that explain at least [`EXPLAINS`] of the excess residuals of moves are reported.
+/// noise inside moves instead. `outcome` is the result of a fit to these recordings. If `must_explain` is true, only
+/// faults that explain at least the share [`EXPLAINS`] of the excess variance of the residuals of moves are reported.
 pub(super) fn clock_and_noise_faults(
     outcome: &Outcome,
     recordings: &[Recording<'_>],

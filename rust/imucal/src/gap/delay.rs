@@ -34,9 +34,9 @@ const SIGNIFICANT: f64 = 5.0;
 const LEAST_SHARE: f64 = 0.3;
 
 impl Fits<'_> {
-    /// Rejects the effect `gyro_time_offset` if the output of the gyroscope is not only delayed. The effect may already
-    /// be rejected because it makes the prediction of unseen data worse. In this case, the smoothing is reported as the
-    /// reason instead. The test is omitted if user-defined effects were accepted.
+    /// Rejects the effect `gyro_time_offset` if a filter also smooths the output of the gyroscope. The effect may
+    /// already be rejected because it makes the prediction of unseen data worse. In this case, the smoothing is
+    /// reported as the reason instead. The test is omitted if user-defined effects were accepted.
     pub(super) fn without_smoothing(&mut self, mut accepted: Accepted) -> Result<Accepted, Error> {
         let name = Effect::<f64>::GYRO_TIME_OFFSET.name;
         let is_worse = |refusal: &Refusal| matches!(refusal, Refusal::PredictsWorse { name: own, .. } if own == name);

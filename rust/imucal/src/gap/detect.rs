@@ -51,8 +51,8 @@ impl Detection {
 
     /// Smallest rms size of the parameters of an effect at which a chi2 test with `dof` degrees of freedom detects the
     /// effect with 90 % probability. `information` has one value for each parameter: the eigenvalues of the matrix
-    /// whose quadratic form is the non-centrality of chi2. All directions of the parameters are equally likely.
-    /// Infinite if the effect is not observable.
+    /// whose quadratic form in the parameters is the non-centrality of chi2. All directions of the parameters are
+    /// equally likely. Infinite if the effect is not observable.
     pub(crate) fn limit(&mut self, information: &[f64], dof: usize) -> f64 {
         let powers = self.powers.entry(dof).or_insert_with(|| powers(dof, self.tests));
         let count = information.len();
@@ -110,7 +110,8 @@ fn powers(dof: usize, tests: usize) -> Vec<f64> {
     powers
 }
 
-/// Linear interpolation in a table of [`powers`].
+/// Probability of detection if `root` is the square root of the non-centrality, by linear interpolation in a table of
+/// [`powers`].
 fn at(powers: &[f64], root: f64) -> f64 {
     let place = root / STEP;
     match powers.get(place as usize..=place as usize + 1) {
@@ -123,7 +124,8 @@ fn at(powers: &[f64], root: f64) -> f64 {
 /// normalised normal deviates, from a sequence of low discrepancy (M. Roberts, "The unreasonable effectiveness of
 /// quasirandom sequences", 2018).
 fn squared_directions(count: usize) -> Vec<f64> {
-    /// Number of fixed-point iterations that compute `base`. It is large enough for convergence to the rounding error.
+    /// Number of fixed-point iterations that compute `base`, the solution of base^(count + 1) = 1 + base. It is large
+    /// enough for convergence to the rounding error.
     const ITERATIONS: usize = 64;
     let normal = Normal::standard();
     let base = (0..ITERATIONS).fold(2.0_f64, |base, _| (1.0 + base).powf(1.0 / (count + 1) as f64));
@@ -187,8 +189,8 @@ mod tests {
     #[test]
     fn tails_and_power_are_those_of_tables() {
         assert!((p_value(9.487_729, 4) - 0.05).abs() < 1e-7);
-        // With one degree of freedom and one two-sided test at 0.3 %, the square root of the non-centrality is
-        // z_0.9985 + z_0.9.
+        // With one degree of freedom and one two-sided test at 0.3 %, the square root of the non-centrality at the
+        // detection limit is z_0.9985 + z_0.9 (z: quantiles of the standard normal distribution).
         let limit = Detection::new(1).limit(&[1.0], 1);
         assert!((limit - (2.967_738 + 1.281_552)).abs() < 1e-3, "{limit}");
         let mut tails = Tails::new(3, 20.0);

@@ -38,7 +38,7 @@ impl Stage {
         let member = self.members.iter().find(|member| member.name == NAME)?;
         let own: Vec<usize> = self.place(NAME)?.collect();
         let mut columns = self.design.model.clone();
-        // The prior is removed, so that only the data determine the rate.
+        // The covariance is computed without the prior, which would make the standard deviation of the rate too small.
         own.iter().for_each(|&k| columns[k] = Column { precision: 0.0, ..columns[k] });
         let covariance = self.design.gram.covariance(&columns, &self.evidence.scales, &own)?;
         let rate = Mat::from_fn(own.len(), 1, |k, _| member.values[k]);

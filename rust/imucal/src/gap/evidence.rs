@@ -36,7 +36,8 @@ pub(crate) struct Gram {
 }
 
 /// The Jacobian column of one parameter of a model: the index of the column in the Gram matrices, the precision of the
-/// parameter's prior (0 without a prior), and the value of the parameter at the linearisation point.
+/// parameter's prior (0 without a prior), and the value of the parameter at the linearisation point minus the mean of
+/// the prior (0 without a prior).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Column {
     pub(crate) place: usize,
@@ -56,7 +57,8 @@ pub(crate) struct Evidence {
     pub(crate) chi2: f64,
     /// Noise scale s_g^2 of each group, dimensionless: chi2 per degree of freedom, at least one.
     pub(crate) scales: Vec<f64>,
-    /// Parameter values at the optimum.
+    /// Fitted value of each parameter minus the mean of its prior. For a parameter without a prior: its change from the
+    /// linearisation point.
     pub(crate) theta: Vec<f64>,
 }
 
@@ -87,8 +89,8 @@ impl Gram {
         Some((sum[(self.residual, self.residual)] - explained).max(0.0) / self.rows[place])
     }
 
-    /// Covariance of the parameters of `columns[k]` for all indices k in `own`; `None` if the normal matrix is
-    /// singular.
+    /// Covariance, for the noise scales `scales`, of the parameters of `columns[k]` for all indices k in `own`; `None`
+    /// if the normal matrix is singular.
     pub(crate) fn covariance(&self, columns: &[Column], scales: &[f64], own: &[usize]) -> Option<Mat<f64>> {
         let n = columns.len();
         let size = self.sizes(columns);

@@ -63,8 +63,8 @@ pub struct Analysis {
     /// Residuals that the accepted effects leave unexplained. If no effect was accepted, these are the residuals that
     /// the model without effects leaves unexplained.
     pub remainder: Remainder,
-    /// The value of a figure of merit on unseen data (control recordings, or held-out rests and moves), without and
-    /// with the accepted effects.
+    /// The figure of merit on unseen data (control recordings, or held-out rests and moves) that the accepted effects
+    /// improve most: its values without and with these effects.
     pub unseen: UnseenFigure,
     /// chi2 per degree of freedom of the given calibration, of the fit without effects, and of the fit with the
     /// accepted effects. These values are computed on the control recordings, or on the calibration recordings if there

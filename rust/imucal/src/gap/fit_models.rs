@@ -108,7 +108,8 @@ impl<'a> ForwardSearch<'a> {
     }
 
     /// Fits a model, and returns the linearisation at the solution. The fitted parameters are stored under `key`, and
-    /// the most recent linearisations are kept, because several steps of the search need the same fit.
+    /// the most recent linearisations are kept, because several steps of the search need the same fit. `width` returns
+    /// the prior width of an effect, or `None` for no prior.
     fn fitted(
         &self,
         prepared: &Prepared<'_>,

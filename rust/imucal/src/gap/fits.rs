@@ -136,7 +136,7 @@ impl<'a> Fits<'a> {
                 recording.temperature_degc.is_none_or(|degc| degc.iter().all(|value| value.is_finite()))
             };
             // An earlier evaluation of the control recordings, with the model without effects, gave finite figures. If
-            // their temperatures are also finite, the effects are the cause of the failure.
+            // the temperatures of these recordings are also finite, the effects are the cause of the failure.
             let effects_fail = !names.is_empty() && self.control.iter().all(is_finite);
             return Err(if effects_fail { Error::Fit(words) } else { Error::Input(words) });
         }

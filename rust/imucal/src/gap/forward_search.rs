@@ -356,8 +356,9 @@ impl<'a> ForwardSearch<'a> {
         Ok((selected, patterns))
     }
 
-    /// Forward selection: adds the best candidate repeatedly, starting from the model without effects. At the end,
-    /// effects that the other selected effects make superfluous are removed.
+    /// Forward selection: adds the best candidate repeatedly, starting from `stage`, the model without effects. `first`
+    /// contains the scores of the candidates relative to this model. At the end, effects that the other selected
+    /// effects make superfluous are removed.
     fn select(
         &self,
         prepared: &Prepared<'_>,

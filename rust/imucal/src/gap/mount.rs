@@ -28,7 +28,8 @@ use crate::recording::Recording;
 /// A slip of the mount is detected only if there are at least this number of rests before it and this number after it.
 const FEWEST_RESTS: usize = 4;
 /// A step of the unit's attitude on the mount is reported as a slip if chi2(without step) / chi2(with step) >
-/// SLIP_FACTOR. A steady drift of the attitude gives the ratio 4 and is not a slip, so the threshold must exceed 4.
+/// SLIP_FACTOR. A steady drift of the attitude gives the ratio 4, because a step in its middle halves the residuals. A
+/// drift is not a slip, so the threshold must exceed 4.
 const SLIP_FACTOR: f64 = 10.0;
 /// Maximum scatter of the measured gravity direction about the direction computed from the stand's angles, deg (1
 /// sigma). The value is the largest scatter that occurs with a rigid mount on a low-cost stand. A larger scatter is
@@ -207,7 +208,7 @@ impl<'a> Residuals<'a> {
             mount * (at(STEP_RAD, angle) - at(-STEP_RAD, angle)) / (2.0 * STEP_RAD)
         };
         // Derivatives of the direction up at rest `k`: first with respect to the stand parameters, then with respect to
-        // two harmonics of each encoder.
+        // the amplitudes of two harmonics of each encoder's error.
         let row = |k: usize| -> Vec<Vector3<f64>> {
             let angle = &angles[k];
             let by_parameter = |p: usize| {

@@ -13,7 +13,7 @@ use crate::evaluate::MoveReport;
 use crate::recording::{Recording, Samples};
 
 /// Length of a block, s. It is short compared with the duration of a short move (one second), and equals two sample
-/// intervals at a rate of 50 Hz.
+/// intervals at a sampling rate of 50 Hz.
 const BLOCK_S: f64 = 0.04;
 
 /// Minimum range of the temperature over a recording, K. If the range is smaller, the dependence of residuals on
@@ -251,8 +251,8 @@ mod tests {
                 });
                 let numeric = (plain.rotation.inverse() * changed.rotation).scaled_axis() / STEP;
                 let expected = Vector3::new(rows[0][column], rows[1][column], rows[2][column]);
-                // The tolerance allows for the assumption that rates, times and temperatures are constant within a
-                // block.
+                // The tolerance allows for errors due to the assumption that rates, times and temperatures are constant
+                // within a block.
                 let tolerance = 0.04 * (1.0 + expected.norm());
                 assert!((numeric - expected).norm() < tolerance, "{regressor:?} {column}: {numeric} {expected}");
             }

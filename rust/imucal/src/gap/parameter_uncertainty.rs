@@ -390,8 +390,8 @@ mod tests {
             for (k, ((above, below), slope)) in above.iter().zip(&below).zip(slope).enumerate() {
                 for axis in 0..6 {
                     let numeric = (above[axis] - below[axis]) / (2.0 * step) * sigma;
-                    // The derivatives with respect to the base parameters are computed without effects. The relative
-                    // error of these derivatives is therefore about 1 %.
+                    // The derivatives with respect to the base parameters are computed without effects. Effects would
+                    // change these derivatives by about 1 %.
                     assert!(
                         (numeric - slope[axis]).abs() < 0.02 * size + 1e-12,
                         "{} window {k} axis {axis}: {numeric:e} {:e}",

@@ -17,7 +17,7 @@ use super::weighing::Weighing;
 use crate::numerics::workers::{in_order, processors};
 
 /// Trial values of the standard deviation of a hypothesis's prior, in multiples of the typical deviation of its sensor
-/// parameter.
+/// parameter ([`Block::typical`]).
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
 /// A generic hypothesis (unknown variation of a bias or scale) replaces the selected effects only if the log evidence
 /// of the model with the hypothesis exceeds that of the model with the effects by more than this number of nats. 3 nats
@@ -41,8 +41,8 @@ const REMAINDER: f64 = 0.02;
 /// and d_effects are the decreases of chi2 by the hypothesis and by the selected effects. A hypothesis is reported
 /// instead of the effects only if d - d_effects > REMAINDER_OF_CHI2 x d_effects. A hypothesis with a smaller decrease
 /// may only describe linearisation errors of large effects. The limit [`REMAINDER`] alone is not sufficient. Log Bayes
-/// factors grow only with the logarithm of an effect's size, so ln B of small linearisation errors may exceed this
-/// limit.
+/// factors grow only with the logarithm of an effect's size, because the noise scales are estimated. ln B of small
+/// linearisation errors may therefore exceed this share of ln B of a large effect.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 
 /// The generic hypothesis (unknown variation of a bias or scale) with the largest evidence, and its fit.
@@ -55,8 +55,8 @@ pub(super) struct BestGeneric {
     pub(super) width: f64,
     /// Decrease of chi2 if the hypothesis is added to the model.
     chi2: f64,
-    /// Noise scale of each group of residuals if the hypothesis is added to the model. The order of the groups is that
-    /// of the evidence of the model.
+    /// Noise scale (chi2 per degree of freedom) of each group of residuals if the hypothesis is added to the model. The
+    /// order of the groups is that of the evidence of the model.
     pub(super) scales: Vec<f64>,
     /// For each rest: its index, and the deviation of the parameter on each axis, SI units. For a hypothesis about
     /// moves, one entry for each move: the index of the rest before the move, and the deviation inside the move.
@@ -99,8 +99,8 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// For each model: the generic hypothesis (unknown variation of a bias or scale) with the largest evidence. Only
-/// hypotheses about the selected sensor parameters are tested.
+/// For the model of each stage: the generic hypothesis (unknown variation of a bias or scale) with the largest
+/// evidence. Only hypotheses about sensor parameters for which `is_selected` is true are tested.
 pub(super) fn best_generics<const N: usize>(
     setting: &Setting<'_>,
     stages: [&Stage; N],

@@ -17,9 +17,9 @@
 //! If residuals exceed sensor noise, p-values computed from sensor noise are too small. Cross-validation remains valid
 //! in this case, because an effect that only fits excess scatter does not improve the prediction. Each superfluous
 //! parameter decreases the log predictive density by about half a nat. The standard deviation of the gain is estimated
-//! from the gains of the individual items (Vuong, Econometrica 57, 1989, 307-333). A few outliers therefore cannot make
-//! an effect significant. A fold is a period and not a single rest, because biases vary slowly. Any model would predict
-//! a single rest well from the rests before and after it.
+//! from the gains of the individual items (Vuong, Econometrica 57, 1989, 307-333). A few outliers increase this
+//! standard deviation as well, and therefore cannot make an effect significant. A fold is a period and not a single
+//! rest, because biases vary slowly. Any model would predict a single rest well from the rests before and after it.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;

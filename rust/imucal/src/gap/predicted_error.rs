@@ -252,7 +252,7 @@ fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat
 }
 
 /// Mean square of the noise of the angular rate and of the specific force, both averaged over one second. The noise
-/// includes other errors that the correction does not remove.
+/// includes the bias instability of the gyroscope, and effects that the correction does not remove.
 ///
 /// The Earth's rate counts as an error of the angular rate, because the correction does not remove it and its
 /// body-frame components change with attitude.
@@ -299,7 +299,8 @@ struct Draws {
     /// (P+1, draws) standard normal numbers from which the mean products of the noise with each signal change (see
     /// [`Signal::gram`]) are computed.
     products: Mat<f64>,
-    /// (draws,) standard normal numbers from which the deviations of the mean squared noise are computed.
+    /// (draws,) standard normal numbers from which the deviations of the mean squared noise from its expected value are
+    /// computed.
     noise: Vec<f64>,
 }
 

@@ -13,8 +13,9 @@ pub struct Remainder {
     pub kind: RemainderKind,
     /// The part of the model or of the data that deviates; `None` if noise explains the residuals. It is a name from
     /// [`super::Block::name`], the name of a kind of residuals (`norms` or `moves`), `encoder`, `recordings`, `accel`,
-    /// `gyro` or `biases`. `accel` or `gyro` is the sensor of an effect that unseen data do not confirm. `biases` means
-    /// that the biases of both sensors changed between sessions.
+    /// `gyro` or `biases`. `encoder` means the stand, and `recordings` means that the final fit is poor. `accel` or
+    /// `gyro` is the sensor of an effect that unseen data do not confirm. `biases` means that the biases of both
+    /// sensors changed between sessions.
     pub block: Option<&'static str>,
     /// How `block` deviates from the model. It is a name from [`Kernel::name`], or `white`, `contradiction`,
     /// `between_sessions`, `above_noise` or `not_confirmed`, or the code of a fault of the data (`clock_irregular` or

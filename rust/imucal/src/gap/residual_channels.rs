@@ -66,7 +66,8 @@ pub(super) struct Item {
     pub(super) left_out: bool,
 }
 
-/// All residuals of a calibration on its own recordings, including rests and moves that the fit excluded as outliers.
+/// All residuals of a calibration on the recordings from which it was estimated, including rests and moves that the fit
+/// excluded as outliers.
 pub(super) struct Residuals {
     pub(super) channels: Vec<Channel>,
     pub(super) rests: Vec<Item>,

@@ -5,8 +5,8 @@
 //! A channel consists of all residuals of one kind on one body axis. A channel, a rest or a move is significant if the
 //! chi2 of its residuals exceeds a threshold. With noise as the only error, the probability is 0.1 % that any channel
 //! is significant, 0.1 % that any rest is significant, and 0.1 % that any move is significant. Dependence is tested by
-//! linear regression of a channel on each [`Regressor`]. Let `r` be the share of the sum of squares over `n` rests or
-//! moves that the regression explains. Under the null hypothesis of no dependence, `-n ln(1 - r)` has a chi2
+//! linear regression of a channel on each [`Regressor`]. Let `r` be the share of the sum of squared residuals over `n`
+//! rests or moves that the regression explains. Under the null hypothesis of no dependence, `-n ln(1 - r)` has a chi2
 //! distribution with one degree of freedom for each independent component of the regressor.
 
 use std::collections::HashMap;
@@ -34,14 +34,15 @@ const DEPENDENT_COLUMNS: f64 = 1e-6;
 /// of each move.
 const ALONG_ONE_AXIS: f64 = 0.8;
 
-/// Residuals of a calibration on the recordings from which it was estimated. They can be compared with the residuals of
-/// a second calibration.
+/// Residuals of a calibration on the recordings from which it was estimated. If a second calibration is given, they are
+/// compared with its residuals.
 #[derive(Clone, Debug)]
 pub struct ResidualsByPlace {
     /// Residuals by kind and body axis.
     pub channels: Vec<ChannelResidual>,
     /// Quantities on which the residuals of significant channels depend, such as the temperature. Only significant
-    /// dependences are listed. For each channel, the dependence that explains the largest share comes first.
+    /// dependences are listed. For each channel, the dependence that explains the largest share of the sum of squared
+    /// residuals comes first.
     pub dependences: Vec<Dependence>,
     /// Rests whose residuals are significant.
     pub rests: Vec<ItemResidual>,
@@ -176,8 +177,8 @@ fn dependences(channel: &Channel) -> Vec<Dependence> {
 }
 
 /// Linear regression of the residuals of a channel on a regressor and a constant. `rows` contains the components of the
-/// regressor for each residual. Returns the explained share of the weighted sum of squares about the mean, and the
-/// number of linearly independent columns.
+/// regressor for each residual. Returns the explained share of the residuals' weighted sum of squares about their mean,
+/// and the number of linearly independent components.
 fn explained_share(channel: &Channel, rows: &[Vec<f64>]) -> Option<(f64, usize)> {
     let (n, width) = (rows.len(), rows.first()?.len());
     let weights: Vec<f64> = channel.sigma.iter().map(|sigma| sigma.powi(-2)).collect();

@@ -109,12 +109,12 @@ impl ForwardSearch<'_> {
 
     /// Replaces an effect by an alias if the log posterior odds (log evidence + log prior odds) of the alias are larger
     /// by more than [`RIVAL_NATS`]. An alias of an effect is another effect that causes nearly the same residuals. Two
-    /// kinds of aliases are compared. Aliases with a time constant are compared because their scores refer to only a
-    /// few trial time constants. Effects of the temperature history (lag, rate and hysteresis) are compared with each
-    /// other because the evidence of each of them changes when the temperature effect is added. Aliases whose log
-    /// posterior odds are smaller than the largest ones by less than [`RIVAL_NATS`] become rivals. A temperature lag is
-    /// also fitted from a second start value of its time constant, because the best time constant may change when
-    /// effects are added after the lag. If a temperature lag is not distinguishable from an effect of the rate of
+    /// kinds of aliases are fitted and compared. Aliases with a time constant are compared because their scores refer
+    /// to only a few trial time constants. Effects of the temperature history (lag, rate and hysteresis) are compared
+    /// with each other because the evidence of each of them changes when the temperature effect is added. Aliases whose
+    /// log posterior odds are smaller than the largest ones by less than [`RIVAL_NATS`] become rivals. A temperature
+    /// lag is also fitted from a second start value of its time constant, because the best time constant may change
+    /// when effects are added after the lag. If a temperature lag is not distinguishable from an effect of the rate of
     /// change of temperature, the alias with the largest posterior odds replaces the lag, even if the odds of the lag
     /// are larger. Returns whether an effect was replaced.
     pub(super) fn swap(
@@ -251,7 +251,7 @@ impl ForwardSearch<'_> {
             let forms = (1..=choice.parameters).filter(|count| choice.effect.has_form(*count));
             for parameters in forms.filter(|count| *count != own.parameters) {
                 let mut members = stage.members.clone();
-                // A time constant starts at its estimate.
+                // The new fit starts at the estimate of the time constant.
                 let shape = own.shape.map(|shape| own.values.last().copied().unwrap_or(shape));
                 members[k] = Member { parameters, shape, values: Vec::new(), ..own.clone() };
                 let near = [&stage.model.accelerometer, &stage.model.gyroscope];

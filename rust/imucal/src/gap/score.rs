@@ -121,7 +121,8 @@ struct Look {
 /// Scores the candidate with the columns `own`. `plain` and `widened` are the normal matrix after elimination of the
 /// model's parameters. In `plain`, the noise variances are not scaled. In `widened`, they are multiplied by the noise
 /// scales s_g^2 of the model. `plain` is `None` if the model's scales are all one, because both matrices are then
-/// equal. Returns `None` if the candidate is not observable.
+/// equal. `before` is the evidence of the model without the candidate. Returns `None` if the candidate is not
+/// observable.
 fn look_at(
     candidate: &Candidate,
     all: &Common<'_>,

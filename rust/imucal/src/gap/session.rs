@@ -7,7 +7,8 @@
 //! f_k is the mean specific force at rest k, u_k is the direction of f_k, and g is local gravity. f_k and the mean
 //! rates are corrected by the calibration. d_a and d_g are the changes of the accelerometer and gyroscope biases from
 //! the session of the calibration recordings to the session of the control recordings. An effect that is missing from
-//! the model causes almost equal errors in both sessions, so it is rarely mistaken for a change of the biases.
+//! the model causes almost equal errors in both sessions. The biases of the calibration contain the mean of these
+//! errors, so the effect is rarely mistaken for a change of the biases.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
@@ -136,7 +137,8 @@ impl SessionStep {
     }
 }
 
-/// Change of the accelerometer's bias, by a least-squares fit to the norms of the specific force at the rests.
+/// Change of the accelerometer's bias, by a least-squares fit to the norms of the specific force at the rests. `None`
+/// if the directions of gravity at the rests do not determine all components of the change.
 fn change_of_norms(rests: &[&RestReport], force: impl Fn(&RestReport) -> Vector3<f64>) -> Option<Change> {
     let (mut normal, mut right, mut spread) = (Matrix3::zeros(), Vector3::zeros(), Matrix3::zeros());
     for rest in rests {

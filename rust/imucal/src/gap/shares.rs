@@ -117,8 +117,8 @@ impl Shares {
     }
 }
 
-/// Covariances of the deviation at the moment `a` with the deviations at the moments `others`. The correlation length
-/// of the temperature kernel is a quarter of `temperatures_k`, the range of the temperatures, K.
+/// Covariances of the parameter's deviation at the moment `a` with its deviations at the moments `others`. The
+/// correlation length of the temperature kernel is a quarter of `temperatures_k`, the range of the temperatures, K.
 fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment], to: &mut [f64]) {
     let side = |m: &Moment| m.up.cross(&m.ahead);
     let tilt = |b: &Moment| (a.up - b.up).norm_squared();

@@ -25,8 +25,8 @@ const HAND: f64 = 10.0;
 /// arm and a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
 /// If effects that depend on the angular acceleration leave more than this share of the variance unexplained, a delay
-/// of the gyroscope is not considered as the cause. A delay is one of these effects. If a delay of at most a third of
-/// the duration of a move is the cause, these effects leave a smaller share unexplained.
+/// of the gyroscope is not considered as the cause of the scatter. A delay is one of these effects. If a delay of at
+/// most a third of the duration of a move is the cause, these effects leave a smaller share unexplained.
 const BEYOND_A_DELAY: f64 = 0.5;
 /// Standard deviation of the prior of the gyroscope's delay in the test for hand motion, in multiples of the typical
 /// delay.
@@ -76,7 +76,8 @@ impl ForwardSearch<'_> {
     }
 
     /// Whether the specific force inside the moves of any recording contains accelerations by a hand. This is assumed
-    /// if all candidate effects together do not explain the scatter of the force.
+    /// if all candidate effects together do not explain the scatter of the force, and effects of the angular
+    /// acceleration leave more than the share [`UNEXPLAINED`] of its variance unexplained.
     fn seems_hand_moved(
         &mut self,
         prepared: &Prepared<'_>,

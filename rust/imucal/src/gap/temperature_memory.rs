@@ -1,9 +1,9 @@
 //! Special steps of the forward search for effects of the temperature history (past temperatures).
 //!
 //! A bias with a memory of the temperature (lag, rate or hysteresis) usually depends on the present temperature as
-//! well. The effects of the temperature and of the temperature history on the same bias are therefore called partners.
-//! A fit with only one of the two partners may give a wrong time constant, favour a wrong effect, or fail the
-//! cross-validation.
+//! well, so two effects describe it. The effects of the temperature and of the temperature history on the same bias are
+//! called partners. A fit with only one of the two partners may give a wrong time constant, favour a wrong effect, or
+//! fail the cross-validation.
 
 use imucal_core::effects::{Effect, Need};
 use imucal_core::temperature_memory::SMOOTHING_S;
@@ -88,7 +88,7 @@ fn has_partner<'n>(name: &str, names: impl Iterator<Item = &'n String>, counts: 
 }
 
 impl Stage {
-    /// Whether the effect at this index is a temperature lag whose time constant tau does not significantly exceed
+    /// Whether the effect `members[k]` is a temperature lag whose time constant tau does not significantly exceed
     /// [`RATE_DELAY_S`]. A lag with the coefficient k is the error `k (T_tau - T)`, where T_tau is the temperature T
     /// after a low-pass with the time constant tau. For a short tau, this error nearly equals `-k tau dT/dt`, an effect
     /// of the rate of change of temperature. The recordings then determine only the product k tau, and not k and tau

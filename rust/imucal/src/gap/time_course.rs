@@ -3,25 +3,25 @@
 //!
 //! A generic hypothesis is a variation of a bias or scale that no effect of the catalogue describes. A generic
 //! hypothesis with the kernel of a random walk explains any slow variation. If this hypothesis has the largest
-//! evidence, the deviation x of the parameter in each epoch is examined. An epoch is a rest or a move. After
-//! elimination of the other parameters, the residuals give the following log likelihood of x:
+//! evidence, the deviation x of the parameter from a constant value is examined in each epoch. An epoch is a rest or a
+//! move. After elimination of the other parameters, the residuals give the following log likelihood of x:
 //!
 //! ```text
 //! log likelihood of x = eta^T x - 1/2 x^T Lambda x + constant
 //!
-//! walk        x ~ N(0, a_i^2 min(t, t') / T)                    a_i the size on axis i, T the duration
+//! walk        x ~ N(0, a_i^2 min(t, t') / T)                    a_i the size on axis i
 //! smooth      x ~ N(0, a_i^2 exp(-(t - t')^2 / 2 l^2))          l between 1/40 of T and T
 //! switching   x = s v,   s of 0 or 1 in each epoch, v ~ N(0, a^2)
 //! white       x ~ N(0, a_i^2) in each epoch
 //! ```
 //!
 //! Lambda is the information matrix of x, and eta is the gradient of the log likelihood at x = 0. t and t' are the
-//! times of two epochs, l is a correlation length, and v is the difference between the two levels. The first three time
-//! courses also contain white scatter from epoch to epoch. The evidence of each time course is maximised over trial
-//! values of the sizes a_i and of the white scatter. For the switching time course, only the white scatter is varied.
-//! The evidence of the switching time course is computed for the most likely states s. This evidence is reduced by the
-//! information, nats, that is needed to describe the states: the number of changes, the epochs of the changes, and the
-//! intermediate state of each epoch that contains a change.
+//! times of two epochs, T is the time of the last epoch, l is a correlation length, and v is the difference between the
+//! two levels. The first three time courses also contain white scatter from epoch to epoch. The evidence of each time
+//! course is maximised over trial values of the sizes a_i and of the white scatter. For the switching time course, only
+//! the white scatter is varied. The evidence of the switching time course is computed for the most likely states s.
+//! This evidence is reduced by the information, nats, that is needed to describe the states: the number of changes, the
+//! epochs of the changes, and the intermediate state of each epoch that contains a change.
 
 use faer::Mat;
 use faer::linalg::solvers::{Llt, Solve};
@@ -45,12 +45,12 @@ use crate::joint::{Kinds, Prepared, Terms};
 const LEAST: f64 = 8.0;
 /// Minimum number of epochs (rests and moves). With fewer epochs, the time courses are not distinguished.
 const LEAST_EPOCHS: usize = 8;
-/// Trial sizes of the deviation, in multiples of a first estimate for each axis. The first estimate includes the noise
-/// of the epochs, so it may be many times too large. For a random walk, the first estimate is computed from differences
-/// between consecutive epochs. The steps of the walk are often smaller than the noise of these differences.
+/// Trial sizes a_i of the deviation, in multiples of a first estimate for each axis. The first estimate includes the
+/// noise of the epochs, so it may be many times too large. For a random walk, the first estimate is computed from
+/// differences between consecutive epochs. The steps of the walk are often smaller than the noise of these differences.
 const SIZES: [f64; 10] = [0.025, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 2.0, 4.0];
 /// Trial values of the white scatter from epoch to epoch: its standard deviation in multiples of the typical deviation
-/// of the parameter.
+/// of the parameter ([`Block::typical`]).
 const SCATTERS: [f64; 4] = [1e-3, 0.1, 0.3, 1.0];
 /// Trial correlation lengths of a smooth time course, as shares of the time of the last epoch.
 const LENGTHS: [f64; 6] = [0.025, 0.05, 0.1, 0.2, 0.5, 1.0];
@@ -61,8 +61,8 @@ const SHARES: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 const MOST_PASSES: usize = 12;
 
 impl ForwardSearch<'_> {
-    /// Selects the kernel (the time course) of a variation of the sensor parameter `block` that a random walk explains.
-    /// `members` are the effects in the model.
+    /// Selects the kernel (the time course) of a variation that a random walk explains. `block` is the sensor parameter
+    /// that varies, `open` are the candidate effects, and `members` are the effects in the model.
     pub(super) fn course(
         &mut self,
         prepared: &Prepared<'_>,
@@ -111,8 +111,8 @@ impl ForwardSearch<'_> {
         let first = stage.design.gram.residual;
         let beside = (first..first + columns.ncols()).map(|place| (place, block.typical())).collect();
         let weighing = Weighing::new(&gram, &stage.design.model, beside);
-        // Residuals are weighted by sensor noise only, because the variation itself would increase estimated noise
-        // scales.
+        // Residuals are weighted by sensor noise only. The noise scales (chi2 per degree of freedom) are not estimated,
+        // because the variation itself would increase them.
         let Some(swept) = weighing.sweep(&vec![1.0; gram.sums.len()]) else { return Ok(None) };
         let (information, slope) = weighing.left(&swept).information();
         Ok(Some(Observed { epochs, information, slope }))
@@ -120,8 +120,8 @@ impl ForwardSearch<'_> {
 }
 
 /// Log likelihood of the deviations x: slope^T x - 1/2 x^T information x. x contains the deviation of the parameter in
-/// each epoch, in multiples of its typical deviation. All epochs of the x axis come first, then all epochs of the y
-/// axis and of the z axis.
+/// each epoch, in multiples of its typical deviation ([`Block::typical`]). All epochs of the x axis come first, then
+/// all epochs of the y axis and of the z axis.
 struct Observed {
     epochs: Vec<Epoch>,
     information: Mat<f64>,
@@ -164,8 +164,8 @@ impl Observed {
         }))
     }
 
-    /// Estimated size of a random walk on each axis: rms(d) x sqrt(n), where d are the n differences between
-    /// consecutive epochs.
+    /// Estimated size of a random walk (its standard deviation at the last epoch) on each axis: rms(d) x sqrt(n), where
+    /// d are the n differences between consecutive epochs.
     fn steps(&self) -> Option<[f64; 3]> {
         let n = self.epochs.len();
         let x = self.most_likely(1.0)?;
@@ -185,7 +185,7 @@ impl Observed {
     }
 
     /// Largest log evidence of a Gaussian process over all trial sizes and trial scatters. `covariance` is the
-    /// covariance of the process for unit size. The trial sizes are multiples of `sizes`.
+    /// covariance of the process in two epochs, for unit size. The trial sizes are multiples of `sizes`.
     fn best_of(&self, sizes: [f64; 3], covariance: impl Fn(&Epoch, &Epoch) -> f64) -> Option<f64> {
         let n = self.epochs.len();
         let unit = Mat::from_fn(n, n, |i, j| {
@@ -265,9 +265,9 @@ fn log_determinant(factor: faer::MatRef<'_, f64>) -> f64 {
     2.0 * (0..factor.nrows()).map(|i| factor[(i, i)].ln()).sum::<f64>()
 }
 
-/// Start values for a bias that switches between two states, 0 and 1: returns three lists with a state for each epoch.
-/// `x` contains the deviation of the bias in each epoch, first along x, then along y, then along z. The deviations are
-/// projected on their principal direction, and a threshold divides the projections into the two states. Each of the
+/// Start values for the states (0 or 1) of a switching time course: returns three lists with a state for each epoch.
+/// `x` contains the deviation of the parameter in each epoch, first along x, then along y, then along z. The deviations
+/// are projected on their principal direction, and a threshold divides the projections into the two states. Each of the
 /// three lists results from a different threshold.
 fn starts_of(x: &[f64]) -> Vec<Vec<f64>> {
     let n = x.len() / 3;
@@ -353,8 +353,9 @@ impl Scattered {
     }
 }
 
-/// Log evidence of a difference between the two levels. `information` and `slope` (gradient at zero) describe the log
-/// likelihood of the difference on the three axes. Its prior has the standard deviation `size` on each axis.
+/// Log evidence of a difference between the two levels, relative to equal levels. `information` and `slope` (gradient
+/// at zero) describe the log likelihood of the difference on the three axes. Its prior has the standard deviation
+/// `size` on each axis.
 fn log_of_levels(information: &Matrix3<f64>, slope: &Vector3<f64>, size: f64) -> f64 {
     let Some(factor) = (information + Matrix3::identity() / (size * size)).cholesky() else {
         return f64::NEG_INFINITY;
@@ -422,7 +423,8 @@ mod tests {
         found.iter().filter(|own| **own == wanted).count()
     }
 
-    /// A random walk. `step` is the standard deviation of its steps from epoch to epoch.
+    /// Simulates a random walk, and returns the deviation in each epoch. `step` is the standard deviation of its steps
+    /// from epoch to epoch.
     fn random_walk(step: f64, random: &mut ChaCha8Rng) -> Box<dyn Fn(usize) -> [f64; 3]> {
         let mut at = [0.0; 3];
         let path: Vec<[f64; 3]> = (0..EPOCHS)
@@ -466,7 +468,7 @@ mod tests {
             let size = [(); 3].map(|()| normal(random));
             Box::new(move |k| size.map(|size| 2.0 * size * (std::f64::consts::TAU * k as f64 / period + phase).sin()))
         });
-        // A slow oscillation over only 12 epochs may resemble a switch with intermediate states.
+        // A slow oscillation with a period of only 12 epochs may resemble a switch with intermediate states.
         assert!(count(&found, None) == 0 && count(&found, Some(Kernel::Time)) >= 18, "{found:?}");
     }
 

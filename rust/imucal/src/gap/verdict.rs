@@ -27,7 +27,7 @@ use crate::verdict::{ResidualGroup, SIGNIFICANCE};
 const CERTAIN_NATS: f64 = 8.0;
 /// Share of chi2 that the effects must remove from at least one kind of residuals of unseen data (data that no fit
 /// used). If they remove a smaller share, unseen data contradict the effects. The limit applies if the fit with the
-/// effects is poor, or if residuals of unseen data exceed noise.
+/// effects is poor (see [`Fit::is_poor`]), or if residuals of unseen data exceed noise.
 const LEAST_REMOVED: f64 = 0.1;
 /// Threshold of three tests, as a share of chi2 of unseen data (data that no fit used). First, if residuals at rest
 /// scatter more than noise, the effects are confirmed only if they remove at least this share of chi2 from one kind of
@@ -57,7 +57,7 @@ const FEW_PERCENT: [(&str, f64); 2] = [("samples_missing", 0.2), ("samples_dupli
 /// The conclusion of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// Noise explains the recordings.
+    /// Noise explains the residuals of the recordings.
     NothingMissing,
     /// Effects were accepted.
     Named,
@@ -115,7 +115,8 @@ pub struct Contradiction {
 /// The verdict, and the results from which the verdict was derived.
 pub(super) struct Judgement {
     pub(super) verdict: Verdict,
-    /// Faults of the data that prevent conclusions, or that explain the residuals of moves beside accepted effects.
+    /// Faults of the data that prevent conclusions, or that explain residuals of moves that the accepted effects leave
+    /// unexplained.
     pub(super) faults: Vec<Finding>,
     pub(super) rivals: Vec<Rivals>,
     /// Effects with a significant log Bayes factor that do not improve the prediction of unseen data.
@@ -294,7 +295,8 @@ impl Basis<'_> {
 }
 
 impl Fit {
-    /// Whether this fit describes the calibration recordings or the control recordings poorly.
+    /// Whether the figures of merit of this fit, on the calibration recordings or on the control recordings, make the
+    /// verdict on the fit `poor`.
     fn is_poor(&self) -> bool {
         let control = self.control.as_ref().map(|control| &control.judged().figures);
         [Some(&self.outcome.figures), control].into_iter().flatten().any(|figures| figures.is_poor())

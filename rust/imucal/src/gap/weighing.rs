@@ -140,8 +140,8 @@ impl<'a> Weighing<'a> {
         Instructions::Best.run(Sweep(self, scales))
     }
 
-    /// The Schur complement of the additional columns, with each column multiplied by the typical size of its
-    /// parameter.
+    /// The Schur complement of the additional columns in the normal matrix `swept`, with each column multiplied by the
+    /// typical size of its parameter.
     pub(crate) fn left(&self, swept: &Swept) -> Left {
         let Columns { model, beside, unit, .. } = &self.columns;
         let (n, k) = (model.len(), beside.len());
@@ -219,9 +219,10 @@ impl<'a> Weighing<'a> {
                 let theta: Vec<f64> = (0..n).map(|i| offset[i] + delta[i]).collect();
                 let prior: f64 = (0..n).map(|i| precision[i] * theta[i] * theta[i]).sum();
                 let given: f64 = precision.iter().filter(|p| **p > 0.0).map(|p| p.ln()).sum();
-                // Evidences of models can be compared although the columns are normalised. The lengths of base columns
-                // are equal in all models. The length of any other column changes `volume` (log determinant of the
-                // normal matrix) and `given` (sum of the log prior precisions) equally.
+                // Evidences of models can be compared although the columns are normalised. The columns of base
+                // parameters (sensitivities and biases) have the same lengths in all models, so they change all log
+                // evidences equally. The length of any other column changes `volume` (log determinant of the normal
+                // matrix) and `given` (sum of the log prior precisions) equally, so it cancels in the log evidence.
                 let evidence = Evidence {
                     log: gain - 0.5 * (held + prior + volume - given),
                     deviance,
@@ -279,8 +280,8 @@ mod tests {
 
     use super::*;
 
-    /// For any prior width and with noise scales of one, the computed increase must equal the difference between the
-    /// log evidences of the two models.
+    /// For any prior width and with noise scales of one, the computed increase of the log evidence must equal the
+    /// difference between the log evidences of the models with and without the additional column.
     #[test]
     fn the_gain_is_that_of_the_evidence() {
         let rows = 60;

@@ -40,7 +40,7 @@ impl ParameterModel {
     /// All models, in the order of decreasing number of free parameters.
     pub const ALL: [Self; 3] = [Self::Full, Self::Orthogonal, Self::Bias];
 
-    /// Name of the model in options and documents.
+    /// Name of the model in options and JSON documents.
     pub fn name(self) -> &'static str {
         match self {
             Self::Full => "full",

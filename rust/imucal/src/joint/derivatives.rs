@@ -29,9 +29,9 @@ fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepare
     let fields = [UserField { name: "own", sensor: Sensor::Gyroscope, typical: vec![1e-3], columns: vec![&field] }];
     let terms = Terms::try_new(&effects, &fields, &[run.time_s.len()], kinds).unwrap();
     prepare(&[run.recording()], kinds, |prepared, accelerometer, gyroscope| {
-        // The direction residuals are components along vectors that rotate with the measured gravity direction. The
-        // Jacobian neglects this rotation, so its error is proportional to the residual. With the true stand
-        // parameters, the residuals are small, and so is this error.
+        // The residuals of gravity directions are components along vectors that rotate with the measured gravity
+        // direction. The Jacobian neglects this rotation, so its error is proportional to the residual. With the true
+        // stand parameters, the residuals are small, and so is this error.
         let stand = if kinds.encoders { STAND_RAD.to_vec() } else { Vec::new() };
         let values = super::start::start_values(&terms);
         let model = Model { accelerometer: *accelerometer, gyroscope: *gyroscope, values, stand };
@@ -41,7 +41,8 @@ fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepare
     .unwrap();
 }
 
-/// The derivatives with respect to the base parameters are correct for a simulated hand-held unit.
+/// The derivatives of the residuals with respect to biases and sensitivities are correct for a simulated hand-held
+/// unit.
 #[test]
 fn derivatives_in_a_hand_meet_central_differences() {
     let moves = HandMoves { poses: 15, tremor_rad: 0.05_f64.to_radians(), ..HandMoves::default() };

@@ -15,7 +15,7 @@
 //! exactly, so eight parameters of the stand are also estimated: the mount rotation (3 parameters), the base tilt (2),
 //! the non-orthogonality of the axes (2), and the zero error of the second motor (1). A zero error of the first motor
 //! is part of the tilt of the base, and a zero error of the third motor is part of the rotation of the mount. The
-//! parameters are the last entries of the parameter vector.
+//! parameters of the stand are the last entries of the parameter vector.
 
 mod directions;
 pub(super) mod moves;
@@ -42,8 +42,8 @@ use directions::directions;
 /// Step of the central differences with respect to stand parameters and motor angles, rad. The relative error of a
 /// difference quotient is about the square of the step, 1e-8.
 const STEP_RAD: f64 = 1e-4;
-/// A change of an encoder reading by up to this angle, rad, is attributed to rounding of the stored numbers. The
-/// resolution of any real encoder is far larger.
+/// A change of an encoder reading by up to this angle, rad, is attributed to rounding of the stored numbers. The count
+/// (resolution) of any real encoder is a far larger angle.
 const LEAST_COUNT_RAD: f64 = 1e-11;
 /// Number of fixed-point iterations that correct the encoder readings. The effects on the encoders depend on the true
 /// motor angles and rates, which are known only after the correction, so the correction is repeated.
@@ -165,8 +165,8 @@ impl Angles {
 
     /// Computes the derivative of the attitude of the stand with respect to every parameter, averaged over `samples`.
     /// It is one rotation vector in the world frame for each parameter. The stand is linearised at the middle sample.
-    /// The derivatives of the readings with respect to the effects are averaged over all samples, because they may jump
-    /// when a motor reverses.
+    /// The derivatives of the readings with respect to the parameters of the effects are averaged over all samples,
+    /// because they may jump when a motor reverses.
     pub(super) fn attitude_jacobian(
         &self,
         samples: Range<usize>,

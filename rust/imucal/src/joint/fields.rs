@@ -80,8 +80,8 @@ impl Field {
     }
 }
 
-/// Divides each move into segments, and integrates the attitude at the midpoint of each segment without effects. Only
-/// every `every`-th segment is kept.
+/// Divides each move into segments, and computes the attitude at the midpoint of each segment from rates that are not
+/// corrected for effects. Only every `every`-th segment is kept.
 pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Vec<MoveSegments> {
     let way = |(index, at_move): (usize, &AtMove)| {
         let route = prepared.route(index, None, &at_move.before, false);

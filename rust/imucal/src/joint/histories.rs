@@ -12,8 +12,8 @@ use imucal_core::temperature_memory::{TemperatureHistory, TemperatureMemory};
 use crate::correct::temperature_history_of;
 use crate::recording::Recording;
 
-/// Maximum time between two nodes, s. The rate of the temperature is filtered with a time constant of 0.5 s, so the
-/// interpolation error of this rate is at most 2e-4 of the change of the rate.
+/// Maximum time between two nodes, s. The rate of the temperature is low-pass filtered twice with a time constant of
+/// 0.5 s. After a sudden change of the true rate, the interpolation error is therefore at most 2e-4 of this change.
 const NODE_S: f64 = 0.02;
 /// Maximum number of nodes of a recording, which limits the memory of the process. In recordings longer than half an
 /// hour, the nodes are therefore further apart than `NODE_S`.

@@ -102,8 +102,9 @@ impl Misfits {
     }
 }
 
-/// A column is treated as linearly dependent on other columns if its part orthogonal to them is shorter than this
-/// fraction of its length. The value is far above rounding errors.
+/// A vector (a Jacobian column, or the change of the residuals due to one error) is treated as linearly dependent on
+/// other vectors if its part orthogonal to them is shorter than this fraction of its length. The value is far above
+/// rounding errors.
 const LEAST: f64 = 1e-6;
 
 /// Prediction errors of held-out rests and moves (model.md (34)). An error is `None` if the other residuals do not
@@ -154,8 +155,8 @@ impl Joint<'_> {
 }
 
 /// Whitened residuals, divided into residuals with correlated errors and residuals with independent errors. Each fit of
-/// a cross-validation omits the rests or moves of one fold. It is fast, because the Gram matrices of the residuals with
-/// independent errors are computed only once for all fits.
+/// a cross-validation omits the rests or moves of one fold. The cross-validation is fast, because the Gram matrices of
+/// the residuals with independent errors are computed only once for all fits.
 struct Parts {
     /// Length of each column of the whitened Jacobian, before the column is scaled to length one.
     size: Vec<f64>,

@@ -61,7 +61,8 @@ pub(crate) fn force_by_parameters(accelerometer: &Triad<f64>, seen: &Vector3<f64
     columns
 }
 
-/// Temperature and time of a sample, on which the effects depend.
+/// Temperature (minus the reference temperature) and time (since the first sample) of the sample `index`. Effects
+/// depend on them.
 pub(crate) fn surroundings(recording: &Recording<'_>, index: usize) -> Surroundings<f64> {
     Surroundings {
         temperature_difference_k: recording.temperature_degc.map(|t| t[index] - REFERENCE_TEMPERATURE_DEGC),

@@ -71,8 +71,8 @@ struct Group {
     columns: Vec<usize>,
     kind: Kind,
     /// Whether the item is the second or a later epoch (part) of a long rest, or the move that leads to such an epoch.
-    /// These items have a separate scale, because all epochs of a rest have one attitude, and thus one common model
-    /// error.
+    /// The d of these items (decreases of chi2) have a separate scale, because all epochs of a rest have one attitude,
+    /// and thus one common model error.
     is_of_later_epoch: bool,
 }
 
@@ -155,7 +155,8 @@ pub(crate) fn outliers(
             Item::Rest(_) => (&mut rests, MIN_REMAINING_RESTS),
             Item::Move(_) => (&mut moves, MIN_REMAINING_MOVES),
         };
-        // Epochs (parts of a long rest) are counted separately from rests, because a later epoch has no new attitude.
+        // The later epochs (parts) of long rests do not count among the rests that must remain, because they have no
+        // new attitude.
         let alike: Vec<bool> = (0..used.len()).filter(|&k| is_alike(k)).map(|k| used[k]).collect();
         let fewest = if worst.0.is_of_later_epoch { 0 } else { fewest };
         if log_p(worst) > SIGNIFICANCE.ln() || !may_exclude(&alike, fewest) {
@@ -186,8 +187,8 @@ fn only_moves_judge(linear: &Linear) -> Vec<Item> {
             Source::Move(_) => None,
         })
         .collect();
-    // Converts derivatives to relative changes of the parameters: a bias is relative to the reading at 1 g, and an
-    // entry of the sensitivity is relative to the mean scale.
+    // Converts a derivative with respect to a parameter to one with respect to its relative change. A bias is relative
+    // to the reading at 1 g, and an entry of the sensitivity is relative to the mean scale.
     let size = |p: usize| if p < 3 { STANDARD_GRAVITY_MPS2 * scale } else { scale };
     let design = Mat::from_fn(norms.len() + ACCEL.len(), ACCEL.len(), |i, p| match norms.get(i) {
         Some((_, by)) => by[p] * size(p) * LARGEST_SHIFT / REST_ERROR_MPS2,

@@ -23,7 +23,7 @@
 //! For smooth motion, the integration error decreases with the fourth power of the sampling interval. Linear
 //! interpolation between samples would neglect the curvature of the rate, and its error would decrease only with the
 //! second power. These errors of linear interpolation would cancel over a move only if the axis of the rotation were
-//! fixed.
+//! fixed, because then only the integral of the rate matters.
 //!
 //! The derivative d neglects that the effects depend on the rate, which depends on the parameters. For most effects,
 //! the neglected terms are less than 1 % of d (exceptions: model.md (17)). The residuals themselves are computed
@@ -125,8 +125,9 @@ pub(crate) struct Route<'a> {
     /// Whether the blocks inside the move are requested, each with its mean attitude and mean force. Otherwise, only
     /// the rotation over the whole move is requested.
     pub(crate) has_blocks: bool,
-    /// Result of preintegration without effects: the rotation over the move, and the integrals from which its Jacobian
-    /// is computed. `None` if it is not yet known. It is not used if blocks are requested.
+    /// Result of preintegration of the rates that are not corrected for effects: the rotation over the move, and the
+    /// integrals from which its Jacobian is computed. `None` if it is not yet known. It is not used if blocks are
+    /// requested.
     pub(crate) preintegrated: Option<(Matrix3<f64>, Sums)>,
 }
 
@@ -204,12 +205,13 @@ impl Route<'_> {
         }
     }
 
-    /// Rotation over the move without effects.
+    /// Rotation over the move, from rates that are not corrected for effects.
     pub(super) fn rotation(&self, gyroscope: &Triad<f64>) -> Matrix3<f64> {
         integrate_rotation(self.recording, self.span.first, self.span.last, gyroscope)
     }
 
-    /// Rotation over the move without effects, and the integrals from which its Jacobian is computed.
+    /// Rotation over the move, from rates that are not corrected for effects, and the integrals from which its Jacobian
+    /// is computed.
     pub(super) fn preintegrated_base(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
         let Recording { time_s, angular_rate, .. } = *self.recording;
         preintegrate(time_s, angular_rate, self.span.first, self.span.last, gyroscope)

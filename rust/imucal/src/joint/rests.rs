@@ -52,10 +52,10 @@ pub(super) struct Rests<'a> {
     mean_rates: Vec<Rate>,
 }
 
-/// Error of the gyroscope bias with which the samples of a hand-held rest were rotated to its ends, rad/s: the bias of
-/// the model minus this bias. `columns` contains the derivatives of this difference with respect to the parameters of
-/// the effects. The derivative with respect to the bias parameter is the inverse of the gyroscope sensitivity and is
-/// not stored.
+/// Error of the gyroscope bias with which the samples of a hand-held rest were rotated into the body frames at its
+/// ends, rad/s: the bias of the model minus this bias. `columns` contains the derivatives of this difference with
+/// respect to the parameters of the effects. The derivative with respect to the bias parameter is the inverse of the
+/// gyroscope sensitivity and is not stored.
 pub(super) struct BiasError {
     pub(super) value: Vector3<f64>,
     pub(super) columns: Vec<Vector3<f64>>,
@@ -101,10 +101,10 @@ impl<'a> Rests<'a> {
         mean
     }
 
-    /// Computes the error of the gyroscope bias with which the samples of a hand-held rest were rotated (propagated) to
-    /// its ends: the bias of the model minus this bias. `None` for a rest without tremor. m_k is the mean rate of rest
-    /// k, m is the mean rate over all rests of the recording, and `shrunk` is the shrinkage of the bias, from 0 to 1
-    /// (model.md (27)). The propagation used the bias `m + (1 - shrunk) (m_k - m)`.
+    /// Computes the error of the gyroscope bias with which the samples of a hand-held rest were rotated (propagated)
+    /// into the body frames at its ends: the bias of the model minus this bias. `None` for a rest without tremor. m_k
+    /// is the mean rate of rest k, m is the mean rate over all rests of the recording, and `shrunk` is the shrinkage of
+    /// the bias, from 0 to 1 (model.md (27)). The propagation used the bias `m + (1 - shrunk) (m_k - m)`.
     ///
     /// The bias of the model contains the rate that the effects add: e_k at rest k, and e on average over the rests.
     /// The bias of the propagation contains e, but lacks two parts of e_k - e. One part, `shrunk (e_k - e)`, is removed

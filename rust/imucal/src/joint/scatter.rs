@@ -34,6 +34,7 @@ pub(crate) struct Modes {
 }
 
 impl Modes {
+    /// Computes the modes from the noise variances `variances` and the assumed covariance `covariance` of the excess.
     /// `None` if the eigenvalue decomposition fails.
     pub(super) fn new(variances: &[f64], covariance: &Mat<f64>) -> Option<Self> {
         let n = variances.len();

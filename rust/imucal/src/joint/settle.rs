@@ -11,8 +11,8 @@ use super::histories::Sample;
 use super::model::Part;
 use super::terms::{Kind, Term, Terms};
 
-/// Maximum number of fixed-point iterations. Each iteration multiplies the error by about 0.01 for effects of typical
-/// size.
+/// Maximum number of fixed-point iterations. Each iteration multiplies the error of rate and force by about 0.01 for
+/// effects of typical size.
 const MAX_ITERATIONS: usize = 24;
 /// Safety factor of the convergence test. The iteration stops when the predicted change of the next iteration, times
 /// this factor, is as small as rounding errors.

@@ -166,9 +166,10 @@ fn move_sigma_rad(prepared: &Prepared<'_>, model: &Model, k: usize) -> f64 {
     (own_variance(prepared, model, Source::Move(k), &Scales::NONE) + shared).sqrt()
 }
 
-/// Computes how a residual depends on the three errors of a rest's mean force, one per axis. Each entry of the result
-/// contains the index of an error, and the standard deviation of this error times the derivative of the residual with
-/// respect to it.
+/// Computes how a residual depends on the three errors of a rest's mean force, one per axis. `by` is the derivative of
+/// the residual with respect to the mean force, and `scale` is a factor on the standard deviations of the errors. Each
+/// entry of the result contains the index of an error, and the standard deviation of this error times the derivative of
+/// the residual with respect to it.
 fn share(prepared: &Prepared<'_>, rest: usize, by: &Vector3<f64>, scale: f64) -> [(usize, f64); 3] {
     let variance = prepared.rests[rest].rest.specific_force.variance_of_mean;
     [0, 1, 2].map(|axis| (3 * rest + axis, by[axis] * variance[axis].sqrt() * scale))

@@ -16,8 +16,8 @@ use crate::numerics::workers::in_order;
 /// Number of second differences (terms of the sum over i) in a block. The sums for all averaging times are computed
 /// over one block before the next block, so that the data of the block stay in the processor's cache.
 const BLOCK: usize = 4096;
-/// Number of blocks in a job. The results of the jobs are added in a fixed order. The sum, including its rounding
-/// error, therefore does not depend on the number of threads.
+/// Number of blocks in a job, the part of the sums that a thread computes at a time. The results of the jobs are added
+/// in a fixed order. The sums, including their rounding errors, therefore do not depend on the number of threads.
 const BLOCKS_PER_JOB: usize = 64;
 /// Number of partial sums in [`block_sum`], which fill the vector registers.
 const LANES: usize = 8;

@@ -131,8 +131,8 @@ impl AxisNoise {
             }
         });
         // A drift increases the deviation of the powers from the noise model. `Model::of` may therefore omit so many
-        // octaves that the drift cannot be detected. The search for drifts therefore omits at most six octaves, the
-        // smaller number in `FILTERED`.
+        // octaves that the drift cannot be detected in the remaining octaves. The search for drifts therefore omits at
+        // most six octaves, the smaller number in `FILTERED`.
         let filtered = model.filtered.min(FILTERED[0]);
         let noise = NoiseModel { kinds: model.kinds, rounding: model.rounding, filtered };
         let components = match blocks {

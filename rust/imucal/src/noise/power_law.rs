@@ -48,7 +48,7 @@ fn odd_harmonic(j: f64) -> f64 {
         return (1..=j as u32).map(|i| 1.0 / f64::from(2 * i - 1)).sum();
     }
     let square = 1.0 / (j * j);
-    // The first omitted term of the series is smaller than 1e-13.
+    // The asymptotic series of the sum for large j. The first omitted term is smaller than 1e-13.
     0.5 * (j.ln() + EULER + 2.0 * LN_2) + square * (1.0 / 48.0 + square * (-7.0 / 1920.0 + square * 31.0 / 16128.0))
 }
 

@@ -5,9 +5,9 @@
 //! ```
 //!
 //! t_k is the time stamp of sample k. T is the mean time step of regular samples. e_k is the delay of time stamp k, and
-//! E is its lower envelope. A late time stamp increases one e_k, but not E. Lost samples increase E permanently, by T
-//! for each lost sample. Lost samples are therefore detected in E, so that late samples are not mistaken for lost
-//! samples.
+//! E is the lower envelope of the delays. A late time stamp increases one e_k, but not E. Lost samples increase E
+//! permanently, by T for each lost sample. Lost samples are therefore detected in E, so that late samples are not
+//! mistaken for lost samples.
 
 use std::collections::VecDeque;
 use std::ops::Range;

@@ -5,9 +5,9 @@ use faer::Mat;
 use crate::numerics::lsq;
 use crate::numerics::stats::{MEDIAN_SIZE, median};
 
-/// A rest or move is an outlier if its score, in robust standard deviations, exceeds this limit. With normally
-/// distributed errors, the score of a valid rest or move exceeds the limit with a probability of 2e-7 (one residual) or
-/// 1.3e-6 (two residuals).
+/// A rest or move is an outlier if its score, divided by the robust scale of all scores (see [`worst_outlier`]),
+/// exceeds this limit. With normally distributed errors, the score of a valid rest or move exceeds the limit with a
+/// probability of 2e-7 (one residual) or 1.3e-6 (two residuals).
 const LIMIT: f64 = 5.2;
 
 /// Score of each rest or move: the norm of its residuals in a fit that excludes this rest or move. Each residual is
@@ -30,9 +30,9 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
         .collect()
 }
 
-/// The rest or move with the largest score; `None` if it is not an outlier. Before the comparison with the limit, all
-/// scores are divided by the same scale. The scale is (median of the scores) / (median expected for normally
-/// distributed errors), but at least one.
+/// The rest or move with the largest score; `None` if it is not an outlier. `size` is the number of residuals of each
+/// rest or move. Before the comparison with the limit, all scores are divided by the same scale. The scale is (median
+/// of the scores) / (median expected for normally distributed errors), but at least one.
 pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
     // Median of the score for normally distributed errors. With one residual, the score is the absolute value of a
     // standard normal variable. With two residuals, the score is the square root of a chi2 variable with two degrees of

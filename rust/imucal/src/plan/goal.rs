@@ -16,7 +16,7 @@ pub enum Goal {
         /// Maximum duration of the program, s.
         duration_s: f64,
     },
-    /// Target standard deviations in the shortest time.
+    /// The shortest program that reaches the target standard deviations.
     ShortestTo {
         /// Target standard deviation of each parameter, in the order of [`Sensors`](super::Sensors) and in SI units. It
         /// is infinite for a parameter without a target.

@@ -49,7 +49,7 @@ pub struct Limits {
     pub forbidden: Vec<Zone>,
     /// The motor angles of a pose are multiples of this angle, rad.
     pub pose_step_rad: f64,
-    /// Maximum number of turns. It limits the effort of a person who moves the unit by hand.
+    /// Maximum number of turns of a program. It limits the effort of a person who moves the unit by hand.
     pub most_moves: usize,
     /// Whether a person holds the unit. If so, the unit trembles at rest.
     pub in_hand: bool,
@@ -77,7 +77,7 @@ impl Limits {
         }
     }
 
-    /// Returns an error if a limit cannot be used.
+    /// Returns an error if a limit is out of range, or if the start pose is in a forbidden zone.
     pub(super) fn check(&self) -> Result<(), Error> {
         let input = |message: String| Err(Error::Input(format!("limits of the stand: {message}")));
         if self.axes.iter().all(Option::is_none) {

@@ -43,7 +43,7 @@ pub struct Search {
     pub goal: Goal,
     /// Seed of the random numbers. The same seed gives the same program.
     pub seed: u64,
-    /// Number of proposals in the whole search.
+    /// Number of proposals (changed programs that are tried) in the whole search.
     pub proposals: usize,
 }
 
@@ -241,8 +241,8 @@ impl Annealing<'_> {
             let worst = scene.goal.worst(&scaled.information(scene), &scene.prior)?;
             Some((scaled, worst))
         };
-        // Holds are extended by at most a factor of ten. If longer holds are needed, additional poses are more
-        // efficient.
+        // Holds are extended by at most a factor of ten. If a program would need longer holds, additional poses are
+        // more efficient than longer holds.
         let (mut low, mut high) = (0.1_f64, 10.0_f64);
         match with(high) {
             Some((_, worst)) if worst <= 1.0 => {}

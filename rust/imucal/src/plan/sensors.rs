@@ -44,7 +44,7 @@ pub struct Sensors {
     gravity_mps2: f64,
     effects: Vec<&'static Effect<f64>>,
     held: Vec<HeldParameter>,
-    /// Approximate duration of the run, s. It is used for effects that depend on time.
+    /// Approximate duration of the run, s. It determines the assumed time constants of effects.
     pub(super) run_s: f64,
 }
 

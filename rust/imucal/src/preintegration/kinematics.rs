@@ -41,7 +41,7 @@ pub(crate) struct RateFromGravity {
     pub(crate) explained: f64,
 }
 
-/// Estimates the relation between rates and gravity from the moves; `None` if the motion does not determine it.
+/// Estimates the matrix P of [`RateFromGravity`] from the moves; `None` if the motion does not determine it.
 pub(crate) fn rate_from_gravity(
     recordings: &[Recording<'_>],
     moves: &[Move],

@@ -8,8 +8,8 @@
 //!
 //! The quaternion of a step is proportional to `(1, tau(y) p)` with `y = |p|^2`. The polynomial tau(y) approximates `3
 //! tan(t/2) / t`, where t is the rotation angle of the step. The quaternion `(1, tau(y) p)` is not normalised: its
-//! squared norm is `1 / cos^2(t/2)`. Another polynomial in y approximates `cos^2(t/2)` and corrects the norm of
-//! products of such quaternions.
+//! squared norm is `1 / cos^2(t/2)`. Another polynomial in y approximates `cos^2(t/2)`, with which the squared norm of
+//! a product of such quaternions is updated from step to step.
 
 use nalgebra::Vector3;
 use pulp::Simd;
@@ -26,8 +26,9 @@ pub(super) struct AngleRange {
 }
 
 /// Ranges from small to large angles. The relative truncation error of the polynomial for the tangent is at most 1e-14.
-/// The truncation error of the polynomial for the squared cosine changes only the norm of the quaternion of the
-/// rotation. It does not accumulate, because this norm is corrected once per tile (8 steps).
+/// The polynomial for the squared cosine only updates the factor 2 / |q|^2, where q is the product of the step
+/// quaternions. Its truncation error does not accumulate, because this factor is corrected with the computed norm of q
+/// once per tile (8 steps).
 pub(super) const ANGLE_RANGES: [AngleRange; 3] = [
     AngleRange { turn_rad: 0.001, terms: [2, 3] },
     AngleRange { turn_rad: 0.03, terms: [4, 4] },
@@ -230,7 +231,8 @@ impl<S: Simd> LaneState<S> {
     #[inline(always)]
     pub(super) fn turn<const SUMS: bool>(&mut self, terms: &[StepTerm<S>], samples: &mut [Sample<S>]) {
         if SUMS {
-            // `double` is 2 / |quaternion|^2. One iteration of Newton's method removes its accumulated rounding error.
+            // `double` is 2 / |quaternion|^2. One iteration of Newton's method removes the errors that it has
+            // accumulated: rounding errors and the truncation errors of the cosine polynomial.
             let one = Lanes::splat(self.simd, 1.0);
             let excess = self.square_of_length().neg_mul_add(self.double * Lanes::splat(self.simd, 0.5), one);
             self.double = self.double.mul_add(excess, self.double);

@@ -282,9 +282,9 @@ impl Directions<'_> {
     /// Returns the mean (m/s^2), the variance of its direction (rad^2), and the duration of the averaged interval (s).
     /// The variance is computed from the scatter of the means over ten parts of this interval.
     ///
-    /// The attitude of a hand-held unit varies during a rest, so the plain mean is not the gravity direction at the
-    /// start of the move. The mean rate of this rest is used as the gyroscope bias, so a bias that depends on the pose
-    /// causes no error.
+    /// The attitude of a hand-held unit varies during a rest, so the mean without these rotations is not the gravity
+    /// direction at that end. The mean rate of this rest is used as the gyroscope bias, so a bias that depends on the
+    /// pose causes no error.
     fn tremor_free(&self, k: usize, at_end: bool) -> (Vector3<f64>, f64, f64) {
         let UnitRest { recording, rest, .. } = &self.rests[k];
         let recording = &self.recordings[*recording];

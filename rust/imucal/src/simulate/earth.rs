@@ -45,7 +45,8 @@ const ANOMALY_MPS2: f64 = 5e-4;
 const UNKNOWN_HEIGHT_M: f64 = 500.0;
 
 /// Standard deviation of the difference between actual and normal gravity, m/s^2. Normal gravity is computed for the
-/// known height, or for the height 0 if the height is unknown.
+/// known height. For an unknown height, it is computed for the height 0, and the standard deviation includes the
+/// uncertainty of the height.
 pub fn normal_gravity_sigma_mps2(height_is_known: bool) -> f64 {
     let by_height = gravity_mps2(0.0, 0.0) - gravity_mps2(0.0, UNKNOWN_HEIGHT_M);
     if height_is_known { ANOMALY_MPS2 } else { ANOMALY_MPS2.hypot(by_height) }

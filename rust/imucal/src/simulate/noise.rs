@@ -263,8 +263,8 @@ mod tests {
     fn allan_deviation_of_the_bias_instability_is_flat() {
         let sensor = Sensor { bias_instability: 0.2, ..Sensor::ideal() };
         // For means over few samples, the Allan variance is larger. The reason is that the power of the samples is
-        // proportional to `1 / sin(pi f / r)` instead of 1 / f, where f is the frequency and r the sampling rate. This
-        // power continues periodically above the Nyquist frequency.
+        // proportional to `1 / sin(pi f / r)` instead of 1 / f, where f is the frequency and r the sampling rate. Near
+        // the Nyquist frequency, this power is larger than that of 1/f noise. Above it, the spectrum repeats.
         check_allan(&sensor, 16, |_| 2.0 * 2_f64.ln() / PI * 0.04);
     }
 

@@ -97,7 +97,8 @@ pub(crate) fn fit(
 
 /// Fits the accelerometer to rests that do not determine some of its parameters. These parameters stay at the values of
 /// `start`, and all others are fitted. For this purpose, every parameter has a prior around its start value, with a
-/// standard deviation of 1 % of its size. This prior hardly changes a parameter that the rests determine.
+/// standard deviation of 1 % of its size (the reading at 1 g for a bias, the mean scale for an entry of the
+/// sensitivity). This prior hardly changes a parameter that the rests determine.
 ///
 /// All rests are used. With only a few rests on the faces of a box-shaped unit, a wrong rest cannot be detected. The
 /// joint fit excludes outliers.

@@ -76,7 +76,7 @@ pub(crate) fn smallest_sphere(means: &[Vector3<f64>], gravity_mps2: f64) -> Resu
     Ok((radius > 0.0).then(|| Start { sensitivity, bias: centre + bias * size }))
 }
 
-/// Midpoint of the box around the means, and half of its largest width; `None` if this width is zero.
+/// Midpoint of the axis-parallel box around the means, and half of its largest width; `None` if this width is zero.
 fn extent(means: &[Vector3<f64>]) -> Option<(Vector3<f64>, f64)> {
     let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
     for mean in means {

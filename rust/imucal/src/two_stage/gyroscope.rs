@@ -220,7 +220,7 @@ struct Weighed<'a> {
 }
 
 impl Weighed<'_> {
-    /// Rms of the direction errors for these parameters, rad.
+    /// Rms over the moves of the direction error (norm of the direction residual) for these parameters, rad.
     fn direction_rms_rad(&self, parameters: &[f64]) -> f64 {
         let Ok(triad) = triad_of(parameters, self.moves.bias) else {
             return f64::INFINITY;
@@ -229,7 +229,8 @@ impl Weighed<'_> {
         rms(self.rows.iter().map(|&k| self.ends[k].residual(&at.preintegrated[k].rotation).norm()))
     }
 
-    /// Rms of the direction errors, rad, computed from residuals that are divided by their standard deviations.
+    /// Rms over the moves of the direction error, rad, computed from residuals that are divided by their standard
+    /// deviations.
     fn misfit_rad(&self, residuals: &Mat<f64>) -> f64 {
         let norm = |row: usize| residuals[(2 * row, 0)].hypot(residuals[(2 * row + 1, 0)]);
         rms(self.rows.iter().enumerate().map(|(row, &k)| norm(row) * self.ends[k].sigma_rad))

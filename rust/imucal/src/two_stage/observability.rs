@@ -5,7 +5,8 @@
 //! ```
 //!
 //! J is the design matrix. Its rows are divided by model errors that every real unit has: half a mg at a rest, and 0.2
-//! deg in a move. Each of its columns is multiplied by 1 % of the size of its parameter. The rows are not divided by
+//! deg in a move. Each of its columns is multiplied by 1 % of the size of its parameter. The size of an accelerometer
+//! bias is the reading at 1 g, and the size of an entry of a sensitivity is the mean scale. The rows are not divided by
 //! sensor noise, because with small noise, three nearly equal poses would seem sufficient. The term 1 / 10^2 is a prior
 //! of each parameter about its nominal value. The standard deviation of the prior is a tenth of the size of the
 //! parameter, which is 10 in units of 1 % of this size.
@@ -106,8 +107,8 @@ impl Open {
         })
     }
 
-    /// Message with the undetermined parameters and the poses and rotations to add; `None` if all parameters are
-    /// determined.
+    /// Message with the undetermined parameters and the recommendations `poses` (for the accelerometer) and `turns`
+    /// (for the gyroscope); `None` if all parameters are determined.
     pub(crate) fn explain(&self, rests: usize, moves: usize, poses: &str, turns: &str) -> Option<String> {
         let [accelerometer, gyroscope] = self.names();
         let mut parts = Vec::new();

@@ -44,8 +44,8 @@ pub enum ResidualGroup {
 }
 
 impl ResidualGroup {
-    /// Name of the kind in documents. The factor by which the fit increases the standard deviations of residuals of
-    /// this kind has the same name.
+    /// Name of the kind in JSON documents. The factor by which the fit increases the standard deviations of residuals
+    /// of this kind has the same name.
     pub fn name(self) -> &'static str {
         match self {
             Self::RestNorms => "norms",

@@ -63,7 +63,7 @@ pub enum Reason {
         /// Square root of chi2 per degree of freedom.
         times_noise: f64,
     },
-    /// The noise of the gravity direction is so large that the residuals do not test the gyroscope.
+    /// The noise of the gravity direction after a move is so large that the residuals do not test the gyroscope.
     UnknownDirection {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,

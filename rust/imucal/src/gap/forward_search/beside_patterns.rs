@@ -2,10 +2,10 @@
 //! scale that no effect of the catalogue describes. Effects are therefore found even if an unknown or random variation
 //! is also present.
 //!
-//! A forward search without the variation may select effects that only resemble the variation. It may also miss
-//! effects, because residuals of the variation hide them. The Jacobian columns of the generic hypotheses and the prior
-//! of their coefficients add the variation to the covariance of the residuals. A selected effect is kept, and a further
-//! candidate is added, only if it is significant in this extended model.
+//! A forward search without the variation in the model may select effects that only resemble the variation. It may also
+//! miss effects, because residuals of the variation hide them. The Jacobian columns of the generic hypotheses and the
+//! prior of their coefficients add the variation to the covariance of the residuals. A selected effect is kept, and a
+//! further candidate is added, only if it is significant in this extended model.
 
 use faer::Mat;
 use imucal_core::effects::{Effect, Sensor};
@@ -39,8 +39,8 @@ const SHARE: f64 = 0.02;
 /// same residuals) replaces an effect, if the log evidence increases by more than this. 3 nats are odds of 20 to 1.
 const RIVAL_NATS: f64 = 3.0;
 /// Effects that are not selected if the gyroscope bias varies with heading. The cause of such a variation may be an
-/// external field, for example a magnetic field. The errors due to the vertical component of the field then resemble
-/// the errors of these effects.
+/// external field, for example a magnetic field. The errors due to the vertical component of the field then depend on
+/// the direction of gravity, like the errors of these effects.
 pub(super) const OF_FIELDS: [&str; 3] = ["gyro_g_sensitivity", "gyro_g2_sensitivity", "earth_rate"];
 /// Effects that are functions of time. A random walk of the bias may be mistaken for them.
 pub(in crate::gap) const OF_TIME: [&str; 4] =

@@ -12,7 +12,8 @@ use crate::gap::stage::Stage;
 use crate::joint::{INSIDE, Kinds, MOVE_DIRECTIONS};
 
 /// Smallest chi2 per degree of freedom of the specific force inside moves that is attributed to a hand if a generic
-/// hypothesis is significant. The accelerations by the hand may be the cause of its significance.
+/// hypothesis is significant. The value is close to 1, because accelerations by the hand may be the reason why the
+/// hypothesis is significant.
 const LEAST_INSIDE: f64 = 1.1;
 /// As [`LEAST_INSIDE`], if effects are selected and no generic hypothesis is significant. The value is larger, because
 /// noise that is larger in motion also increases chi2.
@@ -38,6 +39,7 @@ pub(super) struct Left {
 }
 
 impl Left {
+    /// Evaluates the residuals of the final model: the model of `stage` and the best generic hypothesis `generic`.
     /// `before` is chi2 per degree of freedom of the specific force inside moves in the model without effects.
     pub(super) fn of(
         stage: &Stage,

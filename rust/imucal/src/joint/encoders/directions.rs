@@ -11,8 +11,8 @@
 //! from o on   c_0 + c_2 t^2 + c_3 t^3 + c_4 t^4 + noise
 //! ```
 //!
-//! The time t is counted from sample o. The polynomial has no linear term, because a motor starts from standstill. c_0
-//! is free, because the size and the sign of the jump are unknown.
+//! The level is a constant. The time t is counted from sample o. The polynomial has no linear term, because a motor
+//! starts from standstill. c_0 is free, because the size and the sign of the jump are unknown.
 
 use std::ops::Range;
 
@@ -36,8 +36,8 @@ const OFF: f64 = 3.0;
 /// Margin of the search for the first sample of a motion, in samples. If the reading leaves the level n samples before
 /// the motion is detected, the search begins another n samples earlier, plus this margin.
 const EARLIER: usize = 5;
-/// Angle over which the start of a motion is fitted, in multiples of the largest change at rest. For larger angles, a
-/// polynomial of fourth degree no longer describes the motion.
+/// Angle over which the start of a motion is fitted, in multiples of `still_rad`, the limit for the change of a reading
+/// at standstill. For larger angles, a polynomial of fourth degree no longer describes the motion.
 const START: f64 = 100.0;
 /// Lower limit of the noise of a reading, rad, for noise-free simulated encoders.
 const FINEST_RAD: f64 = 1e-12;

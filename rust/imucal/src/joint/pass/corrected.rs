@@ -84,7 +84,8 @@ impl Route<'_> {
         Step { before: i - self.reach().start, ..Step::after(self.recording.time_s, i) }
     }
 
-    /// Corrects the samples in the range `reach`. Effects whose parameters are all 0 are skipped.
+    /// Corrects the samples in the range `reach`. Effects whose parameters are all 0 are skipped. The angular
+    /// acceleration is also computed if `wants_slopes` is true or an effect needs it.
     pub(super) fn freed(&self, model: &Model, active: &Terms<'_>, wants_slopes: bool) -> Corrected {
         let reach = self.reach();
         let corrected = |triad: &Triad<f64>, rows: Samples<'_>| -> Vec<Vector3<f64>> {

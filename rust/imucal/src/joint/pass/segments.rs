@@ -38,8 +38,9 @@ pub(crate) struct MoveSegments {
 }
 
 impl Route<'_> {
-    /// Divides the move into segments, and integrates the attitude at the midpoint of each segment without effects.
-    /// Only every `every`-th segment is kept. `pass` is the result of the integration over this move.
+    /// Divides the move into segments, and computes the attitude at the midpoint of each segment from rates that are
+    /// not corrected for effects. Only every `every`-th segment is kept. `pass` is the result of the integration over
+    /// this move.
     pub(crate) fn segments(&self, model: &Model, pass: &Pass, every: usize) -> MoveSegments {
         let (recording, span) = (self.recording, self.span);
         let size = self.stretches_of_block().iter().product();

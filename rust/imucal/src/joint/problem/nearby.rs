@@ -16,10 +16,10 @@ use crate::joint::terms::Term;
 use crate::numerics::lsq::Solution;
 
 /// Largest distance from the last linearisation at which a first-order update of this linearisation is used. The
-/// distance is the norm of the change of the whitened residuals. The neglected second-order terms are then at most a
-/// thousandth of a standard deviation. A search for effects uses the update without further computation. If a final fit
-/// converges to parameters for which only a first-order update is known, the linearisation is computed from the
-/// samples, and the fit is continued from these parameters.
+/// distance is the norm of the change of the whitened residuals. The neglected second-order terms of the residuals are
+/// then at most a thousandth of the standard deviation of a residual. A search for effects uses the update without
+/// further computation. If a final fit converges to parameters for which only a first-order update is known, the
+/// linearisation is computed from the samples, and the fit is continued from these parameters.
 const NEAR: f64 = 3.0;
 
 /// Cached linearisations, shared by all threads.

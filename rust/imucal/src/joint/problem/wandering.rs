@@ -1,6 +1,7 @@
 //! Whitens residuals whose errors are correlated from rest to rest. These errors are due to biases that vary from rest
-//! to rest, rounding errors, and pose errors. A pose error depends on the attitude, so all epochs of a long rest have
-//! it in common. An epoch is a part of a long rest with its own mean.
+//! to rest, rounding errors, and pose errors. A pose error is an error of the mean rate that depends on the attitude
+//! (for example due to g-sensitivity), so the epochs of a long rest have it in common. An epoch is a part of a long
+//! rest with its own mean.
 
 use std::collections::BTreeMap;
 
@@ -27,7 +28,8 @@ use crate::rounding::Rounding;
 const QUIET: f64 = 0.8;
 /// Standard deviation of the common error of the mean rates at the second and later epochs (parts) of a long rest,
 /// rad/s. The error is common because these epochs have one attitude. It is 0.1 deg/s, the effect of 1 g on a consumer
-/// gyroscope (g-sensitivity). With this error, the later epochs determine only changes of the bias.
+/// gyroscope (g-sensitivity). Because of this error, the later epochs determine only changes of the bias, and not the
+/// bias itself.
 const POSE_ERROR_RADPS: f64 = 1.7e-3;
 
 /// Removes the correlation between the residuals of different rests and moves. The first whitening (`Weights`) accounts

@@ -23,7 +23,7 @@ const PART: usize = 256;
 const JOB: usize = 1 << 16;
 
 /// Number of consecutive blocks (together 0.25 s) that form one mean. The Allan variance in [`Colour`] is computed from
-/// such means, because averaging removes the noise at high frequencies.
+/// such means, because averaging removes the noise at high frequencies, which hardly affects the mean over a rest.
 const GROUP_BLOCKS: usize = 5;
 
 /// The blocks of a recording, and further statistics that are computed in the same pass over the samples.

@@ -19,10 +19,10 @@ const CLEAR: f64 = 2.0;
 /// of the noise variances `floor`, and the intervals as ranges of blocks.
 ///
 /// The statistic and the threshold of the first level refer to the noise of the sensors, which is estimated from the
-/// quietest windows. The variance of hand-held rests may be a thousand times larger, so that it is nearer to the
-/// variance of motion than to the noise variance. Therefore, the noise variance and the threshold are estimated again
-/// from the windows outside the rests that were already found. If a hand-held run follows a rest on a table, the
-/// estimates of the second level describe only the hand-held run.
+/// quietest windows. The variance of hand-held rests may be a thousand times the noise variance, and thus nearer to the
+/// variance of motion. For each further level, the noise variance and the threshold are therefore estimated again from
+/// the windows outside the rests that were already found. If a hand-held run follows a rest on a table, the estimates
+/// of the second level describe only the hand-held run.
 pub(super) fn rests_of_all_levels(
     variances: &[Vec<f64>; 6],
     steps: &Vector6<f64>,

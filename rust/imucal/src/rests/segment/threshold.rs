@@ -18,8 +18,9 @@ use crate::rounding::LEAST_SCATTER;
 ///
 /// `variances` contains, for each channel, the variance in each window. At high sampling rates, consecutive samples are
 /// first averaged in groups of equal size, and the variance is that of the averages. `steps` contains the smallest
-/// difference between consecutive samples of each channel, divided by the square root of the group size. The function
-/// `step_of` returns the quantisation step of a channel.
+/// difference between consecutive samples of each channel, divided by the square root of the group size, because
+/// averaging reduces the rounding errors by this factor. The function `step_of` returns the quantisation step of a
+/// channel.
 pub(super) fn window_statistic(
     variances: &[Vec<f64>; 6],
     steps: &Vector6<f64>,

@@ -5,8 +5,9 @@ use nalgebra::Vector3;
 use crate::numerics::stats::{MEDIAN_SIZE, median, random_effects_mean};
 use crate::rests::rest::Rest;
 
-/// Maximum deviation of a rest's mean rate from the median of the mean rates at all rests, in standard deviations. An
-/// interval with a larger deviation is assumed to contain a slow rotation, so it is not used as a rest.
+/// Maximum difference between a rest's mean rate and the median of the mean rates at all rests, in standard deviations
+/// of this difference. An interval with a larger difference is assumed to contain a slow rotation, so it is not used as
+/// a rest.
 const LIMIT: f64 = 6.0;
 
 /// The gyroscope bias and the weights of the rests, for each axis separately.
