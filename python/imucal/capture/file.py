@@ -165,8 +165,9 @@ class CaptureFile:
 
 
 def _require_same(path: Path, marker: Path, document: Mapping[str, Any]) -> None:
-    """Raises InputError unless `path` is an unfinished recording, and the JSON file `marker` beside it has the
-    fields and values of `document`.
+    """Raises InputError unless `path` is an unfinished recording of the kind that `document` describes.
+
+    The JSON file `marker` beside an unfinished recording must have the fields and values of `document`.
     """
     if not marker.exists():
         raise InputError(f"{path} exists: give another file; only an unfinished recording can be continued")

@@ -279,7 +279,7 @@ class _Search:
         return residual
 
     def _errors(self, form: Form) -> FloatArray:
-        """Mean square of (held-out residual / rms residual of a cubic polynomial) in each fold, (FOLDS,)."""
+        """Mean square of the held-out residuals in each fold, divided by that of a cubic fit, (FOLDS,)."""
         squares = ((self._held_out(form) / self.scale) ** 2).mean(axis=1)
         return np.array([squares[own].mean() for own in self.of_fold])
 

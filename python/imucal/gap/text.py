@@ -364,7 +364,10 @@ def explanation(gap: GapFields, name: str) -> Iterator[str]:
     if added is not None:
         yield f"result: added to the model, {_size(added)}, {_evidence(added)}"
     elif score is not None:
-        yield f"result: not added to the model; alone, relative to no effects: {_evidence(score)}"
+        yield (
+            "result: not added to the model; as the only effect, compared with the model without effects: "
+            f"{_evidence(score)}"
+        )
     for alias in effect.aliases if isinstance(effect, Effect) else ():
         yield f"similar to {alias.name}; distinguished by {alias.told_apart_by}"
 

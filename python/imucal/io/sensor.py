@@ -168,6 +168,7 @@ def _unit_of_manual(sensor: Sensor, what: str) -> str | None:
 
 def unit_of_sensor(sensor: Sensor, what: str, units: Units) -> str:
     """The unit of a sensor ("accel" or "gyro") as a suffix of canonical names, such as mps2.
+
     The unit is stated by the header or the caller. If neither states it, it is that of the manual of the
     program, or is inferred from the size of gravity.
     """

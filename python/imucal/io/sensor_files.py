@@ -156,6 +156,7 @@ def _sensor_name(what: str) -> str:
 
 def _chosen(name: str, sensors: list[Sensor], what: str, texts: Sequence[Text]) -> Sensor:
     """The file among `sensors` that is read for the sensor `what`.
+
     If there are several files, the choice is narrowed in three steps: to files whose acceleration includes
     gravity, to files without "uncal" in the name, and to files with "total" in the name. A step that would
     leave no file is skipped.

@@ -204,7 +204,7 @@ class StandMotion:
 
 @dataclass(frozen=True)
 class TumbleMotion:
-    """A run by hand, as the compiled library reads it: angles in rad, lengths in m."""
+    """A simulated hand-held run, as the compiled library reads it: angles in rad, lengths in m."""
 
     poses: int
     hold_s: float

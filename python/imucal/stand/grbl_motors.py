@@ -39,8 +39,8 @@ SLOW_FACTOR: Final = 1.5
 # A message reports that a move takes longer if it has not ended this time, s, after its planned end.
 SLOW_S: Final = 2.0
 # Modal G-codes for all lines: millimetres (degrees for rotary axes), absolute positions. With inverse time
-# feed (G93), GRBL refuses an axis word without a feed in the same line. A line with G92 has no feed, so it
-# does not move the motors if the word G92 is lost.
+# feed (G93), GRBL refuses an axis word without a feed in the same line. A line with G92 has no feed. If
+# the word G92 is lost, GRBL therefore refuses the rest of the line, which would otherwise be a move.
 SETUP: Final = "G21G90G93G1F1"
 # Modes for the move: feed per minute (G94), and no motion mode (G80), so that GRBL refuses a move from which
 # the word G1 was lost. This line is sent after the target is confirmed, because GRBL refuses G92 after G80.

@@ -1,4 +1,4 @@
-"""Programs by name, and the control program with the poses of a program in another order."""
+"""Motion programs by name. The program of a control recording has the same poses in another order."""
 
 from __future__ import annotations
 
