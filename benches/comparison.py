@@ -269,13 +269,14 @@ def accuracy(folder: Path) -> str:
     lines += [
         "",
         paragraph(
-            "imucal, the SciPy program and imu-calib get 46 poses in random directions with moves between "
-            "them. The on-board routine and FAU imucal get six faces for 5 s each. FAU imucal also gets "
-            "three turns of 360 deg in 6 s. The faces and the axes of the turns are exact, or tilted by "
-            "1 deg (standard deviation), as on a table. The on-board routine estimates the parameters that "
-            "PX4 and ArduPilot estimate from six faces: bias and scale of the accelerometer, and the bias "
-            "of the gyroscope. It was written for this table; the code of PX4 and ArduPilot was not run. "
-            "Kalibr is not in this table, because it needs a camera and a target."
+            "imucal, the SciPy program and imu-calib use recordings of 46 poses in random directions with "
+            "moves between them. The on-board routine and FAU imucal use recordings of six faces for 5 s "
+            "each. FAU imucal also uses three turns of 360 deg in 6 s. The faces and the axes of the turns "
+            "are exact, or tilted by 1 deg (standard deviation), as on a table. The on-board routine "
+            "estimates the parameters that PX4 and ArduPilot estimate from six faces: bias and scale of the "
+            "accelerometer, and the bias of the gyroscope. The routine was written for this table; the code "
+            "of PX4 and ArduPilot was not run. Kalibr is not in this table, because it needs a camera and "
+            "a target."
         ),
     ]
     return "\n".join(lines)
