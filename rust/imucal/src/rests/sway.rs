@@ -23,6 +23,10 @@ use crate::rests::tremor::{Hand, ROOM, Sensors};
 /// Number of times that the sway is estimated. The averaging time constant of the gravity directions depends on the
 /// sway, and the density of the sway is estimated at this time constant. Its relative error halves with each pass.
 const PASSES: usize = 4;
+/// Minimum number of samples of a window. Shorter rests are not used. The averaging time constant may be below the
+/// sampling interval if the gyroscope is much noisier than the accelerometer, so the time constant alone could give
+/// windows without samples.
+const LEAST_SAMPLES: usize = 8;
 /// The variance of the mean force of a rest of duration T is `MEAN_FORCE` x (variance of the velocity) / T^2. The mean
 /// acceleration is the difference of the velocities at both ends, divided by T, so the factor is 2 if these velocities
 /// are independent and known. The estimated variance of the velocity is too small for sway with periods above 2 s, so a
@@ -67,7 +71,7 @@ impl Sway {
         let density = inverse * Matrix3::from_diagonal(&density) * inverse.transpose();
         let (mut chi2, mut windows) = (0.0, 0.0);
         let mut sway = Self { across: 0.0, along: 0.0 };
-        for rest in rests {
+        for rest in rests.iter().filter(|rest| rest.end - rest.first >= LEAST_SAMPLES) {
             let forces: Vec<Vector3<f64>> =
                 sensors.along_gyroscope(recording, rest, *sensors.gyroscope.bias(), false).collect();
             let duration_s = rest.end_s - rest.start_s;
@@ -75,6 +79,7 @@ impl Sway {
             let averaging_s = hand.averaging_s(rest);
             // Without the small addition, a rounding error could give no window if the time constant is at its limit.
             let count = (duration_s / (ROOM * averaging_s) + 1e-6).max(1.0) as usize;
+            let count = count.min(forces.len() / LEAST_SAMPLES);
             let samples = forces.len() / count;
             let contrast = Contrast::of(samples, interval_s / averaging_s);
             let noise = contrast.squares / interval_s;
@@ -167,13 +172,12 @@ mod tests {
 
     /// The model of the hand without and with the estimated sway, the rests, and the true sway, of a hand-held run to
     /// which sway with the standard deviation `std` was added, m/s^2.
-    fn held(std: f64) -> (Hand, Hand, Vec<UnitRest>, Vec<Vector3<f64>>) {
+    fn held(unit: &Unit, std: f64) -> (Hand, Hand, Vec<UnitRest>, Vec<Vector3<f64>>) {
         let moves = HandMoves { tremor_rad: 0.2_f64.to_radians(), hold_s: 3.0, ..HandMoves::default() };
         let motion = Motion::Tumble(Tumble::random(&moves, 2).unwrap());
-        let unit = Unit::paper();
         let setup = Setup {
             motion: &motion,
-            unit: &unit,
+            unit,
             rate_hz: 100.0,
             gravity_mps2: GRAVITY_MPS2,
             temperature: &Temperature::constant(25.0),
@@ -204,7 +208,7 @@ mod tests {
     #[test]
     fn the_errors_of_rests_contain_sway() {
         for std in [0.01, 0.03] {
-            let (without, hand, rests, added) = held(std);
+            let (without, hand, rests, added) = held(&Unit::paper(), std);
             let (mut of_ends, mut of_means, mut stated_ends, mut stated_means) = (0.0, 0.0, 0.0, 0.0);
             for UnitRest { rest, .. } in &rests {
                 let own = &added[rest.first..rest.end];
@@ -227,11 +231,20 @@ mod tests {
 
     #[test]
     fn without_sway_nothing_changes() {
-        let (without, hand, rests, _) = held(0.0);
+        let (without, hand, rests, _) = held(&Unit::paper(), 0.0);
         assert_eq!(hand.tilt_rad2_s, without.tilt_rad2_s);
         for UnitRest { rest, .. } in &rests {
             let white = hand.noise.specific_force.map(|density| density * density / (rest.end_s - rest.start_s));
             assert_eq!(rest.specific_force.variance_of_mean, white);
         }
+    }
+
+    #[test]
+    fn windows_have_samples_if_the_time_constant_is_below_the_sampling_interval() {
+        let mut unit = Unit::paper();
+        unit.accelerometer.noise_density = 1e-6;
+        unit.gyroscope.noise_density = 1e-3;
+        let (_, hand, rests, _) = held(&unit, 0.0);
+        assert!(rests.iter().all(|rest| hand.averaging_s(&rest.rest) < 0.01));
     }
 }
