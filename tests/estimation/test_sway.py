@@ -1,4 +1,4 @@
-"""Standard deviations of a hand-held unit that is also translated during its rests."""
+"""Standard deviations of a hand-held unit that sways during its rests, or whose sensors are filtered."""
 
 import dataclasses
 from collections.abc import Callable
@@ -49,3 +49,31 @@ def test_standard_deviations_contain_the_sway_of_a_hand(std_mps2, band_hz, hold_
     rms = np.sqrt(np.mean(errors**2))
     worst = np.abs(errors).max()
     assert 0.6 < rms < 1.2 and worst < 4.5, (rms, worst)
+
+
+def filtered(recording: imucal.Recording, pole: float):
+    """The recording with both sensors behind two equal low-pass filters of first order in series."""
+
+    def filter_axes(rows: np.ndarray) -> np.ndarray:
+        for _ in range(2):
+            rows, state = np.array(rows), rows[0]
+            for row in rows:
+                state = pole * state + (1.0 - pole) * row
+                row[:] = state
+        return rows
+
+    return dataclasses.replace(
+        recording,
+        specific_force=filter_axes(recording.specific_force),
+        angular_rate=filter_axes(recording.angular_rate),
+    )
+
+
+def test_standard_deviations_contain_the_noise_below_the_corner_of_a_filter():
+    """With the noise of the fourth differences, accelerometer errors are twice the standard deviations."""
+    corner_hz, rate_hz = 20.0, 100.0
+    pole = np.exp(-2 * np.pi * corner_hz / rate_hz)
+    errors = deviations(lambda recording, _: filtered(recording, pole), 3.0)
+    rms = np.sqrt(np.mean(errors**2))
+    worst = np.abs(errors).max()
+    assert 0.6 < rms < 1.3 and worst < 4.5, (rms, worst)

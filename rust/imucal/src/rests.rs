@@ -1,6 +1,7 @@
 //! Detects the rests in a recording and the moves between them. Estimates the white noise of the sensors and the tremor
 //! of the hand that holds the unit.
 
+mod colour;
 pub(crate) mod moves;
 mod noise_check;
 pub(crate) mod noise_density;

@@ -26,6 +26,7 @@ use crate::numerics::instructions::Instructions;
 use crate::numerics::stats::{median, quantile, random_effects_mean, sample_interval_s};
 use crate::numerics::workers::{in_order, threads_for};
 use crate::recording::{Recording, Samples};
+use crate::rests::colour::colour_factor;
 use crate::rests::noise_density::{NoiseDensity, variance_by_axis, variance_per_axis};
 use crate::rests::rest::Rest;
 use crate::rests::segment::epochs::LONG_REST_S;
@@ -119,13 +120,19 @@ impl Hand {
         // positive at nearly all rests.
         let everywhere = quantile(&mut tremors, FEW) > 0.0;
         let trembles = tilt * walk > 0.0 && tremor_rad2 > (tilt * walk).sqrt() && everywhere;
-        trembles.then_some(Self {
+        let mut hand = trembles.then_some(Self {
             noise,
             turn_rad2: 2.0 * tremor_rad2,
             tilt_rad2_s: tilt,
             sway_m2_per_s2: 0.0,
             walk_rad2_per_s: walk,
-        })
+        })?;
+        // A low-pass filter makes the fourth differences of the accelerometer too small.
+        if let Some(factor) = colour_factor(recording, rests, sensors.accelerometer, every, rows_per_sample * dt_s) {
+            hand.noise.specific_force *= factor.sqrt();
+            hand.tilt_rad2_s *= factor;
+        }
+        (tremor_rad2 > (hand.tilt_rad2_s * walk).sqrt()).then_some(hand)
     }
 
     /// Standard deviation of the rotation angle of the tremor about each axis, rad.

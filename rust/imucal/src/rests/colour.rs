@@ -1,0 +1,162 @@
+//! Measures by how much a low-pass filter in the accelerometer lowers the noise density that differences of consecutive
+//! samples give (model.md (27)).
+//!
+//! The magnitude of the force contains sensor noise, but neither the rotation nor the tremor of the hand. Its noise
+//! density is computed from differences of means over blocks of samples. White noise has the same density for all block
+//! durations and all orders of the difference. A low-pass filter lowers the density for short blocks.
+
+use imucal_core::sensor::Triad;
+
+use crate::numerics::fit_report::significance_limit;
+use crate::recording::Recording;
+use crate::rests::rest::Rest;
+
+/// Orders of the differences. The fourth difference is the one from which the noise of the sensors is computed.
+const FOURTH: usize = 4;
+const EIGHTH: usize = 8;
+/// A filter is detected if the density increases from blocks of a duration of at most `DETECT_S` to blocks that are
+/// twice as long, s. For longer blocks, translational tremor of 8 to 12 Hz changes the differences.
+const DETECT_S: f64 = 0.01;
+/// Duration of the blocks for which the density is that of slow noise, s. The filters of common sensors (10 Hz and
+/// above) lower the squared density of these blocks by less than a third. Sway below 3 Hz hardly changes their eighth
+/// difference.
+const SLOW_S: f64 = 0.1;
+
+/// Ratio of the variances (squared noise densities) of slow noise and of fourth differences of consecutive samples of
+/// the magnitude of the force. Each sample occurs in `every` consecutive rows, and `interval_s` is the interval between
+/// distinct samples. `None` if the noise may be white: no filter is significant, or the ratio is not significant.
+pub(super) fn colour_factor(
+    recording: &Recording<'_>,
+    rests: &[&Rest],
+    accelerometer: &Triad<f64>,
+    every: usize,
+    interval_s: f64,
+) -> Option<f64> {
+    let magnitude = |row: &[f64; 3]| accelerometer.correct((*row).into()).norm();
+    let forces = |rest: &&Rest| {
+        recording.specific_force.part(rest.first..rest.end).iter().step_by(every).map(magnitude).collect::<Vec<f64>>()
+    };
+    let forces: Vec<Vec<f64>> = rests.iter().map(forces).collect();
+    let eighth = |block: usize| Density::of(&forces, block, EIGHTH);
+    let filtered = |block: usize| eighth(2 * block).exceeds(&eighth(block));
+    let longest = ((DETECT_S / interval_s * (1.0 + 1e-6)) as usize).max(1);
+    if !std::iter::successors(Some(1), |block| Some(2 * block)).take_while(|block| *block <= longest).any(filtered) {
+        return None;
+    }
+    let slow = eighth(((SLOW_S / interval_s).round() as usize).max(1));
+    let fast = Density::of(&forces, 1, FOURTH);
+    slow.exceeds(&fast).then(|| slow.variance / fast.variance)
+}
+
+/// Noise of differences of consecutive block means.
+struct Density {
+    /// Variance of the block means x samples per block. For white noise, it is the variance of one sample.
+    variance: f64,
+    /// Equivalent degrees of freedom of `variance` for white noise.
+    degrees_of_freedom: f64,
+}
+
+impl Density {
+    /// Computes the noise from differences of order `order` of the means over blocks of `block` samples.
+    fn of(rests: &[Vec<f64>], block: usize, order: usize) -> Self {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for rest in rests {
+            let mut values: Vec<f64> =
+                rest.chunks_exact(block).map(|part| part.iter().sum::<f64>() / block as f64).collect();
+            for _ in 0..order {
+                values = values.windows(2).map(|pair| pair[1] - pair[0]).collect();
+            }
+            sum += values.iter().map(|value| value * value).sum::<f64>();
+            count += values.len() as f64;
+        }
+        // The coefficients of the difference have the sum of squares C(2 n, n). Consecutive differences are correlated.
+        // The sum of their squared correlations is C(4 n, 2 n) / C(2 n, n)^2.
+        let squares = central_binomial(order);
+        let correlation = central_binomial(2 * order) / (squares * squares);
+        Self { variance: sum / (squares * count) * block as f64, degrees_of_freedom: count / correlation }
+    }
+
+    /// Whether this variance is significantly larger than another one.
+    fn exceeds(&self, other: &Self) -> bool {
+        // The relative variances of both variances, 2 / (degrees of freedom), add up.
+        let both = 1.0 / (1.0 / self.degrees_of_freedom + 1.0 / other.degrees_of_freedom);
+        self.variance > other.variance * significance_limit(both)
+    }
+}
+
+/// The binomial coefficient C(2 n, n).
+fn central_binomial(n: usize) -> f64 {
+    (1..=n).map(|k| (n + k) as f64 / k as f64).product()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rests::segment::Segments;
+    use crate::rests::tremor::{Hand, Sensors};
+    use crate::simulate::motion::Motion;
+    use crate::simulate::tumble::{HandMoves, Tumble};
+    use crate::simulate::{Faults, Program, RandomMoves, Setup, Stand, Temperature, Unit, run};
+
+    /// Two first-order low-pass filters of about 16 Hz at 100 samples/s, in series.
+    fn filter(rows: &mut [[f64; 3]]) {
+        for _ in 0..2 {
+            let mut state = rows[0];
+            for row in &mut *rows {
+                state = std::array::from_fn(|axis| state[axis] + (row[axis] - state[axis]) * 0.63);
+                *row = state;
+            }
+        }
+    }
+
+    /// The model of the hand, estimated from a simulated recording at 100 Hz. Both sensors are filtered if `filtered`.
+    fn found(motion: &Motion, filtered: bool, seed: u64) -> Option<Hand> {
+        let unit = Unit::paper();
+        let setup = Setup {
+            motion,
+            unit: &unit,
+            rate_hz: 100.0,
+            gravity_mps2: 9.81,
+            temperature: &Temperature::constant(25.0),
+            faults: Faults::none(),
+            added: None,
+            seed,
+            threads: None,
+        };
+        let mut run = run(&setup).unwrap();
+        if filtered {
+            filter(&mut run.specific_force);
+            filter(&mut run.angular_rate);
+        }
+        let recording = run.recording("run");
+        let segments = Segments::find(&recording, 1.0).unwrap();
+        let sensors = Sensors {
+            accelerometer: &Triad::try_new(unit.accelerometer.sensitivity, unit.accelerometer.bias).unwrap(),
+            gyroscope: &Triad::try_new(unit.gyroscope.sensitivity, unit.gyroscope.bias).unwrap(),
+        };
+        Hand::of(&recording, &segments.rests.iter().collect::<Vec<_>>(), sensors)
+    }
+
+    #[test]
+    fn the_noise_of_a_filtered_accelerometer_is_that_before_the_filter() {
+        let moves = HandMoves { poses: 15, tremor_rad: 0.2_f64.to_radians(), ..HandMoves::default() };
+        let motion = Motion::Tumble(Tumble::random(&moves, 2).unwrap());
+        for filtered in [false, true] {
+            let hand = found(&motion, filtered, 3).unwrap();
+            for noise in &hand.noise.specific_force {
+                let ratio = noise / Unit::paper().accelerometer.noise_density;
+                // The density of blocks is below that before the filter, and has a random error.
+                let range = if filtered { 0.8..1.15 } else { 0.95..1.05 };
+                assert!(range.contains(&ratio), "{filtered} {ratio}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_filtered_unit_on_a_stand_is_no_hand() {
+        for seed in 1..=5 {
+            let program = Program::random(&RandomMoves { moves: 10, ..RandomMoves::default() }, seed).unwrap();
+            assert!(found(&Motion::Stand { program, stand: Stand::perfect() }, true, seed).is_none());
+        }
+    }
+}
