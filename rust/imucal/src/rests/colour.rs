@@ -15,7 +15,8 @@ use crate::rests::rest::Rest;
 const FOURTH: usize = 4;
 const EIGHTH: usize = 8;
 /// A filter is detected if the density increases from blocks of a duration of at most `DETECT_S` to blocks that are
-/// twice as long, s. For longer blocks, translational tremor of 8 to 12 Hz changes the differences.
+/// twice as long, s. For longer blocks, translational tremor of 3 to 12 Hz changes the differences. Below 100
+/// samples/s, no filter is detected.
 const DETECT_S: f64 = 0.01;
 /// Duration of the blocks for which the density is that of slow noise, s. The filters of common sensors (10 Hz and
 /// above) lower the squared density of these blocks by less than a third. Sway below 3 Hz hardly changes their eighth
@@ -39,7 +40,8 @@ pub(super) fn colour_factor(
     let forces: Vec<Vec<f64>> = rests.iter().map(forces).collect();
     let eighth = |block: usize| Density::of(&forces, block, EIGHTH);
     let filtered = |block: usize| eighth(2 * block).exceeds(&eighth(block));
-    let longest = ((DETECT_S / interval_s * (1.0 + 1e-6)) as usize).max(1);
+    let samples = forces.iter().map(Vec::len).max().unwrap_or(0);
+    let longest = ((DETECT_S / interval_s * (1.0 + 1e-6)) as usize).min(samples);
     if !std::iter::successors(Some(1), |block| Some(2 * block)).take_while(|block| *block <= longest).any(filtered) {
         return None;
     }

@@ -35,17 +35,17 @@ const MEAN_FORCE: f64 = 3.0;
 
 impl Hand {
     /// Includes the sway at `rests` in the errors of the gravity directions and of the mean forces. Changes nothing if
-    /// sensor noise explains the forces. Returns whether there is significant sway.
-    pub(super) fn add_sway(&mut self, recording: &Recording<'_>, rests: &[&Rest], sensors: Sensors<'_>) -> bool {
+    /// sensor noise explains the forces.
+    pub(super) fn add_sway(&mut self, recording: &Recording<'_>, rests: &[&Rest], sensors: Sensors<'_>) {
         let white_rad2_s = self.tilt_rad2_s;
         let square = |rest: &&Rest| sensors.accelerometer.correct(rest.specific_force.mean).norm_squared();
         let force2 = rests.iter().map(square).sum::<f64>() / rests.len() as f64;
-        for pass in 0..PASSES {
-            let Some(sway) = Sway::of(recording, rests, sensors, self) else { return pass > 0 };
+        for _ in 0..PASSES {
+            let Some(sway) = Sway::of(recording, rests, sensors, self) else { break };
             self.tilt_rad2_s = white_rad2_s + sway.across / force2;
             self.sway_m2_per_s2 = sway.along;
+            self.least_turn_rad2 = self.turn_rad2;
         }
-        true
     }
 
     /// Variance that sway gives each component of the mean force of a rest of this duration, (m/s^2)^2.

@@ -52,7 +52,11 @@ pub(crate) struct Hand {
     /// White-noise densities of the sensors, without the tremor of the hand, raw units per sqrt(Hz).
     pub(crate) noise: NoiseDensity,
     /// Variance of the rotation of the hand about each axis from the first to the last sample of a rest, rad^2.
-    turn_rad2: f64,
+    pub(super) turn_rad2: f64,
+    /// Smallest value of `turn_rad2`, rad^2; 0 without sway and without filtered noise. The rotation is computed from
+    /// the gravity directions, whose errors are known only roughly with sway or filtered noise. The result is then not
+    /// used if it is below the rotation of the tremor.
+    pub(super) least_turn_rad2: f64,
     /// Spectral density of the tilt error that accelerometer noise and sway cause, rad^2 s; r in model.md (27).
     pub(super) tilt_rad2_s: f64,
     /// Variance of the velocity of the hand along gravity at a rest, m^2/s^2; 0 without significant sway.
@@ -123,6 +127,7 @@ impl Hand {
         let mut hand = trembles.then_some(Self {
             noise,
             turn_rad2: 2.0 * tremor_rad2,
+            least_turn_rad2: 0.0,
             tilt_rad2_s: tilt,
             sway_m2_per_s2: 0.0,
             walk_rad2_per_s: walk,
@@ -131,6 +136,7 @@ impl Hand {
         if let Some(factor) = colour_factor(recording, rests, sensors.accelerometer, every, rows_per_sample * dt_s) {
             hand.noise.specific_force *= factor.sqrt();
             hand.tilt_rad2_s *= factor;
+            hand.least_turn_rad2 = hand.turn_rad2;
         }
         (tremor_rad2 > (hand.tilt_rad2_s * walk).sqrt()).then_some(hand)
     }
@@ -251,9 +257,7 @@ pub(crate) fn hands(
         }
         let contributing: Vec<&Rest> = own.iter().filter(|own| own.contributes).map(|own| &own.rest.rest).collect();
         let mut hand = Hand::of(recording, &contributing, sensors)?;
-        // Sway causes large errors of the gravity directions, which are known only roughly. The rotation of the hand
-        // computed from them is then not used if it is below that of the tremor.
-        let least_turn_rad2 = if hand.add_sway(recording, &contributing, sensors) { hand.turn_rad2 } else { 0.0 };
+        hand.add_sway(recording, &contributing, sensors);
         noise[index] = hand.noise;
         own.iter_mut().for_each(|own| own.rest.bias = *sensors.gyroscope.bias());
         // `turn` is the hand's rotation between both ends of the rest, about the two axes perpendicular to gravity. Its
@@ -266,7 +270,7 @@ pub(crate) fn hands(
             own.contributes.then_some(turn.norm_squared() / 2.0 - errors)
         };
         let turns: Vec<f64> = own.iter_mut().filter_map(turned).collect();
-        hand.turn_rad2 = (turns.iter().sum::<f64>() / turns.len() as f64).max(least_turn_rad2);
+        hand.turn_rad2 = (turns.iter().sum::<f64>() / turns.len() as f64).max(hand.least_turn_rad2);
         // The covariances of the mean rates depend on `turn_rad2`, the variance of the rotation, which is known only
         // now. The tremor is therefore removed a second time.
         own.iter_mut().for_each(|own| {
