@@ -33,8 +33,8 @@ COMMENT: Final = (
     "    /* scale: largest coefficient of each row of T^-1, rounded to float.",
     "     * rest: the other coefficients, and the part of scale that is lost by rounding to float. With this",
     "     * part, and by adding the small terms first, the rounding error is below 2 units in the last place",
-    "     * of the largest component instead of 3 to 4, if the sensor axes are close to the body axes and the",
-    "     * effects are small.",
+    "     * of the largest component instead of 3 to 4, if the sensor axes are close to the body axes and",
+    "     * the effects are small.",
 )
 COMMENT_SI: Final = (
     "     * SI units: true = scale * raw + (offset + (rest * raw + offset_low)).",
