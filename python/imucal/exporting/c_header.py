@@ -274,7 +274,7 @@ def _removal(
     splits    for each sensor, the constants of its single-precision correction; empty in double precision
     """
     epsilon, largest = ("FLT_EPSILON", "FLT_MAX") if single else ("DBL_EPSILON", "DBL_MAX")
-    kept = [
+    lines = [
         "    for (i = 0; i < 3; ++i) {",
         "        seen_w[i] = w[i];",
         "        seen_f[i] = f[i];",
@@ -296,13 +296,12 @@ def _removal(
         # strict limit (a multiple of 1), so later passes use the wide limit (a multiple of 16).
         tolerance, sizes = f"(pass < {STRICT_PASSES} ? 1 : 16)", ""
         # If the large and the small part nearly cancel, the rounding errors are those of the larger one.
-        kept = [
+        lines = [
             "    for (i = 0; i < 3; ++i) {",
             *_largest("size", "large_"),
             *_largest("size", ""),
             "    }",
         ]
-    lines = kept
     lines += _constants_of_a_sample(effects, fields, real, literal, single)
     lines += [
         f"    for (pass = 0; pass < {_core.MAX_PASSES}; ++pass) {{",

@@ -9,7 +9,7 @@ use faer::Mat;
 use nalgebra::Vector3;
 
 use crate::joint::linear::{
-    EPOCH_NORMS, EPOCH_RATES, EPOCH_STEPS, INSIDE, Line, Linear, STAND_MOVES, STAND_RESTS, Source,
+    EPOCH_NORMS, EPOCH_RATES, EPOCH_STEPS, INSIDE, Line, Linear, MOVE_DIRECTIONS, STAND_MOVES, STAND_RESTS, Source,
 };
 use crate::joint::pass::BLOCK_S;
 use crate::joint::weights::Weights;
@@ -43,7 +43,7 @@ pub(super) fn group_misfits(
     };
     let (norms, are_of_epochs) = worse(of(&|kind| kind == 0), of(&|kind| kind == EPOCH_NORMS));
     let of_norms = of_lines(linear, true, are_of_epochs);
-    let (moves, are_of_epochs) = worse(of(&|kind| kind == 1), of(&|kind| kind == EPOCH_STEPS));
+    let (moves, are_of_epochs) = worse(of(&|kind| kind == MOVE_DIRECTIONS), of(&|kind| kind == EPOCH_STEPS));
     let of_moves = of_lines(linear, false, are_of_epochs);
     let (rates, are_of_epochs) = worse(of(&|kind| (2..=4).contains(&kind)), of(&|kind| kind == EPOCH_RATES));
     let of_rates = linear.rates.iter().filter(|(_, lines)| lines[0].is_of_later_epoch == are_of_epochs);
