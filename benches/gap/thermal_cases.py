@@ -3,7 +3,8 @@
 The truth is made by `analytic` and by the operators here, without the product's simulator: the lag by
 convolution of the temperature with an exponential, the hysteresis by relays. The part of the error that is no
 straight line in the temperature is scaled so that it changes chi2 of the recording, after the base parameters
-and such a line are fitted, as an effect of five times the detection limit does.
+and such a line are fitted, as an effect of five times the detection limit does, or of 20 times in a strong
+family.
 """
 
 from collections.abc import Callable
@@ -29,7 +30,8 @@ RELAY_SAMPLES: Final = 10
 class Memory:
     """The truth: sensor, names of effects that are right, the error of a temperature column, and tau.
 
-    `tau_bound_s` is the smallest standard deviation of tau that the recording permits.
+    `tau_bound_s` is the smallest standard deviation of tau that the recording permits. The size of the error
+    is `times` that of an effect of five times the detection limit.
     """
 
     sensor: str
@@ -39,6 +41,7 @@ class Memory:
     slope: np.ndarray
     tau_s: float | None = None
     tau_bound_s: float | None = None
+    times: float = 1.0
 
 
 def behind(degc: np.ndarray, tau_s: float) -> np.ndarray:
@@ -107,6 +110,8 @@ FAMILIES: Final[dict[str, Callable[[Random], Memory]]] = {
     "lead": lead,
     "rate": rate,
     "hysteresis": hysteresis,
+    "strong lag": lambda random: replace(lag(random), times=4.0),
+    "strong lead": lambda random: replace(lead(random), times=4.0),
 }
 # Families without a memory, and the degree of the polynomial in the temperature.
 CLEAN: Final = {
@@ -183,7 +188,7 @@ def pose(
     if truth is not None:
         histories = [truth.history(own) for own in degc]
         blank = record(ideal, motions[0], degc[0], np.random.default_rng(seeds[0]), None, sensor, "ideal")
-        size = size_of(truth, histories[0], degc[0], blank)
+        size = truth.times * size_of(truth, histories[0], degc[0], blank)
         if truth.tau_s is not None:
             truth = replace(truth, tau_bound_s=bound_of_tau(truth, truth.tau_s, size, degc[0], blank))
         errors = [

@@ -40,6 +40,11 @@ def test_a_lag_is_named_with_its_time_constant(family):
     assert row["after"] < row["floor"] + 0.1 * (row["before"] - row["floor"])
 
 
+def test_the_time_constant_of_a_strong_lag_is_within_a_tenth():
+    row = asked(("strong lag", 0))
+    assert is_right(row) and error_of(row) < 0.1, row
+
+
 def test_hysteresis_is_named():
     row = asked(("hysteresis", 0))
     assert is_right(row), row

@@ -30,9 +30,10 @@ RATE_UNIT_DPS: Final = 0.229 * 6.0
 ACCELERATION_UNIT_DPS2: Final = 214.577 * 360.0 / 3600.0
 # Rate, deg/s, and acceleration, deg/s^2, of the motor with the largest rotation of a move.
 RATE_DPS, ACCELERATION_DPS2 = 60.0, 240.0
-# Maximum number of attempts to read or write a register. An attempt fails if a packet is damaged. It also
-# fails if the computer is busy, because the library waits only 35 ms for an answer.
-TRIES: Final = 12
+# Maximum number of attempts to read or write a register. An attempt fails if a packet is damaged or lost. It
+# also fails if the answer is late, because the library waits only 35 ms for it. All attempts take 2 s, less
+# than the 3 s after which `imucal.stand.external` gives up.
+TRIES: Final = 60
 # Number of position readings between two checks of torque and hardware error.
 CHECK_EVERY: Final = 10
 PROTOCOL: Final = 2.0
