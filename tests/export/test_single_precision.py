@@ -1,12 +1,10 @@
 """Rounding errors of the C header's single-precision function, for random units without effects."""
 
-import ctypes
-
 import numpy as np
 import pytest
 
 import imucal
-from c_compiler import GCC, gcc
+from c_compiler import compiled_corrections
 from imucal.units import STANDARD_GRAVITY_MPS2
 
 pytestmark = pytest.mark.slow
@@ -16,15 +14,6 @@ SAMPLE_COUNT = 20_000
 # Largest counts of one g and of one deg/s: 16384 and 131 for the ranges 2 g and 250 deg/s.
 COUNTS_PER_G, COUNTS_PER_DPS = 16384.0, 131.0
 LARGEST_RATE_RADPS, LARGEST_FORCE_MPS2 = 4.4, 18.0
-DRIVER = """
-#include "NAME.h"
-int run_NAME(int n, float *rate, float *force);
-int run_NAME(int n, float *rate, float *force) {
-    int i, status = 0;
-    for (i = 0; i < 3 * n; i += 3) status |= NAME_correct_f32(rate + i, force + i, rate + i, force + i);
-    return status;
-}
-"""
 
 
 def triad(random, gain, bias_si, zero_counts):
@@ -68,19 +57,12 @@ def raw_samples(random, triad, largest, kind):
 def test_the_linear_correction_is_within_two_units_in_the_last_place(tmp_path, kind):
     random = np.random.default_rng(17)
     units = {f"unit{k}": random_unit(random, kind) for k in range(UNIT_COUNT)}
-    for name, unit in units.items():
-        imucal.export(unit, "c-header", name=name).save(tmp_path / f"{name}.h")
-    (tmp_path / "driver.c").write_text("".join(DRIVER.replace("NAME", name) for name in units))
-    gcc(*GCC, "-shared", "-fPIC", tmp_path / "driver.c", "-o", tmp_path / "driver.so")
-    library = ctypes.CDLL(str(tmp_path / "driver.so"))
+    correct = compiled_corrections(tmp_path, units)
     for name, unit in units.items():
         sensors = ((unit.gyroscope, LARGEST_RATE_RADPS), (unit.accelerometer, LARGEST_FORCE_MPS2))
         raw = [raw_samples(random, sensor, largest, kind) for sensor, largest in sensors]
         expected = unit.apply(*(samples.astype(np.float64) for samples in raw))
-        found = [samples.copy() for samples in raw]
-        pointers = [ctypes.c_void_p(samples.ctypes.data) for samples in found]
-        assert getattr(library, f"run_{name}")(SAMPLE_COUNT, *pointers) == 0
-        for corrected, wanted, samples in zip(found, expected, raw, strict=True):
+        for corrected, wanted, samples in zip(correct(name, *raw), expected, raw, strict=True):
             # For counts, the corrected sample is the only one in SI units.
             seen = [wanted] if kind.startswith("counts") else [wanted, samples]
             largest = np.abs(seen).max(axis=(0, 2)).astype(np.float32)[:, None]

@@ -1,13 +1,12 @@
 """A law that a search found, in a calibration file, in C and in a simulation."""
 
-import ctypes
 import re
 
 import numpy as np
 import pytest
 
 import imucal
-from c_compiler import GCC, gcc
+from c_compiler import compiled_corrections
 
 pytestmark = pytest.mark.slow
 
@@ -15,21 +14,6 @@ RATE_HZ = 100.0
 # The hidden error: it grows with the rate up to 0.03 rad/s, and a faster rate has the same error.
 HIDDEN = {"gyro: k*min(max(w, -0.03), 0.03)": [0.1, -0.08, 0.12]}
 LARGEST_RADPS = (0.003, -0.0024, 0.0036)
-DRIVER = """
-#include "unit.h"
-int run_f64(int n, double *rate, double *force);
-int run_f64(int n, double *rate, double *force) {
-    int i, status = 0;
-    for (i = 0; i < 3 * n; i += 3) status |= unit_correct_f64(rate + i, force + i, rate + i, force + i);
-    return status;
-}
-int run_f32(int n, float *rate, float *force);
-int run_f32(int n, float *rate, float *force) {
-    int i, status = 0;
-    for (i = 0; i < 3 * n; i += 3) status |= unit_correct_f32(rate + i, force + i, rate + i, force + i);
-    return status;
-}
-"""
 
 
 def simulated(seed, effects):
@@ -67,20 +51,16 @@ def test_the_law_is_in_c(found, tmp_path):
     unit = tmp_path / "unit.json"
     gap.calibration.save(unit)
     calibration = imucal.Calibration.load(unit)
-    imucal.export(calibration, "c-header", name="unit").save(tmp_path / "unit.h")
-    (tmp_path / "driver.c").write_text(DRIVER)
-    gcc(*GCC, "-shared", "-fPIC", tmp_path / "driver.c", "-o", tmp_path / "driver.so", "-lm")
-    library = ctypes.CDLL(str(tmp_path / "driver.so"))
+    correct = compiled_corrections(tmp_path, {"unit": calibration})
     # Errors are in units in the last place of the largest component. Python subtracts the law from the raw
     # samples, which rounds a second time in double precision.
-    for function, real, most in ((library.run_f64, np.float64, 6.0), (library.run_f32, np.float32, 2.0)):
+    for real, most in ((np.float64, 6.0), (np.float32, 2.0)):
         rate, force = (np.array(s, real) for s in (recording.angular_rate, recording.specific_force))
         given = rate.astype(float), force.astype(float)
         corrected_in_python = calibration.apply_recording(
             imucal.Recording(recording.time_s, specific_force=given[1], angular_rate=given[0])
         )
         expected = corrected_in_python.angular_rate, corrected_in_python.specific_force
-        assert function(len(rate), *(ctypes.c_void_p(signal.ctypes.data) for signal in (rate, force))) == 0
-        for corrected, wanted, raw in zip((rate, force), expected, given, strict=True):
+        for corrected, wanted, raw in zip(correct("unit", rate, force), expected, given, strict=True):
             largest = np.abs([wanted, raw]).max(axis=(0, 2), keepdims=True)[0].astype(real)
             assert (np.abs(corrected - wanted) <= most * np.spacing(largest)).all()

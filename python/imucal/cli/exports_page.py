@@ -61,6 +61,24 @@ EXPORTS: Final = (
         ),
     ),
     Export(
+        "Sensor Logger, JSON",
+        choose="Total Acceleration and Gyroscope; Export > JSON",
+        command="imucal convert 2026-01-01.json -o rec.csv",
+        remarks="as for the zip",
+    ),
+    Export(
+        "Sensor Logger, SQLite",
+        choose="Total Acceleration and Gyroscope; Export > SQLite",
+        command="imucal convert 2026-01-01.sqlite -o rec.csv",
+        remarks="as for the zip",
+    ),
+    Export(
+        "Edge Impulse, JSON",
+        choose="download the sample in the data acquisition format, as JSON",
+        command="imucal convert sample.json -o rec.csv",
+        remarks="the time follows from `interval_ms`; the signature is not verified",
+    ),
+    Export(
         "Physics Toolbox Sensor Suite",
         choose="Multi Record with g-Force Meter and Gyroscope",
         command="imucal convert multi.csv -o rec.csv",

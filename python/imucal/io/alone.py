@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from imucal.errors import FormatError, InputError
 from imucal.io.headed import layout_header, recording_of_text
+from imucal.io.interleaved import refuse_interleaved
 from imucal.io.names import NAMES, SKIP, is_canonical
 from imucal.io.remarks import remark
 from imucal.io.sensor import (
@@ -91,6 +92,7 @@ def alone(sensor: Sensor, units: Units, rate_hz: float | None = None) -> Recordi
     for axis, column in zip("xyz", sensor.triad.columns, strict=True):
         names[known.index(column)] = f"{what}_{axis}_{unit}"
         shown.append(f"{what}_{axis}_{unit}={column}")
+    refuse_interleaved(text, names, sensor.head)
     table = read_rows(text, names)
     as_read = remark(
         text.name,

@@ -193,6 +193,53 @@ FORMATS: Final[dict[str, Format]] = {
         options=("columns", "rate_hz", "time_unit", "accel_unit", "gyro_unit"),
         example="phone.zip",
     ),
+    "rows": Format(
+        "sensor_rows.read_sensor_rows",
+        title="one sensor per row",
+        files=1,
+        extra=None,
+        known_by="a column that names the sensor of each row, such as accelerometer or gyroscope",
+        reads=(
+            "the rows of the accelerometer and those of the gyroscope, each as a text table in the format "
+            "`pair`; rows of other sensors are ignored"
+        ),
+        units="as in the format pair",
+        time=f"as in the format pair; {OWN_CLOCKS}",
+        options=("rate_hz", "time_unit", "accel_unit", "gyro_unit"),
+        example="sensors.csv",
+    ),
+    "json": Format(
+        "json_text.read_json",
+        title="JSON and JSON Lines",
+        files=1,
+        extra=None,
+        known_by="content that starts with { or [",
+        reads=(
+            "a list of objects, or one object per line, whose members are the columns (a member of a member "
+            "is called outer.inner, the numbers of a list of three are called outer.x, outer.y and outer.z); "
+            "one list of objects per sensor, or a member that names the sensor of each object; one list of "
+            "numbers per column; files of Edge Impulse"
+        ),
+        units="as in the formats csv and pair",
+        time=f"as in the formats csv and pair; interval_ms in files of Edge Impulse; {OWN_CLOCKS}",
+        options=("columns", "rate_hz", "time_unit", "accel_unit", "gyro_unit"),
+        example="recording.json",
+    ),
+    "sqlite": Format(
+        "sqlite_tables.read_sqlite",
+        title="SQLite",
+        files=1,
+        extra=None,
+        known_by="content, if it is no ROS 2 bag",
+        reads=(
+            "either one table that contains both sensors, or one table per sensor, whose name is that of the "
+            "sensor; other tables are ignored"
+        ),
+        units="as in the formats csv and pair",
+        time=f"as in the formats csv and pair; {OWN_CLOCKS}",
+        options=("columns", "rate_hz", "time_unit", "accel_unit", "gyro_unit"),
+        example="recording.sqlite",
+    ),
     "labels": Format(
         "sentences.read_labels",
         title="label:value lines",

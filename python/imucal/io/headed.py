@@ -296,7 +296,8 @@ def _unsure(text: Text, header: Header, head: Head, rate_hz: float | None) -> st
 
     def works(columns: str) -> bool:
         short = Text(text.name, text.content[: layout.start] + _whole_rows(text), layout, text.sources)
-        has_time = any(map(str.strip, (c for c in columns.split(",") if c.startswith("time_"))))
+        proposed = [pair.partition("=")[0] for pair in columns.split(",")]
+        has_time = any(time_unit(name) is not None for name in (*proposed, *(layout.names or [])))
         try:
             recording_of_text(short, columns, None if has_time else 100.0)
         except (FormatError, InputError):

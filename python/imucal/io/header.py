@@ -7,7 +7,7 @@ header, or from the documentation of the program if the header identifies the pr
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple, TypeAlias
 
@@ -23,7 +23,7 @@ from imucal.io.column_words import (
 from imucal.io.programs import Program, program_of
 from imucal.io.unit_words import split_unit, split_unread
 
-__all__ = ["Header", "Triad", "header_of", "names_sensor"]
+__all__ = ["Header", "Triad", "header_of", "names_sensor", "sensor_column"]
 
 # Descriptor of a quantity in column names of MicroStrain, such as `X Accel [x8004]`.
 DESCRIPTOR: Final = r"\s*\[x[0-9A-Fa-f]{4}\]"
@@ -34,6 +34,9 @@ MULTIPLE: Final = (
     rf"(?i)(?<![A-Za-z\d])(?!1 ?[a-zµ])(?:\d+/)?[\d.]+ ?{_TIMES}(?![A-Za-z])|"
     rf"(?<![A-Za-z]){_TIMES} ?[x*/·] ?\d+"
 )
+
+# Maximum number of different words in a column that names the sensor of each row.
+MOST_SENSORS: Final = 40
 
 
 class Triad(NamedTuple):
@@ -216,6 +219,20 @@ def names_sensor(names: Sequence[str], what: str) -> bool:
         return None if role is None else role[0].removeprefix("plain-")
 
     return any(of(name) == what for name in names)
+
+
+def sensor_column(cells: Mapping[str, Sequence[str]]) -> str | None:
+    """The column whose cells name the sensor of each row, such as `acc` or `gyro`; None if there is none.
+
+    Both sensors must be named, or one of them in a column whose name starts with "sensor".
+    """
+    for name, column in cells.items():
+        words = [f"{word} x" for word in dict.fromkeys(column)]
+        if len(words) <= MOST_SENSORS:
+            named = [names_sensor(words, what) for what in ("accel", "gyro")]
+            if all(named) or (any(named) and name.strip().lower().startswith("sensor")):
+                return name
+    return None
 
 
 def _is_quaternion(x: str, names: Sequence[str]) -> bool:

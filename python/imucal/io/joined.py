@@ -14,6 +14,7 @@ from imucal.document.source import Source
 from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
 from imucal.io.arrow_values import numpy_of
+from imucal.io.interleaved import refuse_interleaved
 from imucal.io.names import SKIP
 from imucal.io.remarks import remark
 from imucal.io.requested_columns import float64
@@ -63,6 +64,7 @@ def joined(
             names[known.index(time[0])] = time[1]
         for axis, column in zip("xyz", sensor.triad.columns, strict=True):
             names[known.index(column)] = f"{what}_{axis}_{unit}"
+        refuse_interleaved(sensor.text, names, sensor.head)
         table = read_rows(sensor.text, names)
         tables.append(replace(table, ticks_per_s=ticks))
     sources = sources_of()

@@ -12,6 +12,8 @@ from imucal.document.source import first_bytes, is_folder
 from imucal.errors import FormatError
 from imucal.io.euroc import is_euroc
 from imucal.io.formats import FORMATS
+from imucal.io.head import Head
+from imucal.io.header import sensor_column
 from imucal.io.layout import HEAD, Layout, is_number, split_line
 from imucal.io.mapping import mapping_of
 from imucal.io.names import NAMES
@@ -31,7 +33,7 @@ from imucal.io.starts import (
     ULOG_MAGIC,
 )
 from imucal.io.suggestion import rows_of_several_sensors
-from imucal.io.text import head_of, layout_of_start
+from imucal.io.text import Text, head_of, layout_of_start
 
 __all__ = ["recognise"]
 
@@ -40,12 +42,14 @@ SPREADSHEET_WAY_OUT: Final = (
     "open it and save the sheet as CSV (File > Save As > CSV UTF-8), or choose CSV in the export"
 )
 
+# First bytes of an SQLite database, which can be a ROS 2 bag.
+SQLITE: Final = b"SQLite format 3\0"
 # First bytes of files, each with the format that they identify.
 STARTS: Final = (
     *((magic, "matlab") for magic in MATLAB_MAGIC),
     (PARQUET_MAGIC, "parquet"),
     (ROS1_MAGIC, "rosbag"),
-    (b"SQLite format 3\0", "rosbag"),
+    (SQLITE, "rosbag"),
     (b"\x89MCAP0\r\n", "mcap"),
     (ULOG_MAGIC, "ulog"),
     (DATAFLASH_MAGIC, "dataflash"),
@@ -97,6 +101,8 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
     _refuse_blackbox(path, start)
     if start.startswith(ZIP) and path.suffix.lower() != ".npz":
         return _format_of_zip(path)
+    if start.startswith(SQLITE) and not _is_rosbag(path):
+        return "sqlite"
     for magic, name in STARTS:
         if start.startswith(magic):
             return name
@@ -116,20 +122,19 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
         return kind
     if "columns" in options and mapping_of(options["columns"]) is None:
         return "columns"
+    if re.match(JSON, head):
+        return "json"
     if "columns" in options:
         return "csv"
-    if re.match(JSON, head):
-        raise FormatError(
-            f"{path.name} is JSON: choose CSV in the export, or write one line with the names of the columns "
-            "and one line per sample"
-        )
     text, layout = layout_of_start(path.name, head)
     if not layout.first and re.search(CELL_LIST, text):
         raise FormatError(
             f"{path.name}: the cells hold lists: write one line per sample, with one number in each cell"
         )
     if layout.names is not None:
-        return "euroc" if is_euroc(layout.names) else "csv"
+        if is_euroc(layout.names):
+            return "euroc"
+        return "csv" if sensor_column(Head(Text(path.name, text, layout, ())).cells) is None else "rows"
     more = f", ... ({len(layout.first)} columns)" if len(layout.first) > 12 else ""
     shown = ", ".join(layout.first[:12])
     hint = (
@@ -147,6 +152,12 @@ def _several_sensors(start: bytes, layout: Layout) -> str:
     """A sentence for a message if each line starts with the name of its sensor; otherwise empty."""
     lines = start.decode(errors="replace").splitlines()[:100]
     return rows_of_several_sensors({"1": [split_line(line, layout.separator)[0] for line in lines]})
+
+
+def _is_rosbag(path: Path) -> bool:
+    from imucal.io.sqlite_tables import is_rosbag
+
+    return is_rosbag(path)
 
 
 def _are_packets(start: bytes) -> bool:

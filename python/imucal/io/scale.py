@@ -279,7 +279,8 @@ def _noise(values: FloatArray) -> tuple[float, float]:
     The first estimate is the 10 % quantile of the standard deviations of all blocks. The second estimate is
     the smallest nonzero standard deviation of a block.
     """
-    steps = np.diff(values, axis=0)
+    # Rows without a sample of this sensor are skipped, because the sensors may have separate rows.
+    steps = np.diff(values[~np.isnan(values).all(axis=1)], axis=0)
     steps = steps[np.isfinite(steps).all(axis=1)]
     if len(steps) < 2:
         return 0.0, 0.0

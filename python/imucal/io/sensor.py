@@ -11,7 +11,7 @@ import numpy as np
 from imucal.errors import FormatError, InputError
 from imucal.io.head import Head
 from imucal.io.headed import layout_header, time_of
-from imucal.io.header import Header, Triad
+from imucal.io.header import Header, Triad, names_sensor
 from imucal.io.scale import (
     NO_GRAVITY_G,
     accel_reading,
@@ -111,22 +111,35 @@ def sensor_of(text: Text) -> Sensor:
         time, *axes = _time_first_or_last(head)
         triad = Triad((axes[0], axes[1], axes[2]), None)
         return Sensor(text, Header(times=[(time, None)]), triad, "", head)
-    for what, triads in (("accel", header.accel), ("gyro", header.gyro)):
+    for role, triads in (("accel", header.accel), ("gyro", header.gyro)):
         if triads and not (header.accel and header.gyro):
-            return Sensor(text, header, triads[0], what)
+            return Sensor(text, header, triads[0], role)
     if header.plain:
-        triad, what = header.plain[0]
-        if re.search(OTHER_FILE, text.name):
-            what = "linear"
-        elif not what:
-            is_gyro, is_accel = re.search(GYRO_FILE, text.name), re.search(ACCEL_FILE, text.name)
-            what = "gyro" if is_gyro else "accel" if is_accel else ""
-        return Sensor(text, header, triad, what)
+        triad, of_unit = header.plain[0]
+        if re.search(OTHER_FILE, text.label):
+            return Sensor(text, header, triad, "linear")
+        if text.label == text.name:
+            return Sensor(text, header, triad, of_unit or _role_of_file(text.name))
+        of_label = _role_of_file(text.label) or _role_of_word(text.label)
+        if of_label and of_unit not in ("", of_label):
+            # One header gives the unit of the rows of all sensors, so it is not that of this sensor.
+            triad = triad._replace(unit=None)
+        return Sensor(text, header, triad, of_label or of_unit)
     linear = " (its acceleration is without gravity)" if header.linear else ""
     raise FormatError(
         f"{text.name}: no three columns x, y, z of an accelerometer or a gyroscope{linear}; found: "
         f"{', '.join(layout.names)}: give the files of these sensors"
     )
+
+
+def _role_of_file(name: str) -> str:
+    """The sensor that the name of a file names: "accel", "gyro", or "" for none."""
+    return "gyro" if re.search(GYRO_FILE, name) else "accel" if re.search(ACCEL_FILE, name) else ""
+
+
+def _role_of_word(word: str) -> str:
+    """The sensor that a word in a column names: "accel", "gyro", or "" for none."""
+    return next((what for what in ("accel", "gyro") if names_sensor([f"{word} x"], what)), "")
 
 
 def _time_first_or_last(head: Head) -> tuple[str, str, str, str]:

@@ -15,11 +15,11 @@ from imucal.io.alone import alone, recording_of_any_text
 from imucal.io.headed import layout_header
 from imucal.io.joined import joined
 from imucal.io.packed import TEXT_ENDINGS, ZIP, Archive
-from imucal.io.sensor import Sensor, has_gravity, sensor_of, units_given
+from imucal.io.sensor import Sensor, Units, has_gravity, sensor_of, units_given
 from imucal.io.text import Text, head_of, open_path, open_text
 from imucal.recording.recording import Recording
 
-__all__ = ["are_pair", "read_folder", "read_pair"]
+__all__ = ["are_pair", "read_folder", "read_pair", "recording_of_texts"]
 
 
 def read_pair(
@@ -66,7 +66,22 @@ def read_folder(
     files do not need.
     """
     units = units_given(time_unit, accel_unit, gyro_unit, rate_hz)
-    texts, name = list(_texts(path)), Path(path).name
+    return recording_of_texts(list(_texts(path)), Path(path).name, columns, rate_hz, units)
+
+
+def recording_of_texts(
+    texts: Sequence[Text],
+    name: str,
+    columns: str | Sequence[str] | None,
+    rate_hz: float | None,
+    units: Units,
+) -> Recording:
+    """The recording in several texts: one text with both sensors, or one text per sensor.
+
+    name     name of the file or folder that contains the texts, for messages
+
+    The other arguments are those of `read_folder`.
+    """
     both = [text for text in texts if _has_both(text)]
     if len(texts) == 1 or len(both) == 1:
         return recording_of_any_text((both or texts)[0], columns, rate_hz, units)
@@ -165,8 +180,8 @@ def _chosen(name: str, sensors: list[Sensor], what: str, texts: Sequence[Text]) 
         with_gravity = [sensor for sensor in sensors if has_gravity(sensor)]
         sensors = with_gravity or sensors
     if len(sensors) > 1:
-        named = [s for s in sensors if "uncal" not in s.text.name.lower()]
-        total = [s for s in named if "total" in s.text.name.lower()]
+        named = [s for s in sensors if "uncal" not in s.text.label.lower()]
+        total = [s for s in named if "total" in s.text.label.lower()]
         sensors = total or named or sensors
     if len(sensors) == 1:
         return sensors[0]

@@ -114,8 +114,13 @@ def recording_from_streams(
             f"{other.name} ({median_rate_hz(other.time_ns):.6g} Hz) was "
             + ("averaged over the intervals" if is_averaged else "interpolated to the time stamps")
             + f" of {clock.name} ({median_rate_hz(clock.time_ns):.6g} Hz), and its white noise per sample is "
-            f"{noise_left:.2g} of the original; {left_out} samples of {clock.name} were dropped, because "
-            f"{other.name} has no samples at their times"
+            f"{noise_left:.2g} of the original"
+            + (
+                f"; {left_out} of {len(clock.time_ns)} samples of {clock.name} were dropped, because "
+                f"{other.name} has no samples at their times"
+                if left_out
+                else ""
+            )
         ),
         way_out="to measure the noise of the sensor itself, record both sensors at the same instants",
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from imucal.arrays import FloatArray
 from imucal.io.dates import is_date_column
-from imucal.io.header import Header, Triad, header_of, names_sensor
+from imucal.io.header import Header, Triad, header_of, sensor_column
 from imucal.io.names import is_canonical
 from imucal.io.scale import (
     Reading,
@@ -185,16 +185,14 @@ def rows_of_several_sensors(cells: Mapping[str, Sequence[str]]) -> str:
 
     Such a table has a column with the name of a sensor in each row, such as `acc` or `gyro`.
     """
-    for name, column in cells.items():
-        values = list(dict.fromkeys(column))[:10]
-        if names_sensor([f"{value} x" for value in values], "gyro") and names_sensor(
-            [f"{value} x" for value in values], "accel"
-        ):
-            return (
-                f"Each row contains one sensor, named in the column {name!r} ({', '.join(values)}): write "
-                "the rows of each sensor to a separate file, and give both files. "
-            )
-    return ""
+    name = sensor_column(cells)
+    if name is None:
+        return ""
+    words = list(dict.fromkeys(cells[name]))[:10]
+    return (
+        f"Each row contains one sensor, named in the column {name!r} ({', '.join(words)}): write the rows of "
+        "each sensor to a separate file, and give both files. "
+    )
 
 
 def _without_a_sensor(header: Header) -> str:

@@ -48,10 +48,20 @@ TAIL: Final = 1 << 16
 
 
 class Text:
-    """A text table in memory: its bytes in UTF-8, and its layout."""
+    """A text table in memory: its bytes in UTF-8, and its layout.
 
-    def __init__(self, name: str, content: bytes, layout: Layout, sources: tuple[Source, ...]) -> None:
-        self.name, self.layout = name, layout
+    label  text that names the sensor if the columns do not: the name of the file, if not given
+    """
+
+    def __init__(
+        self,
+        name: str,
+        content: bytes,
+        layout: Layout,
+        sources: tuple[Source, ...],
+        label: str | None = None,
+    ) -> None:
+        self.name, self.layout, self.label = name, layout, label or name
         self._content, self._sources = content, sources
 
     @property

@@ -36,6 +36,7 @@ from imucal.io.names import (
 )
 from imucal.io.remarks import one_sensor
 from imucal.io.requested_columns import Clock, RequestedColumns, date_ticks_per_s
+from imucal.io.separate_rows import on_one_clock
 from imucal.io.suggestion import columns_suggested, time_suggested
 from imucal.io.table import Table
 from imucal.recording.recording import Recording, Sensor
@@ -115,7 +116,9 @@ def recording_from_table(
         findings=findings,
         column_units=(accel_unit, gyro_unit),
     )
-    return recording if rate_hz is not None or clock is not None else without_copies(recording)
+    if rate_hz is not None or clock is not None:
+        return recording
+    return without_copies(on_one_clock(recording))
 
 
 def _alone(table: Table) -> Sensor | None:

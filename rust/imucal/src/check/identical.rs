@@ -6,22 +6,30 @@ use super::{CHANNELS, names};
 use crate::finding::Finding;
 use crate::recording::Recording;
 
-/// The pairs of channels whose values are equal in all samples processed so far. Samples that are not finite are
-/// ignored.
+/// The pairs of channels whose values are equal in all samples processed so far.
+///
+/// Samples in which a channel of the pair is not finite are ignored. `compared` is the number of the other samples.
 pub(super) struct Identical {
-    pairs: Vec<[usize; 2]>,
+    pairs: Vec<Pair>,
+}
+
+#[derive(Clone, Copy)]
+struct Pair {
+    channels: [usize; 2],
+    compared: usize,
 }
 
 impl Default for Identical {
     fn default() -> Self {
-        Self { pairs: (0..6).flat_map(|one| (one + 1..6).map(move |other| [one, other])).collect() }
+        let pair = |one, other| Pair { channels: [one, other], compared: 0 };
+        Self { pairs: (0..6).flat_map(|one| (one + 1..6).map(move |other| pair(one, other))).collect() }
     }
 }
 
 impl Identical {
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         let is_recorded = |channel: usize| part.all_equal >> channel & 1 == 1;
-        self.pairs.retain(|&[one, other]| is_recorded(one) && is_recorded(other));
+        self.pairs.retain(|pair| pair.channels.into_iter().all(is_recorded));
         // In most recordings, any two channels differ in the first samples, so no pair is left for the later samples.
         if self.pairs.is_empty() {
             return;
@@ -29,18 +37,24 @@ impl Identical {
         let [force, rate] = part.triads();
         for ([fx, fy, fz], [wx, wy, wz]) in force.iter().zip(rate) {
             let row = [fx, fy, fz, wx, wy, wz];
-            self.pairs.retain(|&[one, other]| row[one] == row[other] || !(row[one] - row[other]).is_finite());
+            self.pairs.retain_mut(|pair| {
+                let [one, other] = pair.channels.map(|channel| row[channel]);
+                let is_compared = (one - other).is_finite();
+                pair.compared += usize::from(is_compared);
+                !is_compared || one == other
+            });
         }
     }
 }
 
 /// Reports pairs of columns that are equal in all samples, except columns with a constant value. The noise of two axes
-/// is never the same, so equal columns contain the data of one axis twice.
+/// is never the same, so equal columns contain the data of one axis twice. Pairs that are not finite together in more
+/// than half of the samples are not reported.
 pub(super) fn check(recording: &Recording, identical: &Identical, extremes: &Extremes) -> Option<Finding> {
     let ends: Vec<[f64; 2]> = extremes.ends.into_iter().flatten().collect();
     let changes = |channel: usize| ends[channel][0] < ends[channel][1];
-    let pairs: Vec<[usize; 2]> =
-        identical.pairs.iter().copied().filter(|&[one, other]| changes(one) && changes(other)).collect();
+    let is_equal = |pair: &&Pair| 2 * pair.compared > recording.len() && pair.channels.into_iter().all(changes);
+    let pairs: Vec<[usize; 2]> = identical.pairs.iter().filter(is_equal).map(|pair| pair.channels).collect();
     if pairs.is_empty() {
         return None;
     }
@@ -83,6 +97,14 @@ mod tests {
             columns.rate[3999][1] += rate_step;
             assert!(found(&columns).is_none());
         }
+    }
+
+    #[test]
+    fn sensors_in_separate_rows_are_not_equal() {
+        let mut columns = Columns::tumbling();
+        let rows = columns.force.iter_mut().zip(&mut columns.rate).enumerate();
+        rows.for_each(|(i, (force, rate))| *(if i % 2 == 0 { force } else { rate }) = [f64::NAN; 3]);
+        assert!(found(&columns).is_none());
     }
 
     #[test]

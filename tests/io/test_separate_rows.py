@@ -1,0 +1,121 @@
+"""Tables in which each row holds the sample of one sensor: named in a column, or with empty cells."""
+
+import numpy as np
+import pytest
+
+import imucal
+from export_files import FORCE, NS, RATE, ROWS, TIME_S, lines, write
+
+EMPTY = [",,"] * ROWS
+HEADER = "time_s," + ",".join([f"accel_{a}_mps2" for a in "xyz"] + [f"gyro_{a}_radps" for a in "xyz"])
+HALF = ROWS // 2
+
+
+def named_rows(force=FORCE, rate=RATE, names=("ACC", "GYRO"), late_ns=0):
+    rows = [f"{ns},{names[0]},{row}" for ns, row in zip(NS, lines(force), strict=True)]
+    return rows + [f"{ns + late_ns},{names[1]},{row}" for ns, row in zip(NS, lines(rate), strict=True)]
+
+
+def interleaved(rows):
+    return [row for pair in zip(rows[:ROWS], rows[ROWS:], strict=True) for row in pair]
+
+
+@pytest.mark.parametrize("order", [list, interleaved])
+@pytest.mark.parametrize(
+    "names", [("ACC", "GYRO"), ("accelerometer", "gyroscope"), ("Acceleration", "Rotation rate")]
+)
+def test_rows_with_the_name_of_their_sensor(tmp_path, order, names):
+    rows = [*order(named_rows(names=names)), "", f"{NS[0]},magnetometer,1.0,2.0,3.0"]
+    path = write(tmp_path, "gyro run.csv", "timestamp,sensor,x,y,z", rows)
+    recording = imucal.read(path, gyro_unit="rad/s")
+    check(recording)
+    with pytest.raises(imucal.FormatError, match="gives no unit"):
+        imucal.read(path)
+
+
+def test_rows_without_a_name_are_counted_and_the_unit_of_one_sensor_in_the_header_is_not_that_of_the_other(
+    tmp_path,
+):
+    rows = [";".join(row.split(",")) for row in named_rows()]
+    for header in ("timestamp;sensor;x;y;z", "timestamp;sensor;x (m/s^2);y (m/s^2);z (m/s^2)"):
+        path = write(tmp_path, "run.csv", "a line before", header, [*rows, "1;;2;3;4"])
+        recording = imucal.read(path, gyro_unit="rad/s")
+        check(recording)
+        said = " ".join(own.message for own in recording.findings)
+        assert "1 rows without the name of a sensor" in said
+
+
+def test_rows_of_two_units_in_one_file_are_refused(tmp_path):
+    rows = [
+        f"{unit},{row}"
+        for pair in zip(named_rows(), named_rows(FORCE + 2.0, RATE + 1.0), strict=True)
+        for unit, row in zip(("left", "right"), pair, strict=True)
+    ]
+    with pytest.raises(
+        imucal.FormatError, match=r"one of 2 units, named in the column 'device' \(left, right\)"
+    ):
+        imucal.read(write(tmp_path, "run.csv", "device,timestamp,sensor,x,y,z", rows), gyro_unit="rad/s")
+
+
+def outer_join(late_s=0.0, step=1, gyro=RATE):
+    """A table with the samples of both sensors; only every `step`-th accelerometer sample was written."""
+    rows = [(t, f"{row},,,") for t, row in list(zip(TIME_S, lines(FORCE), strict=True))[::step]]
+    rows += [(t + late_s, f",,,{row}") for t, row in zip(TIME_S, lines(gyro), strict=True)]
+    return [f"{t:.6f},{cells}" for t, cells in sorted(rows)]
+
+
+@pytest.mark.parametrize("step", [1, 2])
+def test_an_outer_join_is_resampled_to_one_clock(tmp_path, step):
+    recording = imucal.read(write(tmp_path, "run.csv", HEADER, outer_join(0.004, step)))
+    (resampled,) = [own for own in recording.findings if own.code == "resampled"]
+    assert resampled.message.startswith(
+        "the accelerometer (100 Hz) was" if step == 1 else "the gyroscope (100 Hz) was"
+    )
+    pair = (
+        write(
+            tmp_path,
+            "accel.csv",
+            "time_s,x (m/s^2),y (m/s^2),z (m/s^2)",
+            lines(TIME_S[::step], FORCE[::step]),
+        ),
+        write(
+            tmp_path,
+            "gyro.csv",
+            "time_s,x (rad/s),y (rad/s),z (rad/s)",
+            lines(np.round(TIME_S + 0.004, 6), RATE),
+        ),
+    )
+    expected = imucal.read(*pair)
+    assert len(recording) == len(expected)
+    np.testing.assert_allclose(recording.specific_force, expected.specific_force, atol=1e-6)
+    np.testing.assert_allclose(recording.angular_rate, expected.angular_rate, atol=1e-6)
+
+
+def test_one_sensor_at_a_lower_rate_in_some_of_the_rows(tmp_path):
+    force = [row if at % 2 == 0 else ",," for at, row in enumerate(lines(FORCE))]
+    rows = [f"{t},{f},{w}" for t, f, w in zip(TIME_S, force, lines(RATE), strict=True)]
+    recording = imucal.read(write(tmp_path, "run.csv", HEADER, rows))
+    assert HALF - 2 <= len(recording) <= HALF
+    assert np.isfinite(recording.specific_force).all() and np.isfinite(recording.angular_rate).all()
+
+
+@pytest.mark.parametrize("kind", ["lost samples", "failure of a sensor", "one axis empty"])
+def test_other_empty_cells_stay_and_are_refused(tmp_path, kind):
+    force = lines(FORCE)
+    if kind == "lost samples":
+        force = [",," if at in (5, 40, 41) else row for at, row in enumerate(force)]
+    elif kind == "failure of a sensor":
+        force = [",," if 3 < at < HALF else row for at, row in enumerate(force)]
+    else:
+        force = [",".join((*row.split(",")[:2], "")) if at % 2 else row for at, row in enumerate(force)]
+    rows = [f"{t},{f},{w}" for t, f, w in zip(TIME_S, force, lines(RATE), strict=True)]
+    recording = imucal.read(write(tmp_path, "run.csv", HEADER, rows))
+    assert len(recording) == ROWS and np.isnan(recording.specific_force).any()
+    with pytest.raises(imucal.InputError, match="non_finite"):
+        imucal.calibrate(recording)
+
+
+def check(recording):
+    np.testing.assert_allclose(recording.time_s, TIME_S, atol=1e-9)
+    np.testing.assert_allclose(recording.specific_force, FORCE, atol=1e-12)
+    np.testing.assert_allclose(recording.angular_rate, RATE, atol=1e-12)
