@@ -270,7 +270,7 @@ def require_gravity(sensor: Sensor, unit: str) -> None:
 def _without_gravity(sensor: Sensor, gravity: float) -> FormatError:
     program = sensor.header.program
     hint = (
-        "Sensor Logger writes acceleration with gravity to TotalAcceleration.csv"
+        "Sensor Logger writes acceleration with gravity as TotalAcceleration"
         if program is not None and program.name == "Sensor Logger"
         else "choose the accelerometer with gravity in the app"
     )

@@ -2,6 +2,8 @@
 //! of the hand that holds the unit.
 
 mod colour;
+#[cfg(test)]
+mod example;
 pub(crate) mod moves;
 mod noise_check;
 pub(crate) mod noise_density;

@@ -94,11 +94,11 @@ fn central_binomial(n: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rests::segment::Segments;
-    use crate::rests::tremor::{Hand, Sensors};
+    use crate::rests::example::{hand, simulated};
+    use crate::rests::tremor::Hand;
     use crate::simulate::motion::Motion;
     use crate::simulate::tumble::{HandMoves, Tumble};
-    use crate::simulate::{Faults, Program, RandomMoves, Setup, Stand, Temperature, Unit, run};
+    use crate::simulate::{Program, RandomMoves, Stand, Unit};
 
     /// Two first-order low-pass filters of about 16 Hz at 100 samples/s, in series.
     fn filter(rows: &mut [[f64; 3]]) {
@@ -114,29 +114,12 @@ mod tests {
     /// The model of the hand, estimated from a simulated recording at 100 Hz. Both sensors are filtered if `filtered`.
     fn found(motion: &Motion, filtered: bool, seed: u64) -> Option<Hand> {
         let unit = Unit::paper();
-        let setup = Setup {
-            motion,
-            unit: &unit,
-            rate_hz: 100.0,
-            gravity_mps2: 9.81,
-            temperature: &Temperature::constant(25.0),
-            faults: Faults::none(),
-            added: None,
-            seed,
-            threads: None,
-        };
-        let mut run = run(&setup).unwrap();
+        let mut run = simulated(motion, &unit, 100.0, seed);
         if filtered {
             filter(&mut run.specific_force);
             filter(&mut run.angular_rate);
         }
-        let recording = run.recording("run");
-        let segments = Segments::find(&recording, 1.0).unwrap();
-        let sensors = Sensors {
-            accelerometer: &Triad::try_new(unit.accelerometer.sensitivity, unit.accelerometer.bias).unwrap(),
-            gyroscope: &Triad::try_new(unit.gyroscope.sensitivity, unit.gyroscope.bias).unwrap(),
-        };
-        Hand::of(&recording, &segments.rests.iter().collect::<Vec<_>>(), sensors)
+        hand(&run.recording("run"), &unit)
     }
 
     #[test]

@@ -145,17 +145,14 @@ impl Contrast {
 
 #[cfg(test)]
 mod tests {
-    use imucal_core::sensor::Triad;
-
     use super::*;
+    use crate::rests::example::{GRAVITY_MPS2, hand, simulated, triads};
     use crate::rests::segment::Segments;
     use crate::rests::tremor::hands;
     use crate::rests::unit_rest::{UnitRest, rests_of};
+    use crate::simulate::Unit;
     use crate::simulate::motion::Motion;
     use crate::simulate::tumble::{HandMoves, Tumble};
-    use crate::simulate::{Faults, Setup, Temperature, Unit, run};
-
-    const GRAVITY_MPS2: f64 = 9.81;
 
     /// Accelerations of 0.3 to 3 Hz at the times `time_s`, with the standard deviation `std` on each axis, m/s^2.
     fn sway(time_s: &[f64], std: f64) -> Vec<Vector3<f64>> {
@@ -175,32 +172,19 @@ mod tests {
     fn held(unit: &Unit, std: f64) -> (Hand, Hand, Vec<UnitRest>, Vec<Vector3<f64>>) {
         let moves = HandMoves { tremor_rad: 0.2_f64.to_radians(), hold_s: 3.0, ..HandMoves::default() };
         let motion = Motion::Tumble(Tumble::random(&moves, 2).unwrap());
-        let setup = Setup {
-            motion: &motion,
-            unit,
-            rate_hz: 100.0,
-            gravity_mps2: GRAVITY_MPS2,
-            temperature: &Temperature::constant(25.0),
-            faults: Faults::none(),
-            added: None,
-            seed: 3,
-            threads: None,
-        };
-        let mut run = run(&setup).unwrap();
+        let mut run = simulated(&motion, unit, 100.0, 3);
         let added = sway(&run.time_s, std);
         run.specific_force.iter_mut().zip(&added).for_each(|(force, sway)| {
             *force = (Vector3::from(*force) + unit.accelerometer.sensitivity * sway).into();
         });
         let recording = run.recording("run");
+        let without = hand(&recording, unit).unwrap();
         let segments = Segments::find(&recording, 1.0).unwrap();
-        let sensors = Sensors {
-            accelerometer: &Triad::try_new(unit.accelerometer.sensitivity, unit.accelerometer.bias).unwrap(),
-            gyroscope: &Triad::try_new(unit.gyroscope.sensitivity, unit.gyroscope.bias).unwrap(),
-        };
-        let without = Hand::of(&recording, &segments.rests.iter().collect::<Vec<_>>(), sensors).unwrap();
+        let [accelerometer, gyroscope] = &triads(unit);
         let mut noise = [segments.noise_density];
         let mut rests = rests_of(&[segments]);
         let used = vec![true; rests.len()];
+        let sensors = Sensors { accelerometer, gyroscope };
         let with = hands(&[recording], &mut rests, &used, &mut noise, sensors)[0].unwrap();
         (without, with, rests, added)
     }

@@ -386,37 +386,20 @@ impl WithSimd for SquaredDifferences<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rests::example::{self, simulated};
     use crate::simulate::motion::Motion;
     use crate::simulate::tumble::{HandMoves, Tumble};
-    use crate::simulate::{Faults, Program, RandomMoves, Setup, Stand, Temperature, Unit, run};
+    use crate::simulate::{Program, RandomMoves, Stand, Unit};
 
     /// Simulates a recording at 200 Hz, in which each sample occurs in `held` rows, and estimates the model of the
     /// tremor from it.
     fn found(motion: &Motion, held: usize) -> Option<Hand> {
         let unit = Unit::paper();
-        let setup = Setup {
-            motion,
-            unit: &unit,
-            rate_hz: 200.0,
-            gravity_mps2: 9.81,
-            temperature: &Temperature::constant(25.0),
-            faults: Faults::none(),
-            added: None,
-            seed: 3,
-            threads: None,
-        };
-        let run = run(&setup).unwrap();
+        let run = simulated(motion, &unit, 200.0, 3);
         let repeated = |rows: &[[f64; 3]]| rows.iter().flat_map(|row| vec![*row; held]).collect::<Vec<_>>();
         let (force, rate) = (repeated(&run.specific_force), repeated(&run.angular_rate));
         let time_s: Vec<f64> = (0..force.len()).map(|row| row as f64 / (200.0 * held as f64)).collect();
-        let recording = Recording::try_new("run", &time_s, &force, &rate).unwrap();
-        let segments = crate::rests::segment::Segments::find(&recording, 1.0).unwrap();
-        let rests: Vec<&Rest> = segments.rests.iter().collect();
-        let sensors = Sensors {
-            accelerometer: &Triad::try_new(unit.accelerometer.sensitivity, unit.accelerometer.bias).unwrap(),
-            gyroscope: &Triad::try_new(unit.gyroscope.sensitivity, unit.gyroscope.bias).unwrap(),
-        };
-        Hand::of(&recording, &rests, sensors)
+        example::hand(&Recording::try_new("run", &time_s, &force, &rate).unwrap(), &unit)
     }
 
     #[test]
