@@ -169,12 +169,12 @@ def _composed(first: SensorModel, second: SensorModel) -> SensorModel:
 
 
 def _product(first: Triad, sensitivity: FloatArray, bias: FloatArray) -> Triad:
-    """The triad whose correction equals that by `first` followed by that with `sensitivity` and `bias`."""
+    """The triad whose correction equals a correction by `first`, then one with `sensitivity` and `bias`."""
     return Triad(first.sensitivity @ sensitivity, first.bias + first.sensitivity @ bias)
 
 
 def _along(triad: Triad, axes: FloatArray) -> Triad:
-    """Convert `triad`, valid for samples after axis remapping by `axes` (3, 3), to samples before it."""
+    """Convert a triad for samples after the axis remapping `axes`, (3, 3), to one for samples before it."""
     return Triad(axes.T @ triad.sensitivity, axes.T @ triad.bias)
 
 
@@ -222,7 +222,7 @@ def _moved(
 
 
 def _is_neutral(accel2: Triad, gyro2: Triad, sensors: set[str]) -> bool:
-    """Whether the second calibration changes no sample; its effects act on the sensors `sensors`."""
+    """Whether the second calibration, whose effects act on `sensors`, leaves every sample unchanged."""
     return not sensors and all(
         np.array_equal(triad.sensitivity, np.eye(3)) and not triad.bias.any() for triad in (accel2, gyro2)
     )

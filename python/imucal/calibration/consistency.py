@@ -71,7 +71,7 @@ def require_written_again(
 def origins_of(
     written: Mapping[str, Any], parameters: Sequence[Parameter], frame: Frame
 ) -> dict[str, Origin]:
-    """For each field that repeats another field: the path of the other field, and the accepted difference."""
+    """Map the path of each repeated field to the field that it repeats and the accepted difference."""
     places = _places(written, frame)
     names = [] if written["covariance"] is None else written["covariance"]["names"]
     variances = {name: f"$.covariance.matrix[{k}][{k}]" for k, name in enumerate(names)}
@@ -109,7 +109,7 @@ def origins_of(
 
 
 def _places(written: Mapping[str, Any], frame: Frame) -> dict[str, tuple[str, str]]:
-    """For each parameter by name: the path of its value and the path of its unit in the document."""
+    """Map the name of each parameter to the paths of its value and of its unit in the document."""
     places = {}
     for sensor, key, entries in (
         ("accel", "accelerometer", ACCEL_ENTRIES[frame]),

@@ -40,7 +40,8 @@ ROUNDING: Final = 16 * np.finfo(np.float64).eps
 # Maximum number of iterations for user-defined effects, which are evaluated on whole recordings.
 MOST_PASSES: Final = 32
 
-# Inputs of effects besides rate and force, each with the column of the recording from which it is computed.
+# Inputs of effects besides rate and force, each with the further column of the recording that its computation
+# needs.
 COLUMNS: Final = {
     "time": "time_s",
     "angular_acceleration": "time_s",

@@ -288,7 +288,7 @@ def _without_std(before: Calibration, after: Calibration, names: list[str]) -> l
 
 
 def _names(before: Calibration, after: Calibration) -> tuple[list[str], list[str]]:
-    """Names and units of all parameters, without time constants (shapes) of effects that one file lacks."""
+    """Names and units of all parameters, except time constants of effects that one calibration lacks."""
     both = {values.name for values in before.effects} & {values.name for values in after.effects}
     units: dict[str, str] = {}
     for calibration in (before, after):
@@ -340,7 +340,7 @@ def _notes(before: Calibration, after: Calibration) -> list[str]:
     if known and before.gravity_mps2 != after.gravity_mps2:
         notes.append(
             f"gravity was {before.gravity_mps2} and {after.gravity_mps2} m/s^2: if both calibrations were "
-            "made at the same place, one of the two values is wrong, and its accelerometer scales with it"
+            "made at the same place, one value is wrong, and so are the accelerometer scales based on it"
         )
     shared = after.provenance.seen_in(before.provenance.files)
     if shared:

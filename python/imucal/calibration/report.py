@@ -50,10 +50,10 @@ TERMINATIONS: Final = (
 VERSION: Final = (
     r"[0-9]+(\.[0-9]+)*((a|b|rc)[0-9]+)?(\.post[0-9]+)?(\.dev[0-9]+)?(-[0-9A-Za-z.]+)?(\+[0-9A-Za-z.]+)?"
 )
-# Accepted difference between a p-value in the file and the p-value that follows from its chi2, because the
-# file may be rounded. The test statistic of an effect is recomputed only if the condition number of the
-# correlation matrix is at most 1 / STATISTIC_ROUNDING, because a larger condition number amplifies the
-# rounding too much.
+# Accepted difference between a p-value in the file and the p-value that follows from its chi2, because
+# numbers in the file may be rounded. The test statistic of an effect is recomputed only if the condition
+# number of the correlation matrix is at most 1 / STATISTIC_ROUNDING, because a larger condition number
+# amplifies the rounding too much.
 STATISTIC_ROUNDING: Final = 1e-4
 
 

@@ -83,7 +83,7 @@ def saved_verdict(
     poor = tuple(saved_reasons(calibration_set, control_set, has_gyroscope=has_gyroscope))
     if not poor:
         return verdict or "good", tuple(reasons)
-    # A file stores a reason as its text followed by its reason code. A text of `poor` is therefore already in
-    # the file if a stored reason starts with this text.
+    # A file stores a reason as its text followed by its reason code. A reason in `poor` is therefore already
+    # in the file if a stored reason starts with its text.
     new = (text for text in poor if not any(reason.startswith(text) for reason in reasons))
     return "poor", (*new, *reasons)

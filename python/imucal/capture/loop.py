@@ -65,7 +65,7 @@ class Capture:
     commands: queue.SimpleQueue[Command] = field(default_factory=queue.SimpleQueue)
 
     def run(self) -> Ending:
-        """Record until the end. The source is then closed, while the file stays open."""
+        """Record until the capture ends, and return how it ended. Closes the source, but not the file."""
         try:
             if len(self.file.existing):
                 self._tell(self.session.resume(self.file.existing))

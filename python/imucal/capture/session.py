@@ -306,7 +306,7 @@ class Session:
         return self.poses[start:]
 
     def _of(self, rest: Held) -> Pose | None:
-        """The pose that was recorded during this rest; None if the rest does not count as a pose."""
+        """The pose that was recorded during `rest`; None if the rest does not count as a pose."""
         return next((p for p in self.poses if p.start_s < rest.end_s and rest.start_s < p.end_s), None)
 
     def _same(self, up: FloatArray) -> Pose | None:

@@ -33,17 +33,18 @@ SHAKES_S: Final = 1.5
 # Minimum share of the expected samples of the last `SHAKES_S` that must have arrived for the unit to count as
 # shaking.
 ENOUGH_SHARE: Final = 0.8
-# If the vertical changes by more than this angle during `SHAKES_S`, deg, the motion counts as a rotation and
-# not as shaking.
+# If the direction of gravity in the body frame changes by more than this angle during `SHAKES_S`, deg, the
+# motion counts as a rotation and not as shaking.
 SHAKEN_DEG: Final = 10.0
 # If the magnitude of the mean angular rate, divided by the rms of the rate, exceeds this number, the motion
 # counts as a rotation and not as shaking.
 SHAKEN_SHARE: Final = 0.35
-# An axis is reported as clipped at rest if at least this share of its samples in the last `SHAKES_S` have its
-# extreme value.
+# An axis is reported as clipped at rest if at least this share of its samples in the last `SHAKES_S` equal
+# its smallest or its largest value.
 CLIPPED_SHARE: Final = 0.3
-# An axis is not reported as clipped if more than this share of its other samples equal the previous sample.
-# The step of its converter then exceeds the noise, so that samples are equal without clipping.
+# An axis is not reported as clipped if more than this share of its samples between these two values equal the
+# previous sample. The step of its converter then exceeds the noise, so that samples are equal without
+# clipping.
 EQUAL_SHARE: Final = 0.1
 # A rotation is too fast above this angular rate, deg/s. It is the smallest measurement range of common
 # gyroscopes.
@@ -166,7 +167,7 @@ class Watch:
         if len(sight.rests) <= max(self._rests_seen, 1):
             return []
         before, after = sight.rests[-2:]
-        # The mean rotation rate of the vertical is a lower bound of the peak rotation rate of the unit.
+        # The mean rotation rate of the gravity direction is a lower bound of the peak rotation rate.
         mean = angle_deg(before.up, after.up) / max(after.start_s - before.end_s, 1e-3)
         if has_rate:
             fastest = _fastest_dps(recording, time_s, before.end_s, after.start_s)

@@ -46,7 +46,7 @@ class Ended:
 
     @property
     def code(self) -> int:
-        """The exit code that shells use for a process ended by this signal."""
+        """The exit code that shells use for a process that was ended by the signal."""
         return INTERRUPTED if self.by is None else 128 + self.by
 
 

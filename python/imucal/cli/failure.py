@@ -133,7 +133,7 @@ def no_result_told(options: Mapping[str, Any]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def refusal_told(arguments: Sequence[str]) -> Iterator[None]:
-    """Write the error of the command line parser to the file of --json, found in the unparsed arguments."""
+    """Write an error of the command line parser to the --json file, whose path is among `arguments`."""
     try:
         yield
     except Exception as error:

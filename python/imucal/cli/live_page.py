@@ -41,8 +41,8 @@ class LivePage:
             self._next_s = self._started_s + max(RELOAD_S, (now_s - self._started_s) / SHARE)
         if self._process is None and now_s >= self._next_s:
             self._started_s = now_s
-            # The output of this process is discarded, because it is an error message until the store contains
-            # a calibration.
+            # The output of this process is discarded, because it is only an error message as long as the
+            # store contains no calibration.
             self._process = subprocess.Popen(
                 [*self._words, "--reload", f"{RELOAD_S:g}"],
                 stdin=subprocess.DEVNULL,

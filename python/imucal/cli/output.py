@@ -117,8 +117,8 @@ class Output:
     units       units in which parameters and figures of merit are printed
     """
 
-    # Number of calls of `document` in this process. While a command has not increased it, an existing file of
-    # --json is from an earlier run.
+    # Number of calls of `document` in this process. Until a command increases this number, an existing file
+    # of --json is from an earlier run.
     documents: ClassVar[int] = 0
 
     def __init__(self, json_path: str | None, units: UnitSystem = UnitSystem.datasheet) -> None:

@@ -98,7 +98,7 @@ class Node:
     file: str
 
     def require_schema(self, schema: str) -> None:
-        """Raise FormatError unless the field `schema` has this value."""
+        """Raise FormatError unless the field `schema` of the document equals the argument `schema`."""
         found = self.value.get("schema") if isinstance(self.value, dict) else None
         if found != schema:
             what = "has no schema" if found is None else f"has the schema {found!r}"

@@ -72,7 +72,7 @@ class Effect:
 
     @property
     def forms(self) -> dict[str, int]:
-        """Number of parameters of each form with more than `plain` of them, such as {"6": 6, "full": 9}."""
+        """Number of parameters of each form except the plain form, such as {"6": 6, "full": 9}."""
         full = len(self.parameters)
         between = {str(count): count for count in range(2 * self.plain, full, self.plain)}
         return between | ({"full": full} if self.plain < full else {})

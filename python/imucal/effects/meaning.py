@@ -133,8 +133,8 @@ MEANINGS: Final[dict[str, Meaning]] = {
             "to the other."
         ),
         remedy=(
-            "Keep it in the calibration. Under vibration the mean shifts by the parameter times the mean "
-            "square, so damp the mount if the vibration is beyond the bandwidth."
+            "Keep it in the calibration. Under vibration the mean reading shifts by the parameter times the "
+            "mean square of the force, so damp the mount if the vibration is beyond the bandwidth."
         ),
     ),
     "accel_scale_cubic": Meaning(

@@ -49,7 +49,7 @@ def give_effects(
 
 
 def parse_effects(texts: Iterable[str]) -> dict[str, EffectInput]:
-    """Parse options NAME=V[,V...][@SHAPE] and NAME=typical, where NAME is an effect or a formula."""
+    """Parse `--effect` options NAME=V[,V...][@SHAPE] or NAME=typical; NAME is an effect or a formula."""
     effects: dict[str, EffectInput] = {}
     for text in texts:
         name, given = _parse(text)
@@ -127,7 +127,7 @@ def _give(name: str, given: EffectInput, known: Mapping[str, Definition]) -> Eff
     if name not in known:
         raise not_known(name, known)
     definition = known[name]
-    # A disturbance, unlike an effect, has no full form and no shape parameter.
+    # A disturbance, unlike an effect, has only one form (number of parameters) and no shape parameter.
     plain = len(definition.parameters) if isinstance(definition, Disturbance) else definition.plain
     needed = None if isinstance(definition, Disturbance) else definition.shape
     shape: Any = None

@@ -157,7 +157,7 @@ def calibrate(
         unit_data = [rows_of_means(means)]
     if folds is not None and not (is_whole(folds) and 2 <= folds <= MOST_FOLDS):
         raise InputError(
-            f"folds is {folds!r}: a whole number from 2 to {MOST_FOLDS} is needed to leave moves out"
+            f"folds is {folds!r}: a whole number from 2 to {MOST_FOLDS} is needed for cross-validation"
         )
     if not (is_whole(max_iterations) and 1 <= max_iterations <= MOST_ITERATIONS):
         raise InputError(

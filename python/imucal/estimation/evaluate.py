@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from imucal.limits.judgement import Judgement
     from imucal.limits.limits import Limits
 
-# Names of parts that a calibration of another program may lack. Without such a part, the corrected samples
-# have errors.
+# Names of the parts (gyroscope, accel_bias, ...) without which corrected samples have errors. A calibration
+# of another program may lack some of these parts.
 ERRORS: Final = frozenset(
     {"gyroscope", *(f"{s}_{part}" for s in ("accel", "gyro") for part in ("bias", "scale", "misalignment"))}
 )
@@ -208,7 +208,7 @@ def _covariance(calibration: Calibration) -> FloatArray | None:
 
 
 def require_judges(model: SensorModel, judges: Sequence[Recording]) -> None:
-    """Raise InputError without recordings, for equal recordings, and for raw units other than the model's."""
+    """Raise InputError if `judges` is empty, has equal recordings, or has other raw units than `model`."""
     if not judges:
         raise InputError("there is no recording for the evaluation: give at least one")
     require_different(judges)
@@ -245,7 +245,7 @@ def evaluation_of(
 
 
 def _not_stated(calibration: Calibration) -> Iterator[str]:
-    """Notes on missing parts of another program's calibration, because these may cause large residuals."""
+    """Notes on parts that another program's calibration lacks, which may be the cause of large residuals."""
     imported = calibration.provenance.imported
     errors = [part for part in imported.missing if part in ERRORS] if imported is not None else []
     if imported is not None and errors:

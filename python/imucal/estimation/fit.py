@@ -249,7 +249,7 @@ class Diagnosis:
 
     @staticmethod
     def of_library(fields: Mapping[str, Any]) -> Diagnosis:
-        """The diagnosis in the fields that the compiled library returns."""
+        """Make a Diagnosis of the fields that the compiled library returns."""
         return of_library(Diagnosis, fields)
 
 

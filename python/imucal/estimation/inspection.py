@@ -185,7 +185,7 @@ def _calibrated(recording: Recording, gravity_mps2: float, min_rest_s: float) ->
 def _of_accelerometer(
     recording: Recording, calibrated: CalibrationResult | str
 ) -> tuple[PredictedSigma, ...]:
-    """Standard deviations of the parameters of an accelerometer alone; all None if the calibration fails."""
+    """Predicted sigmas of the parameters of an accelerometer alone; all None if the calibration fails."""
     if isinstance(calibrated, CalibrationResult):
         return tuple(PredictedSigma(p.name, p.std, p.unit) for p in calibrated.parameters)
     nominal = Calibration(Triad(np.eye(3), np.zeros(3)), None, accel_unit=recording.accel_unit)

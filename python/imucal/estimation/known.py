@@ -79,7 +79,7 @@ def require_other_files(
             "recordings_overlap",
             "the given calibration of the accelerometer was made from the same file, so these data would "
             "count twice and the standard deviations would be too small",
-            "calibrate without it, or from another recording of the unit",
+            "calibrate without the given calibration, or from another recording of the unit",
         )
     for judge in judges:
         _refuse_files(

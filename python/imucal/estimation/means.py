@@ -19,7 +19,7 @@ from imucal.rig.unit import Unit, unit_of
 
 __all__ = ["FromMeans", "calibrated_means", "rows_of_means", "without_repeated_rows"]
 
-# Largest number of repeated rows whose numbers are written in the warning.
+# Largest number of repeated rows whose row numbers are written in the warning.
 ROWS_NAMED: Final = 8
 
 

@@ -77,7 +77,7 @@ class Wander(NamedTuple):
 
 
 def wander_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[Wander, Wander] | None:
-    """Bias instability and random walk of accelerometer and gyroscope; None if the unit has neither."""
+    """Bias instability and random walk of both sensors in the profile `unit`; None if all of them are 0."""
     if unit is None:
         return None
     from imucal.rig.unit import unit_of

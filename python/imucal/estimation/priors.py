@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 __all__ = ["HeldParameter", "PriorShare", "Priors"]
 
-# If more than this share of the variance of a parameter that is not held comes from the priors of held
-# parameters, a note lists this parameter.
+# A note lists each parameter that is not held itself, but has more than this share of its variance from the
+# priors of held parameters.
 NOTED_SHARE: Final = 0.1
 SOURCES: Final = {"given": "given", "unit": "of the unit's profile", "default": "default for MEMS sensors"}
 

@@ -32,8 +32,8 @@ ACCELEROMETER_ALONE: Final = (
     "the recordings have no gyroscope: the accelerometer is calibrated alone, and the tremor of a hand is "
     "not separated from its noise"
 )
-# Addition to the note that the rotation of a hand-held unit by the tremor is compensated, if the verdict is
-# poor.
+# A note on a hand-held unit says that the rotation by the tremor is compensated. If the verdict is poor, this
+# text is appended to the note.
 TRANSLATION: Final = (
     "the acceleration by the hand is not compensated: if residuals exceed their noise, hold the unit against "
     "something rigid at each rest"
@@ -170,7 +170,7 @@ class CalibrationResult:
         return f"chi2{rates} is {test.chi2:.4g} for {test.degrees_of_freedom} degrees of freedom"
 
     def _widened(self) -> list[tuple[str, float | None]]:
-        """Factors that widen the uncertainties: by kind of residual; if there is no joint fit, by sensor."""
+        """Factors that widen the uncertainties: one per kind of residual, or per sensor without a joint fit."""
         if self.fit.joint is not None:
             scales = self.fit.joint.scales
             return [

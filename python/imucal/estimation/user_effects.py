@@ -21,9 +21,9 @@ from imucal.recording.recording import Recording, samples_of_both
 __all__ = ["UserEffectSource"]
 
 
-# Time, s, over which samples are averaged before two calibrations correct them. The errors of the two
-# calibrations are predicted from these means. The errors vary as slowly as the motion, so means are
-# sufficient.
+# Time, s, over which `brief_means` averages the samples before it corrects them by the two calibrations that
+# are compared. Means are sufficient to predict the errors of the calibrations, because these errors vary as
+# slowly as the motion.
 BRIEF_S: Final = 0.1
 
 RateAndForce: TypeAlias = tuple[FloatArray, FloatArray]

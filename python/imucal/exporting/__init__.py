@@ -230,8 +230,8 @@ def export(
     try:
         written = form.write(along_columns(calibration), noise)
     except InputError:
-        # If a format has no field for a rotation, its body frame must be along the columns of the recordings.
-        # This is only possible if both sensors have the same axis remapping.
+        # A format without a field for a rotation cannot represent the axis remapping of the recordings. Its
+        # body frame must then be along the axes before the remapping, which must not differ between sensors.
         axes = Axes.parse(calibration.axes)
         if calibration.axes == UNCHANGED or not axes.are_alike:
             raise

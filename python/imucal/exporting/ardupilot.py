@@ -90,7 +90,7 @@ def write(calibration: Calibration, noise: NoiseResult | None, rotation: FloatAr
         notes=(
             *notes,
             *model.thermal_notes,
-            *(["ArduPilot clamps CALTEMP to [TMIN, TMAX], so both include it."] if model.thermal else []),
+            *(["ArduPilot clamps CALTEMP to [TMIN, TMAX], so they enclose it."] if model.thermal else []),
         ),
     )
 

@@ -15,7 +15,8 @@ from typing import Final, TypeAlias
 
 __all__ = ["FIELDS", "LAGS", "WARM_UPS", "Field", "Term", "product_of"]
 
-# A term of a field: the index of an axis, and the C expression of the field's component along this axis.
+# A term of a field (error per unit of a parameter): the index of an axis, and the C expression of the error
+# along this axis.
 Term: TypeAlias = tuple[int, str]
 # For each parameter of an effect, in the order of the catalogue, the nonzero terms of its field.
 Field: TypeAlias = Sequence[Sequence[Term]]

@@ -290,12 +290,12 @@ def _removal(
     )
     tolerance, sizes = "16", "size_w = 0, size_f = 0, "
     if single:
-        # A change up to this multiple of the rounding error counts as settled. If a pass multiplies the error
-        # by q, an error of q / (1 - q) times the last change remains. With a multiple of 16, this error would
-        # be up to 3 units in the last place for q = 0.1. The rounding errors of large effects may exceed the
-        # strict limit (a multiple of 1), so later passes use the wide limit (a multiple of 16).
+        # The iteration ends if a pass changes the result by at most this multiple of the rounding error. If a
+        # pass multiplies the error by q, q / (1 - q) times the last change remains: up to 3 units in the last
+        # place for a multiple of 16 and q = 0.1. The rounding errors of large effects may exceed the strict
+        # limit (a multiple of 1), so later passes use the wide limit (a multiple of 16).
         tolerance, sizes = f"(pass < {STRICT_PASSES} ? 1 : 16)", ""
-        # If the large and the small part nearly cancel, the rounding errors are those of the larger one.
+        # The large part counts too, because its rounding error remains if the parts nearly cancel.
         lines = [
             "    for (i = 0; i < 3; ++i) {",
             *_largest("size", "large_"),
@@ -345,7 +345,7 @@ def _removal(
 
 
 def _largest(size: str, of: str, indent: str = "") -> list[str]:
-    """C code that raises size_w and size_f to the absolute values of the components i of two vectors."""
+    """C code that sets size_w and size_f to |component i| of the rate and force vector `of`, if larger."""
     return [
         line
         for v in "wf"

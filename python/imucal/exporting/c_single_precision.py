@@ -27,8 +27,8 @@ __all__ = ["Split", "comment", "constants", "corrected_row", "split", "sum_funct
 
 # Value of `Split.axis` if each sensor axis is closest to the body axis of the same name.
 ALONG_BODY: Final = (0, 1, 2)
-# Comment of the constants of the single-precision function: for any unit, for SI units, for counts, and for
-# sensor axes that are far from the body axes.
+# Parts of the C comment on the constants of the single-precision function: COMMENT for any unit, COMMENT_SI
+# and COMMENT_COUNTS for raw samples in these units, COMMENT_AXIS if sensor axes are far from the body axes.
 COMMENT: Final = (
     "    /* scale: largest coefficient of each row of T^-1, rounded to float.",
     "     * rest: the other coefficients, and the part of scale that is lost by rounding to float. With this",

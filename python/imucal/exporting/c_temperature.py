@@ -62,7 +62,7 @@ def memory_type(prefix: str, *, single: bool) -> str:
 
 
 def memory_code(effects: Sequence[EffectValues], prefix: str, *, single: bool) -> list[str]:
-    """The type of the memory and the function that updates the memory, as lines of C."""
+    """The type of the temperature memory and the function that updates the memory, as lines of C."""
 
     def literal(value: float) -> str:
         return number(value, single=single) + ("f" if single else "")

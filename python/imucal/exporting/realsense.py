@@ -97,7 +97,7 @@ def write_table(calibration: Calibration, noise: NoiseResult | None) -> Written:
             "multiplies it by pi / 180.",
             "Write it to the camera by write_eeprom_to_camera(numpy.fromfile(FILE, numpy.uint8)) of "
             "rs-imu-calibration.py. This replaces the camera's calibration table of the IMU. As with "
-            "rs-imu-calibration.py, the extrinsics are then those of the camera's drawing.",
+            "rs-imu-calibration.py, the extrinsics are then those of the camera's mechanical drawing.",
         ),
         binary=_table(EEPROM_VERSION, EEPROM_TYPE, image),
     )

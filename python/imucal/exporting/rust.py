@@ -32,7 +32,7 @@ FUNCTION = """
 /// The calibration, for `correct` and `correct_at` of imucal-core.
 ///
 /// # Errors
-/// None with these numbers; the signatures of the constructors require a `Result`.
+/// No error occurs with these numbers; the signatures of the constructors require a `Result`.
 pub fn calibration<F: RealField + Copy>() -> Result<Calibration<F>, &'static str> {
     let real = convert::<f64, F>;
 """

@@ -40,7 +40,8 @@ __all__ = [
     "unread",
 ]
 
-# Prefix of the key of a job whose files cannot be read. Such a key contains the paths instead of a hash.
+# Prefix of the key (identifier in the store) of a job whose files cannot be read. Such a key contains the
+# paths instead of a hash.
 UNREAD: Final = "unread:"
 # Arguments of `calibrate` that cannot be options of a run, because each job sets its own control recordings
 # and serial number, and all calibrations of a store have the default frame.
@@ -155,7 +156,7 @@ class KeyedJob:
     hashes: tuple[str, ...]
 
     def with_job(self, job: Job) -> KeyedJob:
-        """A copy with the same hashes and key, and another job."""
+        """A copy for another job, with the hashes and the key of this one."""
         return replace(self, job=job)
 
 

@@ -28,7 +28,7 @@ class Ended:
     how: str = ""
 
 
-# A submitted `Work` object, and its answer, or `Ended` if the process ended without an answer.
+# Pair of a submitted `Work` object and its answer. The answer is `Ended` if the process ended without one.
 Done = tuple[Any, Any]
 # Number of tasks in the pool per process. One task runs and the next one waits, so that the process can start
 # the next task without waiting for the parent process.
@@ -106,7 +106,7 @@ class LocalPool:
         self._tasks.put(work)
 
     def next(self) -> Done:
-        """Wait until any work ends. Raises ImucalError if no process can be started."""
+        """Wait until any work ends. Returns it with its answer. Raises ImucalError if no process starts."""
         # `get` is called with a timeout, because on Windows a wait without a timeout delays signals such as
         # Ctrl-C.
         while True:

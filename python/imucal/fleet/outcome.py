@@ -24,8 +24,8 @@ __all__ = [
     "measured_of",
 ]
 
-# Codes of failures that may not occur again in a later run, because their cause was a file that was missing
-# or was changed during the run.
+# Codes of failures that can disappear in a later run, because their cause was a file that was missing or was
+# changed during the run. A later run computes jobs with these failures again.
 TRANSIENT: Final = ("file_missing", "file_changed")
 # Compression level of zlib for the stored documents. Level 1 takes a fifth of the time of level 6, and its
 # output is larger by a tenth.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ABOUT_COLUMNS", "batches_of", "conditions", "documents", "measurements", "query"]
 
-# Number of rows that are in memory at once.
+# Maximum number of rows that are in memory at once.
 ROWS_AT_ONCE: Final = 10_000
 # Number of rows with blobs that are fetched at once. It is below 700, the number of new tuples after which
 # Python's garbage collector runs. If all rows were fetched at once, the collector would take a third of the
@@ -70,7 +70,7 @@ def conditions(given: Mapping[str, str | None]) -> tuple[str, list[str]]:
 def query(
     connection: sqlite3.Connection, sql: str, arguments: Sequence[Any] = ()
 ) -> tuple[list[str], list[Any]]:
-    """Column names and rows of a statement that reads. Raises InputError for any other statement."""
+    """Column names and rows that a read-only SQL statement returns. Raises InputError for any other one."""
     try:
         cursor = connection.execute(sql, arguments)
         if cursor.description is None:

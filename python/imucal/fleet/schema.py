@@ -44,8 +44,8 @@ MAPPED_BYTES: Final = 1 << 31
 
 _PAIRS: Final = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
 # The 21 parameters of both triads in the symmetric frame (the body frame in which the sensitivity matrix of
-# the accelerometer is symmetric), in the order of a calibration. Each parameter is a column of the table
-# results, and its standard deviation is the column NAME_sigma.
+# the accelerometer is symmetric), in the order of `Calibration.parameters`. Each parameter is a column of the
+# table results, and its standard deviation is the column NAME_sigma.
 BASE_NAMES: Final = (
     *(f"accel_bias_{axis}" for axis in "xyz"),
     *(f"accel_sensitivity_{entry}" for entry in ("xx", "yy", "zz", "xy", "xz", "yz")),

@@ -229,7 +229,7 @@ class Store:
         return True
 
     def _insert_job(self, row: Sequence[Any], recording: str) -> int | None:
-        """The identifier of the new row; None if its key is already in the store."""
+        """Insert a job. Returns the identifier of its row, or None if its key is already in the store."""
         cursor = self._connection.execute(INSERT_JOB, row)
         if cursor.rowcount != 1:
             return None

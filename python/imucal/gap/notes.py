@@ -360,7 +360,7 @@ def _filtered(found: Sequence[float]) -> str:
     tau_s, k_s2, sigma_s2 = found
     words = (
         f"the gyroscope is late by {1e3 * tau_s:.3g} ms on average, but it is not only delayed: the second "
-        f"derivative of the rate has the coefficient {k_s2:.2g} ± {sigma_s2:.1g} s^2 beside the delay"
+        f"derivative of the rate has the coefficient {k_s2:.2g} ± {sigma_s2:.1g} s^2 besides the delay"
     )
     if k_s2 > 0.0:
         words += (

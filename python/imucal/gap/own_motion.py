@@ -41,7 +41,7 @@ ALONG: Final = 0.85
 # of the rotation angles between samples. Otherwise the rotation axis changes during the move.
 FIXED: Final = 0.98
 # `MoveResiduals` uses a move if the cosine of the angle between its rotation axis and the vertical is at most
-# this value: 0.5 is 60 deg.
+# this value: 0.5 is 60 deg. A rotation about the vertical does not change gravity in the body frame.
 VERTICAL: Final = 0.5
 STAND: Final = ("stand_1_rad", "stand_2_rad", "stand_3_rad")
 
@@ -72,20 +72,20 @@ class MoveSignals:
 
     @property
     def residual_before(self) -> FloatArray:
-        """Measured force minus predicted gravity, both corrected without the effects, (N, 3), m/s^2."""
+        """Measured force minus predicted gravity, from samples corrected without effects, (N, 3), m/s^2."""
         residual: FloatArray = self.measured_before - self.predicted_before
         return residual
 
     @property
     def residual_after(self) -> FloatArray:
-        """Measured force minus predicted gravity, both corrected with the effects, (N, 3), m/s^2."""
+        """Measured force minus predicted gravity, from samples corrected with the effects, (N, 3), m/s^2."""
         residual: FloatArray = self.measured_after - self.predicted_after
         return residual
 
 
 @dataclass(frozen=True, eq=False)
 class RestResiduals:
-    """Residuals at the K rests that the fit uses.
+    """Residuals at the K rests that are not excluded, including those of the control recordings.
 
     is_control  (K,) whether the rest is from a control recording, which the fits did not use
     time_s      (K,) time of the middle of the rest, s

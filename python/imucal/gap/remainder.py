@@ -24,8 +24,8 @@ class SessionStep:
     cause                   "temperature" if temperature coefficients of usual sizes explain the change;
                             otherwise "switch_on", a change with time or at a switch-on; "not_known"
                             without temperatures
-    chi2_per_dof            chi2 per degree of freedom of the control recordings without effects, with the
-                            biases of the calibration
+    chi2_per_dof            chi2 per degree of freedom of the control recordings under the accepted model,
+                            with the biases of the calibration
     chi2_per_dof_own        the same chi2 with biases that are estimated from the control recordings
     """
 

@@ -80,7 +80,7 @@ SUFFIXES: Final = {
     "lag": ("", "_linear", "_square"),
     "hysteresis": ("", "_linear", "_square"),
 }
-# Suffixes, such as /K, after the unit of the reading in the units of parameters, by kind of term and degree.
+# Suffixes, by kind of term and degree, that are appended to the unit of the reading in units of parameters.
 UNITS: Final = {
     "polynomial": ("/K", "/K^2", "/K^3"),
     "rate": ("/(K/s)",),
@@ -294,7 +294,7 @@ class _Search:
             yield Form((*own, *other))
 
     def _with_lags(self, form: Form, counts: tuple[int, ...]) -> Form:
-        """The form with more lags, of `counts` parameters each, at the time constants that predict best."""
+        """The form plus a lag with k parameters for each k in `counts`, at the best time constants."""
         effects = (*form.effects, *((f"{self.prefix}_lag", count) for count in counts))
         span_s = self.history.duration_s
         grid = np.geomspace(max(span_s / 300.0, 1.0), span_s / 2.0, TAUS)

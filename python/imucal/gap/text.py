@@ -33,7 +33,7 @@ KINDS: Final = {
 WITHOUT_AXIS: Final = {"move_direction": "direction after moves", "move_force": "force during moves"}
 # Residuals that an effect is expected to cause are printed if they exceed this multiple of their noise.
 LEAST_TIMES_NOISE: Final = 0.05
-# Names in texts of variables that explain residuals, if they differ from the names in JSON documents.
+# How texts name the variables that explain residuals, if these names differ from those in JSON documents.
 EXPLAINED_BY: Final = {"gravity": "gravity direction"}
 # Figures of merit on control or held-out data that texts state: name of the figure in texts, factor from the
 # unit of the field to the unit in texts, and the unit in texts.
@@ -219,7 +219,7 @@ def _finding(gap: GapFields) -> str:
         closed = min(100.0, 100 * figure["closed"])
         change = f"{factor * before[name]:.2g} -> {factor * after[name]:.2g} {unit} rms"
         return f"{names} {explain} {closed:.0f} % of the gap; {set_name} {words}: {change}"
-    # Without a figure of merit on control or held-out data, the sentence does not claim an improvement.
+    # If the residuals with the effects are not known, the sentence does not claim an improvement.
     if row is None or row["times_noise_after"] is None:
         return f"{names} {'is' if len(gap.effects) == 1 else 'are'} part of the model"
     excess, left = (max(0.0, row[name] ** 2 - 1.0) for name in ("times_noise", "times_noise_after"))

@@ -39,7 +39,7 @@ IN_RADIANS: Final = 0.02
 
 
 def recognises(content: Content) -> bool:
-    """Whether the file starts with the version and type of the image."""
+    """Whether the file starts with the version and type in the header of the EEPROM image."""
     return content.data.startswith(EEPROM_VERSION + struct.pack("<H", EEPROM_TYPE))
 
 

@@ -40,8 +40,8 @@ BUFFER = 1 << 20
 CSV, PARQUET = ".csv", ".parquet"
 # Number of rows in each row group of a written Parquet file. It is Arrow's default.
 ROWS_WRITTEN = 1 << 20
-# Number of rows that are formatted as one block of CSV. Blocks are small, because a single value without a
-# fractional part makes the formatting of its whole block slower.
+# Number of rows that are formatted as one block of CSV. Blocks are small, because a single whole number, to
+# which `_with_points` appends ".0", makes the formatting of its whole block slower.
 ROWS_OF_TEXT = 1 << 16
 
 # Names and values of columns, in the order in which they are written.

@@ -55,8 +55,8 @@ TIME: Final = (
     r"date|datetime|sampletimefine|chiptime|utc|hosttimestamp|nodetimestamp|cts|tow|gpstime|gpst|yyyy|uptime|"
     r"packettime|systime|timeus|timems|ustime|mstime|loggingtime|ms|us|ns|zeit|temps|tiempo|tempo|tijd)$"
 )
-# A column whose name contains one of these words is not a time column. Two columns with the seconds and the
-# nanoseconds of a time stamp may have such names, but are used only if there are no other two columns.
+# A column whose name contains one of these words is not a time column. A pair of columns with the seconds and
+# the nanoseconds of a time stamp may have such names, but is used only if there is no other such pair.
 NOT_TIME: Final = {"zone", "step", "delta", "dt", "diff", "ntp", "gps"}
 # If the name of a time column ends with one of these words, its values are counts of ticks, frames or
 # samples, or times in a unit that is not supported, such as hours.

@@ -114,7 +114,7 @@ def _complaints() -> Iterator[io.StringIO]:
 
 
 def _rows(name: str, log: Any) -> tuple[dict[tuple[str, int], Rows], list[int]]:
-    """The samples by kind of message and instance, and all values of AHRS_ORIENTATION, as in the log."""
+    """The samples by kind of message and instance, and all values of AHRS_ORIENTATION, in log order."""
     rows: dict[tuple[str, int], Rows] = {}
     orientations: list[int] = []
     kinds = [message for message in log.name_to_id if MESSAGE.fullmatch(message)]

@@ -185,7 +185,7 @@ def _require_agreement(
 
 
 def _stated(unit: tuple[str, str]) -> str:
-    """A unit that `split_unit` has found, in the words of a message."""
+    """The words by which a message names a unit that `split_unit` has found."""
     if unit[0] == "other":
         return "a unit of another quantity"
     return f"the unit {UNIT_TEXT.get(unit[1], unit[1])}"

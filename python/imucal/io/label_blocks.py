@@ -34,7 +34,7 @@ TEMPERATURE: Final = re.compile(
 
 
 def are_blocks(start: bytes) -> bool:
-    """Whether lines with the three axes of a sensor occur, at least twice each, for two or more sensors."""
+    """Whether each of two or more sensors occurs at least twice with its three axes in one line."""
     lines = start.decode(errors="replace").splitlines()[:100]
     labels = Counter(label for line in lines for label, _, _ in _vectors(line))
     return sum(count > 1 for count in labels.values()) > 1

@@ -254,7 +254,7 @@ def _separator(lines: list[_Line], first: list[_Line], width: int | None) -> str
 
 
 def _decimal(name: str, lines: list[_Line], separator: str) -> str:
-    """The decimal point of the numbers. Raises FormatError if the commas are thousands separators."""
+    """The decimal mark of the numbers, "." or ",". Raises FormatError if commas are thousands separators."""
     sample = lines[-SAMPLE_LINES:]
     if not any('"' in line.text if separator == "," else "," in line.text for line in sample):
         return "."

@@ -46,8 +46,9 @@ def program_of(names: Sequence[str], preamble: Sequence[str]) -> Program | None:
             return Program("Xsens MT Manager", "mps2", "radps", {"sampletimefine": "100us"})
         return None
     if "accelerometeraccelerationx(g)" in low:
-        # In SensorLog's files, loggingTime is the time of writing, motion... are the samples that Core Motion
-        # has corrected, and the accelerometer reads -1 g on the axis that points up, as everywhere on iOS.
+        # In SensorLog's files, loggingTime is the time at which a row was written, columns whose names start
+        # with motion contain samples that Core Motion has corrected, and the accelerometer reads -1 g on the
+        # axis that points up, as everywhere on iOS.
         return Program(
             "SensorLog",
             "g",

@@ -41,7 +41,7 @@ def joined_stamps(table: Table) -> Table:
 
 
 def _joined_when_read(table: Table, seconds: Stored, nanoseconds: Stored) -> list[Stored]:
-    """The columns of a file. When the column of seconds is read, it gives the joined time stamps."""
+    """The columns of `table`, in which the column of seconds gives the joined time stamps when it is read."""
     import pyarrow as pa
 
     def batches(names: list[str]) -> Iterator[Any]:

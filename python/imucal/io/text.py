@@ -279,7 +279,7 @@ def read_rows(text: Text, names: Sequence[str]) -> Table:
 
 
 def _is_read(name: str, column: Any) -> bool:
-    """Whether Arrow converted a column with a canonical name to a suitable type."""
+    """Whether Arrow converted a column to a suitable type; True for a column without a canonical name."""
     import pyarrow as pa
 
     kind = column.type

@@ -11,7 +11,7 @@ from imucal.effects.table import has_parameter
 
 __all__ = ["GROUPS", "PlannedParameter", "Size", "is_of", "worst_of"]
 
-# SI unit of each group. The name of the group is the prefix of the names of its parameters.
+# SI unit of the parameters in each group. The names of these parameters start with the name of the group.
 GROUPS: Final = {
     "accel_sensitivity": "1",
     "accel_bias": "m/s^2",

@@ -47,8 +47,8 @@ FEW_PROPOSALS: Final = 300
 # Standard deviation of the hand tremor about each axis, deg, in the simulated run from which detection limits
 # are computed.
 TREMOR_DEG: Final = 0.05
-# Largest number of rounds in which a box is rolled over its faces. This number of rounds takes about twenty
-# minutes.
+# Largest number of rounds of the program `faces`, which rolls a box over its faces. This number of rounds
+# takes about twenty minutes.
 MOST_ROUNDS: Final = 20
 
 
@@ -144,7 +144,7 @@ def _within(planned: Plan, minutes: float | None, *, reached: bool) -> Plan:
 
 @dataclass(frozen=True)
 class Held:
-    """The parameters that have a prior, in fields with the names that the compiled library expects."""
+    """The options that define the priors of parameters, in fields as the compiled library expects them."""
 
     model: str
     hold: tuple[HoldTuple, ...]
@@ -328,7 +328,7 @@ class _Planner:
         return limits, tuple(NotObservable(name, needs) for name, needs in blind), []
 
     def _papers(self) -> tuple[ComparedProgram, ...]:
-        """Predict the accuracy of this unit with programs and stand of the paper cited in docs/model.md."""
+        """Predict this unit's accuracy with the programs and stand of the paper cited in docs/model.md."""
         own = dataclasses.replace(self, limits=stand_limits_of("paper"), effects=())
         grid, random = Program.grid(), Program.random(seed=self.seed)
         rows = []

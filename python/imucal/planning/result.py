@@ -19,7 +19,7 @@ __all__ = ["ROUNDING", "Plan", "headline", "is_within", "not_reached", "worst_ro
 # A target counts as met if the standard deviation is at most the target times this factor. The duration of a
 # plan may be at most the allowed duration times this factor. The factor allows for rounding errors.
 ROUNDING: Final = 1.001
-# Units in which a plan shows standard deviations instead of SI units, by SI unit.
+# SI units that the text of a plan does not show, each with the unit that it shows instead.
 SHOWN_IN: Final = {"1": "ppm", "m/s^2": "ug"}
 
 
@@ -138,7 +138,7 @@ def shown(size: Size | None) -> str:
 
 
 def worst_rows(plan: Plan) -> list[list[str]]:
-    """Table rows: name, minutes and `worst` of this plan and of the programs in `comparison`."""
+    """Table rows for this plan and the compared programs: name, minutes, largest std of each group."""
     rows = [["this plan", f"{plan.minutes:.2f}", *(shown(plan.worst[group]) for group in GROUPS)]]
     for row in plan.comparison:
         rows.append([row.name, f"{row.minutes:.2f}", *(shown(row.worst[group]) for group in GROUPS)])
@@ -146,7 +146,7 @@ def worst_rows(plan: Plan) -> list[list[str]]:
 
 
 def _summary(plan: Plan) -> str:
-    """The plan as text: duration, largest standard deviation of each group, and what is missing."""
+    """The plan as text: duration, largest standard deviation of each group, missed targets, and notes."""
     lines = [headline(plan)]
     for group, size in plan.worst.items():
         wish = plan.targets.get(group)

@@ -26,7 +26,7 @@ INTERVAL_95: Final = 1.96
 
 MG: Final = SHOWN["m/s^2"][0]
 LAW_MARKERS: Final = ("circle", "triangle-up", "square")
-# For each variable of formulas: factor to the unit of datasheets, and title of its axis.
+# For each variable in the formula of a law: factor to the unit of datasheets, and title of its plot axis.
 VARIABLES: Final = {
     "w": (1.0 / DEGREE_RAD, "rate about the axis, deg/s"),
     "w_norm": (1.0 / DEGREE_RAD, "magnitude of the rate, deg/s"),
@@ -64,7 +64,7 @@ def disagreement(gap: Gap) -> Figure:
     """
     where = getattr(gap, "where", None)
     if not where or not where["channels"]:
-        raise InputError("there are no residuals to show: the recordings were refused")
+        raise InputError("there are no residuals to show: the search refused the recordings")
     go, _ = plotly()
     figure = go.Figure()
     rows = where["channels"]
@@ -192,7 +192,7 @@ def law(found: Law, points: Mapping[str, tuple[FloatArray, FloatArray]] | None =
 
 
 def _in_shown_units(variable: str, values: FloatArray) -> tuple[FloatArray, str]:
-    """Values of a formula variable in the unit of datasheets, and the title of the axis of this variable."""
+    """The values of a law's variable, in the unit of datasheets, and the title of its plot axis."""
     factor, unit = VARIABLES.get(variable, (1.0, variable))
     return factor * values, unit
 

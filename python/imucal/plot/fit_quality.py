@@ -30,10 +30,10 @@ __all__ = [
 # The errors of all points are magnified by a common factor before they are drawn. The factor is chosen so
 # that the largest drawn distance of a point from the sphere is this fraction of the radius of the sphere.
 DRAWN_ERROR: Final = 0.4
-# Edges of the bins of a histogram of a normal variable, in standard deviations. The outermost bins also
-# contain all values beyond them.
+# Bin edges of the histogram of a normal variable, in standard deviations. The outermost bins also contain all
+# values beyond them.
 EDGES: Final = np.arange(-4.0, 4.01, 0.5)
-# Edges of the bins of a histogram of the length of a vector of two normal variables.
+# Bin edges of the histogram of sqrt(x^2 + y^2), where x and y are standard normal variables.
 LENGTH_EDGES: Final = np.arange(0.0, 5.01, 0.5)
 
 
@@ -77,7 +77,7 @@ def sphere_before_and_after(result: CalibrationResult) -> tuple[Figure, float]:
     ):
         points = ((1.0 + factor * (norms - 1.0))[kept, None] * up[kept]).round(4)
         if name == "before":
-            # A line from the sphere to each point shows the sign of the error.
+            # A line from the sphere to each point shows the sign of the error: outwards if |f| is above g.
             sticks = np.stack([up[kept], points, np.full_like(points, np.nan)], axis=1).reshape(-1, 3)
             figure.add_scatter3d(
                 x=sticks[:, 0], y=sticks[:, 1], z=sticks[:, 2], mode="lines",

@@ -82,5 +82,5 @@ def over_time(
 
 
 def _rounded(values: FloatArray) -> list[float]:
-    """Values rounded to five digits, which exceeds the resolution of a screen."""
+    """Values rounded to five significant digits, which is finer than the resolution of a screen."""
     return [float(f"{value:.5g}") for value in values.tolist()]

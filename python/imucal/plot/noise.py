@@ -52,7 +52,7 @@ def marks(axis: AxisNoise) -> dict[str, tuple[float, float]]:
 
 
 def slopes(axes: tuple[AxisNoise, ...]) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Asymptotes of N, B and K over the averaging times, for the geometric mean of the axes."""
+    """Asymptotes over the averaging times for N, B and K, each of which is a geometric mean over the axes."""
     taus = axes[0].taus_s
     ends = np.array([taus[0], taus[-1]])
     lines = {}
@@ -112,14 +112,15 @@ def allan(noise: NoiseResult, sensor: Literal["accel", "gyro"]) -> Figure:
         for letter, (tau, value) in marks(of_axis).items():
             figure.add_scatter(
                 x=[tau], y=[factor * value], name=f"{letter} of {axis}", mode="markers+text",
-                # Only the first star has a letter, because the stars of the three axes often overlap.
+                # Only one star of the three axes is labelled with the letter, because these stars often
+                # overlap.
                 text=["" if letter in lettered else letter], textposition="top right", textfont={"size": 14},
                 marker={"color": colour, "symbol": "star", "size": 13, "line": {"color": INK, "width": 1}},
                 showlegend=False, hovertemplate=f"{letter} of {axis}<extra></extra>",
             )  # fmt: skip
             lettered.add(letter)
-    # The range of the axis is determined by the points without their intervals, because the intervals at the
-    # longest averaging times are very wide.
+    # The range of the y-axis is determined by the points without their confidence intervals, because the
+    # intervals at the longest averaging times are very wide.
     everything = factor * np.concatenate([axis.deviations for axis in axes])
     positive = everything[everything > 0]
     axis_style: dict[str, Any] = {"type": "log", "dtick": 1}

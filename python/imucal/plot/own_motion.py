@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Dependence", "dependences", "law_points", "move_signals", "residual_against"]
 
-# Number of samples of a signal that are drawn.
+# Maximum number of samples that are drawn of each signal during a move.
 SAMPLES: Final = 800
 # A residual is drawn against a variable if a cubic in the variable explains at least this share of its
 # variance.

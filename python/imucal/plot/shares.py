@@ -174,7 +174,7 @@ def probabilities(gap: Gap) -> Figure:
         marker={"color": [BLUE if name in added else GREY for name in shown]},
         text=[f"{100 * every[name]:.3g} %" for name in shown],
         textposition="auto",
-        # In both themes, text in the background colour of the page is legible on the bars.
+        # In the light and the dark theme, text in the background colour of the page is legible on the bars.
         insidetextfont={"color": PAPER},
         hovertemplate="%{y}: %{text}<extra></extra>",
     )

@@ -1,4 +1,4 @@
-"""Plot of a soak: the reading over temperature with the model, or the residuals over time."""
+"""Plot of a temperature soak: mean readings over temperature with the model, or residuals over time."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ UNCHANGED: Final = "x,y,z"
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """For each sensor, the signed permutation matrix (3, 3) that maps its columns to its axes."""
+    """For each sensor, the signed permutation matrix (3, 3) from the columns of a file to x, y and z."""
 
     accel: FloatArray
     gyro: FloatArray

@@ -89,7 +89,7 @@ class Means:
         return Means(
             specific_force=np.asarray(table.specific_force, dtype=np.float64),
             angular_rate=None if rate is None else np.asarray(rate, dtype=np.float64),
-            # The columns of the file are remapped to the axes of the recording.
+            # The means are already remapped to the body axes, but their standard deviations are not yet.
             specific_force_std=None if std is None else std @ matrix.T,
             duration_s=table.auxiliary.get(DURATION),
             accel_unit=table.accel_unit,

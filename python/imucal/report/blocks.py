@@ -99,8 +99,8 @@ def limits_tabs(judgement: Judgement | None) -> tuple[Tab, ...]:
         Shown(
             "limits",
             plot.limits(judgement),
-            "Each value relative to its limits, with an error bar of ±1 σ: the allowed range is −1 to 1, and "
-            "a one-sided maximum is at 1.",
+            "Each value relative to its limits, with an error bar of ±1 σ: the allowed range is −1 to 1. If "
+            "a value has only a maximum, the maximum is at 1.",
         ),
         checks_table(judgement),
         *([heading("Close to a limit"), item_list(judgement.warnings)] if judgement.warnings else ()),

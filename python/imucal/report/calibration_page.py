@@ -112,7 +112,7 @@ def _parameters(result: CalibrationResult, truth: Mapping[str, float] | None) ->
 
 
 def _sphere_tab(result: CalibrationResult) -> Tab:
-    """Tab with the coverage by poses, and the norm of gravity before and after calibration."""
+    """Tab with the sphere of poses, and the norm of gravity at the rests before and after calibration."""
     covered = coverage_tab(result)
     if not any(rest.excluded is None and rest.norm_error_mps2 is not None for rest in result.rests):
         return covered

@@ -243,8 +243,8 @@ def _odd(odd: OutlierResult | str, shown: Sequence[str]) -> list[Shown | str]:
     return [
         paragraph(
             f"{len(odd.odd)} of {len(odd.units)} units are outliers, with a false discovery rate of 0.2 %. "
-            "The distance is over all parameters and figures, in standard deviations. The parameter that "
-            "contributes most is listed with its own deviation."
+            "The distance from the fleet is over all parameters and figures of merit, in standard "
+            "deviations. The parameter that contributes most is listed with its own deviation."
         ),
         _linked(table(["unit", "station", "distance", "q", "decides", "z"], rows), shown),
     ]
@@ -314,7 +314,7 @@ def _linked(html: str, shown: Sequence[str]) -> str:
 
 
 def _bins(measured: Measurements) -> tuple[list[str], np.ndarray]:
-    """First day of each time bin, and the bin of each measurement; -1 for a measurement without a date."""
+    """First day of each time bin, and the index of the bin of each measurement (-1 without a date)."""
     days = days_of(measured)
     known = days != ""
     bins = np.full(len(days), -1)

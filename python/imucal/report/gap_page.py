@@ -47,7 +47,7 @@ def write_gap_page(
     """
     motion = own_motion(gap, recordings, control=control) if gap.fits and recordings else None
     tabs = [Tab("Summary", tuple(_summary(gap, motion)))]
-    # If the recordings were refused, there are no residuals to show.
+    # If the search refused the recordings, there are no residuals to show.
     if getattr(gap, "where", None):
         tabs.append(Tab("Where", tuple(where(gap, motion))))
     loops = temperature_loops(gap, recordings) if motion is not None else ()
@@ -92,8 +92,8 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
         return
     name = f"{signals.recording} (control)" if signals.is_control else signals.recording
     of_hand = (
-        " Within moves the fit does not use the accelerometer, because it also measures the acceleration of "
-        "a hand or its resolution is coarser than its noise."
+        " Within moves the fit does not use the accelerometer, because the accelerometer also measures the "
+        "acceleration of the hand, or its resolution is coarser than its noise."
         if gap.is_hand_moved
         else ""
     )
@@ -117,7 +117,7 @@ def _left(gap: Gap) -> Iterator[str]:
     yield heading("Remaining residuals")
     words = gap.remainder.description or "the residuals do not exceed their noise significantly"
     if gap.remainder.session is not None:
-        # The verdict at the top of the page contains the whole description.
+        # A short text is enough, because the verdict at the top of the page contains the whole description.
         words = "the biases changed between the sessions"
     elif gap.remainder.kind == "nothing" and gap.remainder.p_value < SIGNIFICANT:
         words = nothing_in_words(gap, gap.remainder.p_value)

@@ -93,8 +93,8 @@ def temperature(loops: Sequence[TemperatureLoop]) -> Iterator[Shown | str]:
         yield Shown(
             f"loop-{loop.sensor}",
             plot.temperature_loop(loop),
-            f"Mean reading of the {loop.sensor} at rest over temperature. A loop between heating and cooling "
-            "is a lag or a hysteresis; a curve without a loop depends on the temperature alone.",
+            f"Mean residuals of the {loop.sensor} at rest over temperature. A loop between heating and "
+            "cooling is a lag or a hysteresis; a curve without a loop depends on the temperature alone.",
         )
 
 
@@ -185,7 +185,7 @@ def change(gap: Gap) -> Iterator[Shown | str]:
         )
     *unseen, seen = figure_sets(gap)
     but = f", but not the rows “{'” or “'.join(unseen)}”" if unseen else ""
-    words = f"Figures without and with the found effects. The fits used the rows “{seen}”{but}."
+    words = f"Figures of merit without and with the found effects. The fits used the rows “{seen}”{but}."
     yield Shown("change", plot.before_and_after(gap), words)
     yield gap_figures_table(gap)
     error = gap.corrected_error
@@ -218,7 +218,7 @@ def visible(gap: Gap) -> Iterator[str]:
 
 
 def next_motion(motion: Any) -> Iterator[str]:
-    """Description and stand program of the motion that distinguishes the rivals."""
+    """Description and stand program of the motion that distinguishes the equally plausible effects."""
     yield paragraph(motion["description"])
     if motion.get("program") is not None:
         yield file_button("program", "next-motion.json", to_json(motion["program"]))
@@ -235,8 +235,8 @@ def _channels(channels: Any) -> str:
                 f"{noise:.3g}",
                 shown_unit(unit),
                 f"{row['times_noise']:.3g}",
-                # The value is None for effects on the angles of the stand, which do not change the corrected
-                # signals.
+                # The value is None if the model has an effect that cannot be removed from the samples, such
+                # as an error of the stand's encoders.
                 "-" if row["times_noise_after"] is None else f"{row['times_noise_after']:.3g}",
                 "significant" if row["stands_out"] else "",
             ]

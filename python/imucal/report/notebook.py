@@ -85,7 +85,7 @@ def of_inspection(seen: Inspection) -> str:
 
 @html_of.register
 def of_recording(recording: Recording) -> str:
-    """Length, rate, and the range of every column in the units of the recording."""
+    """Number of samples, duration, rate, and the smallest, mean and largest value of every column."""
     columns: list[tuple[str, str, Any]] = []
     for prefix, samples, unit in (
         ("accel", recording.specific_force, recording.accel_unit),

@@ -154,8 +154,8 @@ def _plotly_script(compressed: bool) -> str:
 
     if not compressed:
         return f"<script>{get_plotlyjs()}</script>"
-    # The time stamp in the gzip header is set to 0, so that two writings of the same page have the same
-    # bytes.
+    # The time stamp in the gzip header is set to 0, so that the same page always has the same bytes, whenever
+    # it is written.
     content = base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode("ascii")
     return f'<script type="text/plain" id="plotly">{content}</script>\n<script>{_DECOMPRESS}</script>'
 

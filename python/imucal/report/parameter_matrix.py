@@ -40,7 +40,7 @@ def parameter_matrix(calibration: Calibration) -> str:
     matrices = table(["parameter ± 1 σ", "x", "y", "z"], on_axes)
     if between:
         matrices += table(["", "xy", "xz", "yz", "yx", "zx", "zy"], between)
-    # The class `span` makes the tables as wide as the page on paper.
+    # In print, the class `span` makes the tables as wide as the page.
     return f'<div class="span">{matrices}</div>'
 
 

@@ -1,4 +1,4 @@
-"""The report of a soak: how the biases depend on temperature."""
+"""The report of a temperature soak (a unit at rest in one pose): how the biases depend on temperature."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def write_soak_page(path: str | Path, found: Soak) -> None:
         f"{sensor.sensor} {', '.join(f'{100 * share:.0f}' for share in sensor.left)} % (x, y, z)"
         for sensor in found.sensors
     )
-    beside = f"Residual on held-out epochs, relative to one cubic in the temperature: {left}."
+    beside = f"Residual on held-out epochs, relative to that of one cubic in the temperature: {left}."
     write_page(path, f"Soak {found.name}", tabs, Verdict("found" if names else "good", sentence, beside))
 
 

@@ -38,8 +38,8 @@ LARGEST: Final = {"_deg": 360.0, "_mm": 1000.0, "_hz": 1e5, "_s": MAX_DURATION_S
 NOT_NEGATIVE: Final = (
     *("vibration_deg", "vibration_mm", "vibration_hz", "encoder_noise_deg", "tremor_deg", "slip_time_s"),
 )
-# The encoders of the cheap stand have 12 bits. The errors of these encoders are the listed effects of the
-# catalogue, drawn with their typical sizes as standard deviations.
+# The encoders of the cheap stand have 12 bits. Their errors are the effects `CHEAP_ENCODERS` of the
+# catalogue, drawn at random with the typical sizes of these effects as standard deviations.
 CHEAP_COUNTS: Final = 4096
 CHEAP_ENCODERS: Final = ("encoder_eccentricity", "encoder_time_offset", "encoder_backlash")
 CHEAP_VIBRATION_HZ: Final = (20.0, 80.0)
@@ -174,7 +174,7 @@ class StandErrors:
 
 
 def stand_of(node: Node) -> Stand:
-    """The stand in a file. The error of a missing field is zero."""
+    """The stand that a file describes. An error whose field is missing is zero."""
     known = {field.name: field.default for field in dataclasses.fields(Stand)}
     found: dict[str, Any] = {}
     for name in node.mapping():

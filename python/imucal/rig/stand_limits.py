@@ -64,7 +64,7 @@ class AxisLimits:
     cable_wrap_deg: float | None = None
 
     def in_si(self) -> tuple[float, float, list[float] | None]:
-        """Rate, acceleration and range as the compiled library reads them, rad."""
+        """Maximum rate and acceleration, and range, with angles in rad, for the compiled library."""
         low, high = self.range_deg or (-math.inf, math.inf)
         wrap = math.inf if self.cable_wrap_deg is None else self.cable_wrap_deg
         low, high = max(low, -wrap), min(high, wrap)

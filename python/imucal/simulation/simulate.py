@@ -194,8 +194,8 @@ def run(setup: Setup, auxiliary: Auxiliary | None = None, *, keep_temperature: b
         core.angular_rate,
         temperature_degc=core.temperature_degc if keep_temperature or setup.needs_temperature else None,
         stand_rad=core.stand_rad,
-        # The run without noise contains every sampling instant of this run, so the interpolation only selects
-        # the values at the samples that are not missing.
+        # The noise-free run lacks no sample, so its times include all times of this recording. The
+        # interpolation therefore only selects the values at the samples that are not missing.
         auxiliary={name: np.interp(core.time_s, sampled_s, given) for name, given in samples.items()},
         name=f"simulated-{setup.seed}",
     )

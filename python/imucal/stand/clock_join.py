@@ -103,7 +103,10 @@ def _slope(unit_s: FloatArray, late_s: FloatArray) -> float:
 
 
 def _hull_slope(unit_s: FloatArray, late_s: FloatArray) -> float:
-    """Slope of the lower convex hull of the points (unit time, delay) at the mean unit time."""
+    """Rate difference of the clocks, computed from the least delayed samples.
+
+    It is the slope of the lower convex hull of the points (unit time, delay) at the mean unit time.
+    """
     hull: list[tuple[float, float]] = []
     if len(unit_s) > MOST_POINTS:
         # Only the least delayed sample of each block is kept, because the lower hull depends only on such

@@ -23,7 +23,8 @@ WAITS_S: Final = 2.0
 # interruption.
 NEAR_S: Final = 1.0
 CLOCK_ERROR: Final = 1e-3
-# A counter counts as wrapped if it jumps from above this share of its range to below 1 minus this share.
+# A counter counts as wrapped if it jumps from the top of its range (at least this share of the range) to the
+# bottom (at most 1 minus this share).
 WRAP_SHARE: Final = 0.9
 
 
@@ -46,8 +47,8 @@ class Continuation:
         self.waiting: list[Timed] = []
         self._first = self._before = self._wraps = 0.0
         self._has_restarted = False
-        # Time from the last sample before the interruption to the first sample after it, s. It is exact if at
-        # least one sample has arrived without delay.
+        # Time from the last sample before the interruption to the first sample after it, s: the smallest of
+        # the estimates from the arrival times. It is exact if one of these samples has arrived without delay.
         self._least_s = math.inf
 
     def add(self, timed: Timed, count: float) -> None:

@@ -100,7 +100,7 @@ class Source(Protocol):
         """Events since the last call."""
 
     def resume_after(self, logged: Logged) -> None:
-        """Let time stamps continue those of the run `logged`. Raises InputError if not supported."""
+        """Continue the time stamps of the interrupted run `logged`. Raises InputError if not supported."""
 
     def counts(self) -> dict[str, int]:
         """Counts of received, lost and damaged data by stable names, such as packets_damaged."""

@@ -62,7 +62,7 @@ class MotorLimits:
                 raise InputError(f"{name} is {values}: three positive numbers up to {most:g} are needed")
 
     def along(self, turn_deg: Sequence[float]) -> tuple[float, float]:
-        """Highest rate, deg/s, and acceleration, deg/s^2, along the combined rotation of `turn_deg`."""
+        """Highest combined rate, deg/s, and acceleration, deg/s^2, of the motors in the move `turn_deg`."""
         length = math.hypot(*turn_deg)
 
         def most(limits: Sequence[float]) -> float:

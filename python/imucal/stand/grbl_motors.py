@@ -36,7 +36,8 @@ SAME_DEG: Final = 0.0015
 MARK_DEG: Final = 0.004
 # Timeout of a move: the planned duration times this factor, plus `Timeouts.stall_s`.
 SLOW_FACTOR: Final = 1.5
-# A message reports that a move takes longer if it has not ended this time, s, after its planned end.
+# The status says that a move takes longer than planned if the move has not ended this time, s, after its
+# planned end.
 SLOW_S: Final = 2.0
 # Modal G-codes for all lines: millimetres (degrees for rotary axes), absolute positions. With inverse time
 # feed (G93), GRBL refuses an axis word without a feed in the same line. A line with G92 has no feed. If

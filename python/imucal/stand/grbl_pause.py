@@ -18,12 +18,12 @@ __all__ = ["Pause"]
 
 # Interval between two requests to resume, s.
 RESUME_EVERY_S: Final = 0.5
-# Codes and texts of the states that the user can end.
+# For each state of the controller in which the run waits for the user: event code and text.
 PAUSES: Final = {
     "Hold": ("feed_hold", "feed hold: press cycle start at the controller"),
     "Door": ("safety_door", "the safety door is open: close it and press cycle start at the controller"),
 }
-# Codes and texts of the states that end a run.
+# For each state of the controller that ends the run: code and text of the reason.
 ENDS: Final = {
     "Alarm": ("alarm", "the controller is locked by an alarm"),
     "Sleep": (

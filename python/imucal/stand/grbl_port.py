@@ -36,7 +36,7 @@ WAIT_S: Final = 0.01
 # A line without a line end that is longer than this number of characters counts as damaged, because no line
 # of GRBL is longer.
 LONGEST: Final = 512
-# If more than this number of consecutive reports are late, one query counts as lost.
+# If more than this number of consecutive reports seem late by one query interval, one query counts as lost.
 LOST_AFTER: Final = 4
 # A query counts as lost if the next report arrives later than the shortest delay plus this time, s, and a
 # later query is waiting for an answer.

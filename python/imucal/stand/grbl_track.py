@@ -24,7 +24,8 @@ __all__ = ["Track"]
 # milliseconds in the instants of reports.
 RATE_FACTOR: Final = 1.5
 EXTRA_DEG: Final = 1.0
-# An implausible position is accepted as true if this number of consecutive reports agree on it.
+# An implausible position is treated as the real position of the motors, and not as a damaged report, if this
+# number of consecutive reports agree on it.
 AGREEING: Final = 3
 
 Found = Literal["accepted", "suspect", "elsewhere", "jumped"]

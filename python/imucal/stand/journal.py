@@ -252,7 +252,7 @@ def _block(kind: bytes, number: int, payload: bytes) -> bytes:
 
 
 def _blocks(content: bytes) -> tuple[list[tuple[bytes, int, bytes]], int]:
-    """The complete blocks in ascending order of their numbers, and the position after the last block."""
+    """The complete blocks in ascending order of their numbers, and the byte offset after the last block."""
     found: list[tuple[bytes, int, bytes]] = []
     at = end = 0
     while (at := content.find(MAGIC, at)) >= 0 and at + HEAD.size <= len(content):
@@ -264,6 +264,7 @@ def _blocks(content: bytes) -> tuple[list[tuple[bytes, int, bytes]], int]:
             found.append((kind, number, payload))
             at = end = stop
         else:
-            # The magic may occur by coincidence inside a payload, so the search continues at the next byte.
+            # The bytes `MAGIC`, with which a block starts, may also occur by coincidence inside a payload, so
+            # the search continues at the next byte.
             at += 1
     return found, end

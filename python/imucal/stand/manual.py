@@ -22,7 +22,7 @@ from imucal.stand.stream import TICKS_PER_S
 
 __all__ = ["ManualDriver", "pose_text", "ups_of"]
 
-# A pose counts if the measured up direction is within this angle of the requested up direction, deg.
+# A pose counts as reached if the measured up direction is within this angle of the requested one, deg.
 NEAR_DEG: Final = 25.0
 # Averaging time of the samples for the detection of rest, s.
 BIN_S: Final = 0.2
@@ -30,7 +30,7 @@ BIN_S: Final = 0.2
 # at most this angle, deg.
 STILL_DEG: Final = 2.0
 # Second condition for rest: the angular rates, averaged over intervals of `BIN_S`, deviate from their mean by
-# at most this share of the largest range that such averages have had in a move.
+# at most this share of the largest range (maximum minus minimum) of such averages in an earlier move.
 STILL_SHARE: Final = 0.15
 # A pose is described by a single body axis, such as `+x up`, if that axis is within this angle of the
 # vertical, deg.

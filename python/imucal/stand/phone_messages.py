@@ -19,7 +19,8 @@ ACCEL: Final = ("totalacceleration", "accelerometeruncalibrated")
 GYRO: Final = ("gyroscope", "gyroscopeuncalibrated")
 # Number of samples of each sensor from which the sampling rates are determined.
 FIRST: Final = 50
-# Number of earlier samples that are kept, for the sampling rate and for interpolation.
+# Number of samples of each sensor before the last row that are kept, because the sampling rate and the
+# interpolation of the next rows are computed from them.
 KEPT: Final = 100
 COLUMNS: Final = (
     "time_us",

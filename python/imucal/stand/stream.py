@@ -136,7 +136,7 @@ class StreamSource:
                 if isinstance(arrived, Event):
                     self._events.append(arrived)
                     # If the data contain neither time nor sequence number, the time is computed from the
-                    # number of samples. The duration of the interruption must then be added to it.
+                    # number of samples. The duration of the interruption must then be added to this time.
                     if arrived.code == "unit_link_back" and self._numbered and self._sequence is None:
                         self._interrupt((self._numbered - 1) / self._per_s, self._last_sample_s)
                 else:
@@ -161,7 +161,7 @@ class StreamSource:
             self.continue_after(logged.samples[-1], float(logged.host_s[-1]))
 
     def continue_after(self, row: FloatArray, host_s: float) -> None:
-        """Let time stamps continue after a sample `row`, (columns,), that arrived at host time `host_s`."""
+        """Continue the time stamps after the sample `row`, (columns,), that arrived at host time `host_s`."""
         name = "time_s" if self._time is None else self._decoder.columns[self._time]
         self._interrupt(float(row[self.columns.index(name)]) / TICKS_PER_S[name], host_s)
 
@@ -231,7 +231,7 @@ class StreamSource:
         return False
 
     def _take(self, timed: Sequence[Timed], rows: list[list[float]]) -> None:
-        """Convert `timed` to samples, and append these to `rows` and their arrival times to `_arrivals`."""
+        """Convert decoded rows to samples; append these to `rows`, and their arrival times to `_arrivals`."""
         for raw, arrived_s in timed:
             if not self._are_finite(raw):
                 self._count["counters_not_finite"] += 1
@@ -291,7 +291,7 @@ class StreamSource:
         return [number / self._per_s, *kept]
 
     def _interrupt(self, last_s: float, host_s: float) -> None:
-        """Hold samples back until the time since the last sample, which arrived at `host_s`, is known."""
+        """Hold new samples back until the time since the last sample (arrival at `host_s`) is known."""
         self._continuation = Continuation(
             last_s,
             host_s,
@@ -301,7 +301,7 @@ class StreamSource:
         )
 
     def _continue(self, now_s: float, rows: list[list[float]]) -> None:
-        """Add the samples that were held back, once the time since the last sample is known."""
+        """Append the samples that were held back to `rows`, once the time since the last sample is known."""
         found = self._continuation
         if found is None or (shift := found.shift(now_s)) is None:
             return

@@ -17,7 +17,7 @@ from typing import Final, TypeAlias
 
 __all__ = ["TimeCheck", "Timed"]
 
-# A row, and the host time of its arrival, s.
+# A row (the decoded numbers of one sample), and the host time of its arrival, s.
 Timed: TypeAlias = tuple[tuple[float, ...], float]
 
 # A sample time counts as damaged if it is ahead of the host clock by more than this time, s. The margin
@@ -78,7 +78,8 @@ class TimeCheck:
             if not before.fits and self._follows(before, new):
                 self._leave_out([w for w in self._waiting if w is not before and not w.fits], new)
                 rows = [] if first is None else self._accept([first])
-                # `before` and `new` are the first rows of the unit, or the first rows after a restart.
+                # `before` and `new` agree with each other, but not with the accepted rows. They are the first
+                # rows of the unit, or the first rows after a restart.
                 self._last, self._least_s = None, math.inf
                 return rows + self._accept([before])
         new.fits = False
@@ -115,7 +116,7 @@ class TimeCheck:
         for row in rows:
             arrived_s = row.timed[1]
             if self._last is not None:
-                # `_least_s` may grow in the course of time, because the rates of both clocks differ.
+                # Since the last row, the difference may have grown by the rate error of the unit's clock.
                 self._least_s += RATE_ERROR * max(arrived_s - self._last[1], 0.0)
             self._least_s = min(self._least_s, arrived_s - row.time_s)
             self._last = row.time_s, arrived_s

@@ -41,7 +41,7 @@ from imucal.simulation.simulate import simulate
 
 __all__ = ["Assessment", "Reason", "assess"]
 
-# Codes of findings that indicate a fault of the unit, each with the code of the reason.
+# Codes of findings that indicate a fault of the unit, each with the code of the reason why the unit fails.
 OF_THE_UNIT: Final = {
     "stuck_axis": "dead_axis",
     "accel_saturation": "clipping",
@@ -177,7 +177,7 @@ def _not_moved(recording: Recording, dead: Sequence[int]) -> Reason | None:
             "unit are frozen: check that the motors are powered and turn, and that the unit sends new "
             "samples, and record again",
         )
-    # A gyroscope axis without signal may also be caused by a stuck motor. In this case the gravity directions
+    # A gyroscope axis may also have no signal because a motor is stuck. In this case the gravity directions
     # of the accelerometer disagree with the stand angles, unless the accelerometer itself is dead.
     mismatch_deg = None if min(dead) < 3 else _core.stand_mismatch_deg(recording)
     if mismatch_deg is not None and mismatch_deg > GROSS_RAW_DEG:
@@ -191,7 +191,7 @@ def _not_moved(recording: Recording, dead: Sequence[int]) -> Reason | None:
 
 
 def _excites(program: Program) -> list[bool]:
-    """Whether a program excites all axes of the accelerometer and of the gyroscope, for any mounting."""
+    """Whether a program excites all axes of accelerometer and gyroscope, however the unit is mounted."""
     ideal = simulate(program, unit="ideal", seed=0, rate_hz=IDEAL_HZ).recording
     spreads = [np.linalg.eigvalsh(np.cov(rows.T)) for rows in samples_of_both(ideal)]
     return [bool(least > LEAST_EXCITATION * most) for least, _, most in spreads]
@@ -208,7 +208,7 @@ def _mount(result: CalibrationResult, recording: Recording) -> list[Finding]:
 
 
 def _refused(error: InputError) -> Assessment:
-    """The assessment of recordings that checks refuse; the unit is judged only if it has a fault itself."""
+    """The assessment of refused recordings. The unit fails if it has a fault; otherwise it is not judged."""
     grave = [finding for finding in error.findings if finding.severity == "error"]
     unit = [Reason(OF_THE_UNIT[f.code], str(f)) for f in grave if f.code in OF_THE_UNIT]
     other = [Reason(f"data_{f.code}", str(f)) for f in grave if f.code not in OF_THE_UNIT]

@@ -325,9 +325,9 @@ mod tests {
 
     #[test]
     fn rest_and_zero_settle_too() {
-        // The iteration of the correction ends when the change of rate and force is small relative to their magnitudes.
-        // Two states are difficult for this test. At rest, the error that an effect adds is larger than the rate. In
-        // free fall, the magnitude of the force is zero.
+        // The iteration of the correction ends when the change of rate and force is small relative to the measured
+        // values and the effects. Two states are difficult for this criterion. At rest, the error that an effect adds
+        // is larger than the rate. In free fall, the magnitude of the force is zero.
         for effect in catalogue() {
             for specific_force in [Vector3::zeros(), Vector3::new(0.0, 0.0, 9.80665)] {
                 let state = State { angular_rate: Vector3::zeros(), specific_force, ..fast_state() };

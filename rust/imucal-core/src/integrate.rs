@@ -40,8 +40,9 @@ pub enum Order {
 /// Integrates the angular rate over a move, sample by sample.
 ///
 /// In `f32`, rounding limits the resolution of one step to 6e-8 rad. At 0.01 rad/s and 8 kHz, a step is only 1.25e-6
-/// rad, and the rotation has an error of about one per cent. For slow motion at a high sampling rate, use `f64`, or
-/// push means over several samples.
+/// rad, so the rounding error of a step is up to a few per cent. These errors do not average out completely, and the
+/// rotation can be wrong by one per cent. For slow motion at a high sampling rate, use `f64`, or push means over
+/// several samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integrator<F: RealField + Copy> {
     order: Order,

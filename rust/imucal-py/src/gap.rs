@@ -63,8 +63,8 @@ pub(crate) struct SessionStep {
     gyroscope_radps: Option<[f64; 3]>,
     p_value: f64,
     temperature_change_k: Option<f64>,
-    /// Two values of chi2 per degree of freedom of the control recordings under the model without effects: with the
-    /// biases of the calibration, and with biases estimated from the control recordings.
+    /// Two values of chi2 per degree of freedom of the control recordings, from the fit with the accepted effects: with
+    /// the biases of the calibration, and with biases estimated from the control recordings.
     chi2: (f64, f64),
 }
 
@@ -91,8 +91,8 @@ pub(crate) struct Search {
     /// this limit.
     smallest_visible: Vec<(String, f64, String)>,
     traces: Vec<Trace>,
-    /// The kind of residuals with the largest ratio of scatter to noise, if this ratio is significant: the name of the
-    /// kind, the ratio, and the p-value of the ratio. None if no ratio is significant.
+    /// The kind of residuals with the largest significant ratio of their standard deviation to their noise: the name of
+    /// the kind, the ratio, and the p-value of the ratio. None if no ratio is significant.
     scattering_rests: Option<(&'static str, f64, f64)>,
     is_hand_moved: bool,
 }
@@ -101,8 +101,8 @@ pub(crate) struct Search {
 /// do not apply are None. Reason 1: the fit with the effect failed; the entry is the message. Reason 2: the effect
 /// makes the prediction of unseen data (data that the fit does not use) worse; the entry is chi2 per degree of freedom
 /// of these data without and with the effect. Reason 3: the parameters of the effect are not significant; the entry is
-/// their p-value. Reason 4: a pure delay does not describe the gyroscope; the entry contains the estimated mean delay
-/// of the gyroscope's filter (s), half of the variance of the delay (s^2), and the standard deviation of this half
+/// their p-value. Reason 4: a pure delay does not describe the gyroscope's filter; the entry contains the estimated
+/// mean delay of the filter (s), half of the variance of the delay (s^2), and the standard deviation of this half
 /// (s^2). Mean and variance are weighted by the impulse response of the filter.
 type RefusalTuple = (String, Option<String>, Option<[f64; 2]>, Option<f64>, Option<[f64; 3]>);
 
@@ -112,8 +112,8 @@ pub(crate) struct GapFit {
     effects: Vec<String>,
     outcome: Py<Outcome>,
     control: Option<Py<Evaluation>>,
-    /// Whether the fit also uses each of two kinds of residuals, because the other residuals hardly determine its
-    /// effects: the specific force inside moves, and the angles of the stand.
+    /// Whether the fit also uses the specific force inside moves, and whether it also uses the angles of the stand. It
+    /// uses such residuals if the other residuals hardly determine its effects.
     more_residuals: (bool, bool),
 }
 

@@ -10,7 +10,7 @@ use crate::error::ToPython;
 
 /// Runs `work` while the Python interpreter lock (GIL) is released. If a Python signal handler raises an exception
 /// during `work`, the calculation is cancelled, and the exception is returned. Python runs signal handlers only on its
-/// main thread.
+/// main thread, so a call from another thread cannot be cancelled.
 pub(crate) fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce() -> Result<T, Error> + Send) -> PyResult<T> {
     let raised: Arc<Mutex<Option<PyErr>>> = Arc::default();
     let kept = raised.clone();

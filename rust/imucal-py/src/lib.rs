@@ -413,8 +413,8 @@ mod _core {
         to_rows(py, py.detach(|| library::correct::angular_acceleration(time, rate)))
     }
 
-    /// Converts the sensitivities of both triads to another body frame. Returns `(accelerometer, gyroscope)`, each (3,
-    /// 3).
+    /// Converts the sensitivities of both triads to the body frame with the name `frame`. Returns `(accelerometer,
+    /// gyroscope)`, each (3, 3).
     #[pyfunction]
     fn convert_frame<'py>(
         py: Python<'py>,

@@ -108,8 +108,8 @@ pub fn correct_from(
     correct_with(start_s, recording, calibration, &accelerations(&rate), &of_seen)
 }
 
-/// Corrects every sample with the given angular accelerations, rad/s^2. The first slice contains the derivatives of the
-/// corrected rate. The second slice contains the derivatives of the measured rate, which is delayed if the gyroscope
+/// Corrects every sample with the given angular accelerations, rad/s^2. `acceleration` contains the derivatives of the
+/// corrected rate. `seen_acceleration` contains the derivatives of the measured rate, which is delayed if the gyroscope
 /// has a delay. The mean of both derivatives approximates the mean angular acceleration over the delay. The error of
 /// this approximation is proportional to the square of the delay. Both slices are empty if the angular acceleration is
 /// unknown.
@@ -266,8 +266,8 @@ mod tests {
 
     #[test]
     fn a_lever_arm_is_taken_away_to_rounding_where_the_rate_is_a_parabola() {
-        // The lever arm affects only the accelerometer. The measured rate therefore equals the true rate, also at the
-        // first and the last sample.
+        // The lever arm affects only the accelerometer, so the measured rate equals the true rate. The numerical
+        // derivative of this parabola is exact at every sample, also at the first and the last one.
         let errors = round_trip(&unit("accel_lever_arm", &[0.02, -0.03, 0.05], None), 0.0, false);
         assert!(errors.0 < 1e-13 && errors.1 < 1e-11, "{errors:?}");
     }
@@ -302,8 +302,8 @@ mod tests {
 
     #[test]
     fn the_derivative_of_a_quartic_is_exact_at_every_sample() {
-        // The derivative averages samples over intervals and tries several widths. The narrowest interval contains one
-        // sample with time steps of 10 ms, and five samples with time steps of 0.4 ms.
+        // The derivative averages samples over intervals and tries several widths of these intervals. The narrowest
+        // interval contains one sample if the time steps are 10 ms, and five samples if they are 0.4 ms.
         for stretch in [1.0, 0.04] {
             let time_s: Vec<f64> = uneven_time(60).iter().map(|t| stretch * (t - 70.0)).collect();
             let rate: Vec<[f64; 3]> = time_s.iter().map(|t| [2.0, t - 3.0 * t * t, t.powi(4)]).collect();

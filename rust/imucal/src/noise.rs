@@ -71,11 +71,11 @@ pub struct Noise {
     pub accelerometer: Option<[AxisNoise; 3]>,
     /// Noise of the gyroscope's axes x, y, z, in the recording's unit; `None` if only an accelerometer was recorded.
     pub gyroscope: Option<[AxisNoise; 3]>,
-    /// Steps of the mean reading within the used samples. The estimated noise includes them.
+    /// Steps of the mean reading within the used samples. They are not removed before the noise is estimated.
     pub steps: Vec<Step>,
     /// Steps of the mean reading that were cut out, so that the used samples contain none of them.
     pub cut_steps: Vec<Step>,
-    /// Drifts of the mean reading, for example while the unit warms up. The estimated noise includes them.
+    /// Drifts of the mean reading, for example during warm-up. They are not removed before the noise is estimated.
     pub drifts: Vec<Drift>,
     /// Findings about the recording.
     pub findings: Vec<Finding>,

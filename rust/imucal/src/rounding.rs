@@ -56,7 +56,7 @@ pub struct Rounding {
     /// Whether the reading of a rest determines its rounding error. Equal readings then have equal errors. False for a
     /// force whose samples are all at one level (multiple of `step`), because the true force may be anywhere within
     /// half a step of this level. True for a rate even if its samples are all at one level, because the true rate is
-    /// zero at every rest.
+    /// zero at every rest, so that the converter has nearly the same input (the bias) at all rests.
     pub is_determined: bool,
 }
 

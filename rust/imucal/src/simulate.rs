@@ -282,7 +282,7 @@ fn check_rows(name: &str, rows: Option<&[[f64; 3]]>, samples: usize) -> Result<(
 
 /// Number of samples with time stamps in `[0, duration)`.
 fn sample_count(duration_s: f64, rate_hz: f64) -> Result<usize, Error> {
-    // The tolerance prevents an additional sample if the duration is a sum of rounded times.
+    // The tolerance prevents an additional sample if rounding errors make the duration slightly too long.
     let samples = (duration_s * rate_hz - 1e-6).ceil();
     if rate_hz.is_finite() && rate_hz > 0.0 && (1.0..=MAX_SAMPLES).contains(&samples) {
         return Ok(samples as usize);

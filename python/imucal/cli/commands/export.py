@@ -46,7 +46,7 @@ def export(
         option(
             "--name",
             metavar="PREFIX",
-            help="c-header, fusion: prefix of all names; two units in one program need two prefixes.",
+            help="c-header, fusion: prefix of all C names; two units in one program need two prefixes.",
         ),
     ] = None,
     board_orientation: Annotated[

@@ -159,7 +159,7 @@ def simulate(
         float | None,
         option(
             "--translation-mm",
-            help="tumble: edge of the cube that contains the poses, mm.",
+            help="tumble: edge length of the cube that contains the positions of the poses, mm.",
             panel=MOTION,
         ),
     ] = None,

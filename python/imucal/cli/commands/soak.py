@@ -66,7 +66,7 @@ def _print(out: Output, found: Soak) -> None:
         left = ", ".join(
             f"{axis} {100 * share:.0f} %" for axis, share in zip("xyz", sensor.left, strict=True)
         )
-        out.line(f"  residual on held-out epochs, relative to one cubic in the temperature: {left}")
+        out.line(f"  residual on held-out epochs, relative to that of one cubic in the temperature: {left}")
     parameters = [parameter for sensor in found.sensors for parameter in sensor.parameters]
     if parameters:
         out.parameters(parameters)

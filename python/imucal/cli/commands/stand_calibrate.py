@@ -61,8 +61,8 @@ def calibrate(
         option(
             "--control-program",
             metavar="FILE",
-            help="Program file of the control run. Default: random turns; if PROGRAM is a file, the poses "
-            "of PROGRAM in another order along the same path.",
+            help="Program file of the control run. Default: a random program; if PROGRAM is a file, its "
+            "poses in another order along the same path.",
         ),
     ] = None,
     control_seed: Annotated[

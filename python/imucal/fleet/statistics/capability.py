@@ -29,7 +29,7 @@ DEVIATIONS: Final = 4.0
 # multiplied by STD_MARGIN.
 STD_QUANTILE: Final = 0.99
 STD_MARGIN: Final = 2.0
-# Prefix of the name of a figure of merit in a store, by set of recordings.
+# Prefix of the names of figures of merit in a store, for each set of recordings from which they are computed.
 PREFIX: Final = {"calibration_set": "", "control_set": "control_"}
 
 

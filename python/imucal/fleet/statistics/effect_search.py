@@ -36,7 +36,7 @@ FALSE_ALARM: Final = 0.001
 RIVAL_WITHIN: Final = 10.0
 # Maximum number of effects that are accepted one after the other.
 MOST_ROUNDS: Final = 3
-# Minimum number of units that must determine an effect.
+# Minimum number of units whose recordings determine an effect. An effect of fewer units is not tested.
 FEWEST_UNITS: Final = 5
 # Type of a function that fits effects to all units and returns {serial: {effect: fit}}. The effects of the
 # first argument are fitted one at a time. In each of these fits, the effects of the second argument are

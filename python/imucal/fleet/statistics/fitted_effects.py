@@ -68,7 +68,7 @@ def fitted_effects(
 
 
 def _fitted(calibration: Any, effect: str) -> Fitted | None:
-    """The linear parameters of an effect; None if the fit gives no covariance for them."""
+    """The fitted linear parameters of an effect; None if the fit gives no covariance for them."""
     wanted = [f"{effect}_{parameter.name}" for parameter in find(effect).parameters]
     place = {name: index for index, name in enumerate(calibration.covariance_names)}
     own = [parameter for parameter in calibration.parameters if parameter.name in wanted]

@@ -205,7 +205,7 @@ class _Column:
         self._batch = np.unique(batches, return_inverse=True)[1].reshape(-1)
 
     def residuals(self, added: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Values without the shifts `added`, minus their predictions; and the residuals' standard deviations.
+        """Residuals, which are values without the shifts `added` minus predictions, and their std deviations.
 
         Residuals of missing values are NaN.
         """

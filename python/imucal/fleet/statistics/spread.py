@@ -32,7 +32,7 @@ __all__ = ["MEDIAN_DEVIATION", "Spread", "spread_of"]
 # With this multiple, a unit beyond about 4 standard deviations is more probably an outlier than a normal
 # unit.
 ODD_WIDTH: Final = 10.0
-# Weight of the prior that units are normal, as a number of normal units.
+# Weight of the prior that units are normal (no outliers): the prior counts like this number of normal units.
 NORMAL_UNITS: Final = 20
 # Maximum number of iterations of the fit.
 MOST_STEPS: Final = 200

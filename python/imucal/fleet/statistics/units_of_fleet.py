@@ -8,7 +8,7 @@ from imucal.fleet.measurements import Measurements
 
 __all__ = ["POOR", "first_of_each_unit", "usable"]
 
-# Verdict of calibrations whose parameters are not used.
+# Verdict of calibrations whose parameters are not used in statistics.
 POOR = "poor"
 
 

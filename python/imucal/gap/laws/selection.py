@@ -134,7 +134,7 @@ def _weights(given: Columns, model: FloatArray) -> FloatArray:
 def _evidence(
     given: Columns, model: FloatArray, weights: FloatArray, places: Sequence[int] | None = None
 ) -> FloatArray:
-    """Log evidence of the candidates `places` over the model, at the width of the prior that maximises it."""
+    """Log evidence of each candidate in `places` (indices) over the model, maximised over the prior width."""
     q, _ = np.linalg.qr(_scaled(model * weights[:, None]))
     residual = given.residual * weights
     residual = residual - q @ (q.T @ residual)

@@ -186,7 +186,8 @@ impl<F: RealField + Copy> TemperatureMemory<F> {
                 + steady_k * settled
                 + (before_k - steady_k) * step * (F::one() - settled);
         }
-        // 2 T_1 - T_2 has no delay while the temperature changes at a constant rate.
+        // `smooth_change_k` is the change of 2 T_1 - T_2. While the temperature changes at a constant rate, 2 T_1 - T_2
+        // has no delay.
         let smooth_change_k = change_k + (self.first.lag_k - before_k) - (self.second_lag_k - second_before_k);
         let reversal_k: F = convert(REVERSAL_K);
         let turned = self.direction + smooth_change_k / reversal_k;

@@ -1,5 +1,5 @@
-//! Converts two parts of a gap result to mappings for JSON documents: the residuals, grouped by kind, rest and move,
-//! and the predicted errors of corrected samples.
+//! Converts two parts of the result of a search for missing effects to mappings for JSON documents: the residuals,
+//! grouped by kind, rest and move, and the predicted errors of corrected samples.
 
 use imucal::gap as library;
 use imucal::recording::Recording;

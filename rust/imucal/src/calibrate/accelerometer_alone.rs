@@ -63,7 +63,7 @@ pub struct AccelerometerOutcome {
     /// empty if no parameter is held.
     pub prior_shares: Vec<f64>,
     /// Error that the uncertainty of the priors causes in a measured gravity direction; `None` if no parameter is held.
-    /// The error of a rotation is NaN, because an accelerometer does not measure rotations.
+    /// Its field `rotation_deg` is NaN, because an accelerometer does not measure rotations.
     pub prior_cost: Option<PriorCost>,
     /// Goodness of fit of the norms of the specific force at the rests, relative to noise; empty if there are no
     /// degrees of freedom.

@@ -96,10 +96,10 @@ pub(super) fn held_estimates(
 
 /// Returns the difference between the prior value and the value from the recordings alone, in standard deviations of
 /// this difference. `None` if the standard deviation of the value from the recordings alone is not smaller than the
-/// typical spread of the parameter among MEMS sensors. Information as weak as this comes only from the nonlinearity of
-/// the model, so it is no evidence against the prior. `residual` is (estimate - prior value) in its standard
-/// deviations, and `free` is one minus the leverage of this residual. `residual` is proportional to the returned
-/// difference, so both have the same value in their own standard deviations.
+/// typical spread of the parameter among MEMS sensors. If the recordings determine the parameter so poorly, their
+/// information about it comes only from the nonlinearity of the model, and is no evidence against the prior. `residual`
+/// is (estimate - prior value) in its standard deviations, and `free` is one minus the leverage of this residual.
+/// `residual` is proportional to the returned difference, so both have the same value in their own standard deviations.
 fn contradiction(held: &HeldParameter, (residual, free): (f64, f64)) -> Option<f64> {
     let of_recordings = held.sigma * ((1.0 - free) / free).sqrt();
     held.usual.is_none_or(|usual| of_recordings < usual).then_some(residual)

@@ -69,8 +69,8 @@ pub struct Outcome {
     /// Goodness of fit of each kind of residuals, relative to noise. The kinds of the two-stage fit are the norms of
     /// the specific force at the rests and the gravity directions after the moves.
     pub groups: Vec<GroupMisfit>,
-    /// For each kind of residual, the factor by which the joint fit multiplies the standard deviations (model.md (19));
-    /// `None` without a joint fit.
+    /// For each kind of residual, the factor by which the joint fit multiplies the standard deviations of these
+    /// residuals (model.md (19)); `None` without a joint fit.
     pub joint_scales: Option<ResidualScales>,
     /// Bias instability, rad/s, that the weights of the joint fit assume for each gyroscope axis. It is given by the
     /// options, or estimated from the scatter of the mean rates at the rests. `None` if the weights assume constant

@@ -28,8 +28,8 @@ use crate::two_stage::observability::{
     EDGES_AND_CORNERS, FARTHEST, OR_ROLL, missing_poses, missing_turns, too_few_poses,
 };
 
-/// The unit was rotated between two rests if the gravity directions at these rests differ by more than this angle, rad
-/// (20 deg).
+/// The unit counts as rotated between two rests if the gravity directions at these rests differ by more than this
+/// angle, rad (20 deg).
 const TURNED_RAD: f64 = 0.35;
 /// Two gravity directions count as equal if the angle between them is below this limit, rad.
 const ALIKE_RAD: f64 = 0.05;

@@ -8,7 +8,7 @@
 //!
 //! ```text
 //! det A = +1   A = I,   G = P^T     the accelerometer is right, the gyroscope columns need P
-//! det A = -1   A = -I,  G = P^T     the accelerometer is mirrored: an odd number of its axes is reversed or exchanged
+//! det A = -1   A = -I,  G = P^T     the accelerometer is mirrored: its axes are left-handed
 //! ```
 //!
 //! Gravity cannot distinguish the two classes. A rotation about the vertical can, because the rate about the axis that

@@ -14,10 +14,10 @@ const FEWEST_PACKETS: usize = 10;
 /// Maximum median time step between packets, s. Longer time steps are pauses of a logger that sleeps, not intervals
 /// between packets.
 const LONGEST_S: f64 = 2.0;
-/// For time stamps to be those of packets, the sum of the time steps between packets must exceed this share of the
+/// Time stamps count as those of packets only if the sum of the time steps between packets exceeds this share of the
 /// recording's duration.
 const SHARE_OF_TIME: f64 = 0.5;
-/// For time stamps to be those of packets, at least this share of the packets must have nearly the median number of
+/// Time stamps count as those of packets only if at least this share of the packets has nearly the median number of
 /// samples. If samples are lost at random, the groups between long time steps have varying sizes, so this limit
 /// excludes random loss.
 const ALIKE: f64 = 0.9;

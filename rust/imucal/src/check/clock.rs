@@ -23,8 +23,8 @@ const SPREAD: [f64; 2] = [0.2, 0.5];
 /// A clock counts as regular if |time step / median - 1| is at most this value for all time steps. For a regular clock,
 /// the checks of spread and gaps are skipped, because they cannot find a fault and take more time.
 const REGULAR: f64 = 0.2;
-/// If more than this share of the samples repeats the time stamp of the previous sample, the finding is an error,
-/// otherwise a warning.
+/// If more than this share of the samples repeats the time stamp of the previous sample, the finding
+/// `samples_duplicated` is an error, otherwise a warning.
 const MAX_EQUAL_SHARE: f64 = 0.01;
 
 /// Statistics of the time steps of a recording. A time step is the difference between two consecutive time stamps.
@@ -205,7 +205,7 @@ impl Steps {
     }
 }
 
-/// Share of the counted faulty samples in all samples of the recording, %.
+/// Share of the samples of the recording that `tally` has counted as faulty, %.
 fn share(tally: &Tally, recording: &Recording) -> f64 {
     100.0 * tally.samples as f64 / recording.len() as f64
 }

@@ -135,8 +135,8 @@ mod tests {
 
     #[test]
     fn late_samples_are_not_missing() {
-        // Every 90th sample is 12 ms late, and the sample after it is 4 ms late. At one place, 50 samples arrive
-        // together.
+        // Every 90th sample is 12 ms late, and the sample after it is 4 ms late. The samples 2000 to 2049 arrive almost
+        // at the same time.
         let late_s = |i: usize| match i % 90 {
             _ if (2000..2050).contains(&i) => (2050 - i) as f64 * 0.0099,
             40 => 0.012,

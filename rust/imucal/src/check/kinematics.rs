@@ -22,9 +22,9 @@ use crate::recording::{RawUnit, Recording};
 const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
 /// Narrower limits of the same scale, for a gyroscope whose calibration has been applied.
 const CALIBRATED: [f64; 2] = [0.7, 1.4];
-/// The measured rates are too large by the factor 1 / (scale of P). A unit of measurement is recommended if the
-/// relative difference between this factor and its conversion factor is below this value. An example of a conversion
-/// factor is 57.3 for deg/s read as rad/s.
+/// The measured rates are too large by the factor 1 / (scale of P). If a wrong unit of measurement causes this factor,
+/// it is the conversion factor between two units, for example 57.3 for deg/s read as rad/s. The finding names a unit if
+/// the relative difference between the factor and the conversion factor is below this value.
 const KNOWN: f64 = 0.25;
 /// The true P is nearly a rotation times a scale, so its singular values are nearly equal. If (smallest singular value
 /// of P) / (largest singular value of P) is below this value, the motion did not determine P, and no finding is

@@ -15,8 +15,8 @@ pub(super) struct Part<'a> {
     pub(super) samples: Range<usize>,
     /// Whether the time and all channels of the recorded sensors are finite in all samples.
     pub(super) is_finite: bool,
-    /// The bits that [`Part::equal`] returns for a sample that equals the previous sample in all channels. The bits of
-    /// an absent sensor are not set.
+    /// The bits of the channels of all recorded sensors. [`Part::equal`] returns these bits for a sample that equals
+    /// the previous sample in all channels.
     pub(super) all_equal: u8,
     equal: [u8; PART],
     /// Samples of the accelerometer and of the gyroscope. If the recording has a sample before the block, that sample

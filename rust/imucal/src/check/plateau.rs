@@ -1,5 +1,5 @@
 //! Detection of plateaus: equal consecutive samples in one channel while the unit moves. A rounded peak, a rest without
-//! noise, and coincidental repeats of a coarse converter do not count as plateaus.
+//! noise, and samples that are equal only because of coarse quantisation do not count as plateaus.
 
 use super::values::range;
 use crate::recording::Samples;
@@ -15,19 +15,19 @@ const SIBLING_STEPS: f64 = 2.0;
 /// Minimum change of the channel, in steps of the converter, from the plateau to each of two samples: the sample one
 /// plateau length before its start, and the sample one plateau length after its end. This limit detects a clipped
 /// channel that changes slowly next to the plateau, which [`EDGE_STEPS`] misses at high sampling rates and with coarse
-/// steps. A rounded peak stays below the limit: if the n samples at the top of a parabola are within one step, the
-/// samples that are n samples farther out are only nine steps below the top.
+/// steps. A rounded peak stays below the limit: if the top n samples of a parabola are within one step, the samples
+/// that are n samples farther out are three times as far from the peak, so they are only 3^2 = 9 steps below it.
 const FAR_STEPS: f64 = 12.0;
-/// For a plateau that [`FAR_STEPS`] detects, another axis must change during the plateau by more than this share of the
-/// range that it has in the whole recording.
+/// For a plateau that [`FAR_STEPS`] detects, another axis must change during the plateau by more than this share of
+/// that axis's range in the whole recording.
 const SIBLING_SHARE: f64 = 0.05;
 
 /// Plateaus at an extreme value are reported only if noise would cause them with at most this probability. With this
 /// limit, one in 1e5 recordings without saturation is falsely reported as saturated.
 const BY_CHANCE: f64 = 1e-5;
-/// Upper limit of the assumed probability that noise makes two consecutive samples equal. Without this limit, no
-/// plateau would be reported if the noise is smaller than one step of the converter. Most consecutive samples are then
-/// equal, so that noise would make even a long plateau probable.
+/// Upper limit of the assumed probability that noise makes two consecutive samples equal. If the noise is smaller than
+/// one step of the converter, most consecutive samples are equal. Without this limit, even a long plateau would then be
+/// a plausible effect of noise, and no plateau would be reported.
 const MOST_EQUAL: f64 = 0.5;
 
 /// Size of a set of plateaus: the number of plateaus, the number of samples in all of them, and the number of samples
@@ -106,7 +106,7 @@ pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], ste
         let change = |k: usize| range(rows.slice(run.clone()), k);
         let sibling = |is_enough: &dyn Fn(usize) -> bool| (1..3).map(|k| (axis + k) % 3).any(is_enough);
         let share = |k: usize| change(k) / (ends[k][1] - ends[k][0]);
-        // An edge of the plateau is steep if the channel jumps there, if the adjacent sample is missing, or if the
+        // An edge of the plateau is steep if the channel jumps there, if the adjacent sample is NaN, or if the
         // recording ends there.
         let steep = drop_at(1).iter().all(|drop| drop.is_none_or(|d| d.is_nan() || d >= EDGE_STEPS))
             && sibling(&|k| change(k) >= SIBLING_STEPS * steps[k] && share(k) > 1e-6);
@@ -124,8 +124,8 @@ pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], ste
     found
 }
 
-/// Whether the extreme value `end` occurs at least twice as often as all other values within 1.5 converter steps of it.
-/// Otherwise, the extreme value is only the tail of a noise distribution.
+/// Whether the extreme value `end` occurs at least twice as often as all other values within 1.5 converter steps of it
+/// together. Otherwise, the extreme value is only the tail of a noise distribution.
 pub(super) fn piles_up(rows: Samples<'_>, axis: usize, end: f64, step: f64) -> bool {
     let (mut at_end, mut inside) = (0, 0);
     for value in rows.axis(axis) {

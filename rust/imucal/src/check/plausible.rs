@@ -1,5 +1,5 @@
-//! Limits of plausible noise densities and biases of inertial sensors at rest. A value beyond the limits may have been
-//! recorded in another unit of measurement, and the unit in which it would be plausible is proposed.
+//! Limits of plausible noise densities and biases of inertial sensors at rest. A value beyond the limits may be due to
+//! a column that was read in a wrong unit. The check therefore proposes the unit in which the value would be plausible.
 //!
 //! ```text
 //! quantity                   highest                 lowest                     sources
@@ -235,9 +235,9 @@ fn gyro_way_out(recording: &Recording, density: f64, accel: &[RestNoise; 3]) -> 
 }
 
 /// Recommends the unit of measurement in which the implausible noise density `density` of an accelerometer,
-/// m/s^2/sqrt(Hz), would be that of a usual sensor. If the unit of the column is correct, because the median specific
-/// force in this unit equals gravity, a density that is too high is due to motion. The text then recommends holding the
-/// sensor still.
+/// m/s^2/sqrt(Hz), would be that of a usual sensor. If the median specific force equals gravity, the unit of the
+/// columns is correct, so a density that is too high is due to motion. The text then recommends holding the sensor
+/// still.
 fn accel_way_out(recording: &Recording, density: f64) -> String {
     let usual = |density_mg: f64| (0.03..=3.0).contains(&density_mg);
     let force = median_force(recording);
@@ -342,7 +342,8 @@ mod tests {
         assert_eq!(moving.iter().map(|f| f.way_out.as_str()).collect::<Vec<_>>(), [NEVER_RESTS; 2]);
         let undecided = &found(0.05, 6e-3, 0.0, 0.0)[0].way_out;
         assert!(undecided.contains("gyro_x_dps") && undecided.ends_with(NEVER_RESTS), "{undecided}");
-        // The counts of the converter show the unit of a moving gyroscope.
+        // The step between the values, 1/131, is the size of a count of usual gyroscopes in deg/s. It reveals the unit
+        // although the sensor moves.
         assert!(found(0.2, 6e-3, 0.0, 0.007_633_6)[1].way_out.contains("gyro_x_dps"));
     }
 

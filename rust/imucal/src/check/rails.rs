@@ -248,8 +248,8 @@ mod tests {
 
     #[test]
     fn rest_and_constant_turn_without_noise_are_not_flagged() {
-        // A motor turns at constant speed about x, and then the unit rests. The extreme values repeat, but no value is
-        // clipped.
+        // A motor turns the unit at constant speed about x, and then the unit rests. The extreme values repeat, but no
+        // value is clipped.
         let mut columns = Columns::tumbling();
         for i in 0..4000 {
             let moving = (i / 200) % 2 == 1;

@@ -57,9 +57,9 @@ pub(crate) fn repeated_share(recording: &Recording<'_>) -> f64 {
 pub(super) struct Repeats {
     /// Counter of the rows that repeat all values of the previous row.
     doubled: Tally,
-    /// A changing row repeats at most one value of the previous row. This is the number of changing rows that follow
-    /// another changing row, either directly or after a sequence of repeated rows. Only repeated rows between two
-    /// changing rows are counted.
+    /// Number of changing rows that follow another changing row, either directly or after a sequence of repeated rows.
+    /// A changing row repeats at most one value of the previous row. Repeated rows are counted in `doubled` only
+    /// between two changing rows.
     changing: usize,
     /// Number of rows that repeat all but one value of the previous row.
     near: usize,
@@ -99,8 +99,8 @@ impl Repeats {
 
     /// The end of the sentence that begins with [`Self::counted`]: the number of rows that were not examined.
     pub(super) fn not_examined(&self, recording: &Recording) -> String {
-        // The first row has no previous row. The second row cannot be examined, because the first row was not compared
-        // with any row.
+        // The first row has no previous row. The second row is not examined either, because it is unknown whether the
+        // first row repeats any values.
         match recording.len().saturating_sub(2 + self.examined()) {
             0 => String::new(),
             others => format!(
@@ -128,7 +128,8 @@ impl Repeats {
         }
     }
 
-    /// Ends a sequence of repeated rows; row `i` is the first row after it.
+    /// Counts the rows of a finished sequence of repeated rows, if changing rows precede and follow it. Row `i` is the
+    /// first row after the sequence.
     fn end_of_stretch(&mut self, i: usize, changes_on_both_sides: bool) {
         if changes_on_both_sides && self.near_rows == 0 && self.equal_rows <= LONGEST_REPEAT {
             (i - self.equal_rows..i).for_each(|row| self.doubled.add(row));

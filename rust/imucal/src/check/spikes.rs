@@ -1,12 +1,12 @@
-//! Check for spikes: single samples far from both neighbours, such as errors of a transmission or of a reader.
+//! Check for spikes: single samples far from both neighbours, for example due to a transmission error.
 
 use super::part::Part;
 use super::{CHANNELS, Tally, names, unit_name};
 use crate::finding::{Finding, counted, general};
 use crate::recording::{Recording, SIDE_BY_SIDE, each_step};
 
-/// Largest number of spikes of a channel that are reported. If more samples are far from their neighbours, the
-/// distances are a property of the signal.
+/// Maximum number of spikes in a channel. If more samples are far from their neighbours, the channel is not reported,
+/// because such samples are then a property of the signal.
 const MOST: usize = 64;
 /// Samples of a channel are spikes only if their distances to both neighbours are at least this multiple of the
 /// distance between any other two consecutive samples of the channel.
@@ -23,11 +23,12 @@ pub(super) struct Spikes {
     channels: [Largest; 6],
 }
 
-/// The largest steps of one channel, each with the index of its second sample. There may be more than [`STEPS`].
+/// The largest steps of one channel, each with the index of its second sample. Between two calls of
+/// [`Largest::shorten`], there may be more than [`STEPS`] of them.
 #[derive(Default)]
 struct Largest {
     steps: Vec<(f64, usize)>,
-    /// Steps up to this size are not among the [`STEPS`] largest.
+    /// Steps up to this size are not stored, because they are not among the [`STEPS`] largest.
     floor: f64,
 }
 
@@ -89,7 +90,7 @@ impl Spikes {
     }
 }
 
-/// Warns of spikes. The finding is no error, because a blow to the unit may also last for a single sample.
+/// Warns of spikes. The finding is no error, because a blow to the unit may also be visible in only one sample.
 pub(super) fn check(recording: &Recording, spikes: &mut Spikes) -> Option<Finding> {
     let units = [unit_name(recording.accel_unit, "m/s^2"), unit_name(recording.gyro_unit, "rad/s")];
     let (mut samples, mut parts, mut columns) = (Vec::new(), Vec::new(), Vec::new());

@@ -86,8 +86,9 @@ impl Blocks {
         Some(Self { earliest, shifts_s })
     }
 
-    /// Computes the mean sampling rate from a straight line through the samples with the smallest delays, Hz. `None` if
-    /// the recording has pauses that are so long that the rate is inaccurate.
+    /// Computes the mean sampling rate, Hz, from the slope of a straight line (time stamp against sample index) that is
+    /// fitted to the samples with the smallest delays. `None` if the recording has pauses that are so long that the
+    /// rate is inaccurate.
     fn rate_hz(&self, recording: &Recording) -> Option<f64> {
         let [start_s, end_s] = recording.span_s();
         let centre = self.earliest.iter().sum::<usize>() as f64 / self.earliest.len() as f64;
@@ -127,8 +128,8 @@ impl Blocks {
 }
 
 /// Computes the typical time step between two packets, s: the median of the time steps, each weighted by its length.
-/// The time steps that are longer than this median make up about half of the duration. Without packets, the result is a
-/// usual time step.
+/// The time steps that are longer than this median make up about half of the duration. If the samples do not arrive in
+/// packets, the result is a typical sampling interval.
 fn usual_long_step_s(time_s: &[f64]) -> f64 {
     let mut steps_s: Vec<f64> =
         time_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| *step_s > 0.0).collect();
@@ -156,7 +157,7 @@ mod tests {
     }
 
     /// Five kinds of simulated time stamps of a sensor at 100 Hz: rounded to 0.1 s, packets of 16 samples, jitter of 5
-    /// ms, late stamps, and packets that arrive up to 60 ms late.
+    /// ms, every 90th sample stamped 12 ms late, and packets of 10 samples that arrive up to 60 ms late.
     fn kinds() -> [fn(usize) -> f64; 5] {
         fn jitter(i: usize) -> f64 {
             (i as f64 * 12.9898).sin() * 43758.5453 % 1.0

@@ -36,7 +36,8 @@ pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
             let triad_is_dead = siblings.iter().all(|&k| range(meanwhile, k) == 0.0)
                 && (0..3).any(|k| moves_widely(other.slice(first..last + 1), k));
             // If the axis also has no noise outside the constant interval, its noise is below a step of the converter.
-            // The axis may then be constant because the motion does not affect it, so a stuck axis is not certain.
+            // The axis may then be constant because the motion does not affect it, so it is not certain that the axis
+            // is stuck.
             let [before, after] = [rows.slice(0..first), rows.slice(last + 1..rows.len())];
             let steps = !(before.is_empty() && after.is_empty()) && [before, after].iter().all(|r| !is_noisy(*r, axis));
             let siblings_are_noisy = !steps && siblings.iter().any(|&k| moves(meanwhile, k) && is_noisy(meanwhile, k));
@@ -138,7 +139,7 @@ fn is_noisy(rows: Samples<'_>, axis: usize) -> bool {
 }
 
 /// Whether the values of the axis change so much that noise cannot be the cause: by at least [`MOVING_STEPS`] steps of
-/// the converter, and by more than 0.3 times the largest magnitude.
+/// the converter, and by more than 0.3 times the largest magnitude of the values.
 fn moves_widely(rows: Samples<'_>, axis: usize) -> bool {
     let [low, high] = extremes(rows, axis);
     moves(rows, axis) && high - low > 0.3 * low.abs().max(high.abs())

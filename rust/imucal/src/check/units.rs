@@ -209,8 +209,8 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
     }
 }
 
-/// Whether the numbers in the gyroscope columns have the norm of gravity, in m/s^2 or in g, in at least half of the
-/// samples.
+/// Whether the numbers in the gyroscope columns may be a specific force: their median norm is that of gravity, in m/s^2
+/// or in g, and at least half of the norms are close to this median.
 fn gyroscope_has_gravity(recording: &Recording, gravity_mps2: f64) -> bool {
     if recording.gyro_unit != RawUnit::Si {
         return false;

@@ -1,4 +1,4 @@
-//! Check for rows in which all sensor values are zero, such as a logger writes in place of a lost sample.
+//! Check for rows in which all sensor values are zero, which some loggers write in place of a lost sample.
 
 use super::part::Part;
 use super::values::Extremes;

@@ -17,8 +17,8 @@ use crate::rests::moves::Move;
 
 /// Returns warnings about units, axes and time stamps that make `evaluation` poor or meaningless.
 ///
-/// `judged` are the recordings whose samples `triads` convert to the true quantities: the measured `recordings`, or the
-/// already corrected recordings.
+/// `judged` are the measured `recordings`, or the recordings that are already corrected for effects. `triads` converts
+/// the samples of `judged` to angular rate and specific force.
 pub(super) fn contradictions(
     recordings: &[Recording<'_>],
     (judged, triads): (&[Recording<'_>], &Calibration<f64>),

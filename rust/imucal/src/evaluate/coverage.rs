@@ -14,8 +14,8 @@ const TESTED_SCALE: f64 = 0.05;
 /// Error of the bias of an accelerometer axis that control recordings must be able to show, m/s^2. At a rest with this
 /// axis vertical, this bias error changes the measured force as much as the scale error [`TESTED_SCALE`] does.
 const TESTED_BIAS_MPS2: f64 = TESTED_SCALE * STANDARD_GRAVITY_MPS2;
-/// An error of the calibration is visible if it changes the residuals such that the norm of all changes is larger than
-/// this value. Each change is divided by the standard deviation of its residual due to noise.
+/// An error of the calibration changes the residuals. It is visible if the norm of the vector of these changes is
+/// larger than this value. Each change is divided by the standard deviation of its residual due to noise.
 const VISIBLE: f64 = 5.0;
 /// An axis takes part in a linear combination of errors if the squared coefficients of the errors of this axis add up
 /// to at least this value. The squared coefficients of all errors add up to one.

@@ -1,4 +1,4 @@
-//! Errors that the uncertainty of the calibration causes in the residuals on control recordings.
+//! chi2 of the residuals on control recordings, with allowance for the uncertainty of the calibration.
 //!
 //! ```text
 //! cov(r) = N + D C D^T,     chi2 = r^T cov(r)^-1 r = z^T z - v^T (I + d^T d)^-1 v

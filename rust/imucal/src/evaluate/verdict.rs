@@ -8,8 +8,8 @@ use crate::recording::Recording;
 use crate::verdict::{GroupMisfit, POOR_CHI2_PER_DOF, Reason, RecordingSet, UncorrectedSamples};
 
 /// A gyroscope is judged only if noise causes at most this standard deviation of the gravity direction after a move,
-/// deg. With a larger value, noise would hide relevant errors of scale and alignment. With consumer sensors, this
-/// standard deviation is about 0.1 deg.
+/// deg (median over the moves). With a larger value, noise would hide relevant errors of scale and alignment. With
+/// consumer sensors, this standard deviation is about 0.1 deg.
 const MAX_DIRECTION_SIGMA_DEG: f64 = 5.0;
 /// Largest plausible rate, deg/s. A calibration that gives higher corrected rates must have wrong units. The limit is
 /// the range of the fastest MEMS gyroscopes on the market (ADXRS649).
@@ -104,8 +104,8 @@ pub(super) fn impossible_rates(recordings: &[Recording<'_>], gyroscope: &Triad<f
     recordings.iter().filter_map(of_recording).collect()
 }
 
-/// Returns one reason for each kind of residual that the calibration makes worse. The calibrated residuals then exceed
-/// their noise significantly, and are larger than the uncalibrated residuals by more than the factor [`WORSE`].
+/// Returns one reason for each kind of residual that the calibration makes worse. These are the kinds whose calibrated
+/// residuals exceed their noise significantly and have an rms of more than [`WORSE`] x the uncalibrated rms.
 pub(super) fn worse(after: &[GroupMisfit], before: &[GroupMisfit]) -> Vec<Reason> {
     let reason = |after: &GroupMisfit| {
         let before = before.iter().find(|before| before.group == after.group)?;

@@ -29,8 +29,9 @@ const CERTAIN_NATS: f64 = 8.0;
 /// of the decrease. The threshold applies only to effects with a log Bayes factor below [`CERTAIN_NATS`], and to
 /// effects that are functions of time.
 const LEAST_IMPROVEMENT: f64 = 0.5;
-/// As [`LEAST_IMPROVEMENT`], for chi2 of all unseen residuals together, if the fits use kinds of residuals that their
-/// effects do not need. The threshold is larger, because an effect may fit errors of the stand in these residuals.
+/// As [`LEAST_IMPROVEMENT`], for chi2 of all unseen residuals together. It applies if the fits use additional residuals
+/// (stand angles, or specific force inside moves) that their effects do not require. The threshold is larger, because
+/// an effect may fit errors of the stand in these residuals.
 const LEAST_IMPROVEMENT_BY_MORE: f64 = 1.0;
 /// The share [`EffectShare::closed`] = decrease of chi2 / excess of chi2 over noise is computed only if chi2 of unseen
 /// data without effects exceeds this multiple of its expected value. At smaller multiples, the excess is too small to

@@ -27,8 +27,8 @@ const SIGNIFICANT: f64 = 25.0;
 const HARMLESS: f64 = 0.1;
 /// A fault explains the residuals of moves if the variance that it adds to the rates is at least this share of the
 /// excess variance of the residuals. Each variance is in multiples of its noise variance. Wrong sampling instants and
-/// white noise increase the two variances about equally. The share is small because the largest errors of the rates are
-/// left out as outliers ([`JUMP`]).
+/// white noise increase the variance of the rates and that of the residuals by about the same multiple. The share is
+/// small because the largest errors of the rates are left out as outliers ([`JUMP`]).
 const EXPLAINS: f64 = 0.25;
 /// Half-width of the five-point stencil of a fourth difference, samples.
 const REACH: usize = 2;

@@ -48,7 +48,7 @@ impl<'a> Common<'a> {
         Instructions::Best.run(SweepCommon(self, scales))
     }
 
-    /// Gram matrices of the model's columns and of the candidate columns with the indices `own`.
+    /// Gram matrices of the model's columns, the candidate columns with the indices `own`, and the residual.
     pub(crate) fn weighing(&self, own: Range<usize>) -> Weighing<'a> {
         let Columns { gram, model, ref beside, ref unit } = self.columns;
         let runs = self.runs(own.clone());

@@ -66,7 +66,8 @@ pub(crate) struct Rows {
 
 /// Whitened Jacobian columns, and the whitened residual as the last column.
 struct Made {
-    /// Rows of the residuals that are not inside moves. If `inside` is `None`, these are all rows.
+    /// Rows of all residuals except those of the specific force inside moves. If `inside` is `None`, there are no other
+    /// rows.
     head: Lanes,
     inside: Option<Insides>,
     /// For each column: the position of its value within a stored row.

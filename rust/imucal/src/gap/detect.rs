@@ -21,7 +21,7 @@ const STEP: f64 = 1.0 / 16.0;
 /// Largest square root of the non-centrality in a table. The threshold of the test grows with the number of
 /// parameters, and no effect has enough parameters to need a larger value.
 const MOST: f64 = 32.0;
-/// A table ends at this probability of detection. Larger non-centralities are detected with certainty.
+/// A table ends at this probability of detection. Effects with a larger non-centrality count as certainly detected.
 const CERTAIN: f64 = 1.0 - 1e-6;
 /// Number of directions in the space of an effect's parameters over which the probability of detection is averaged.
 /// With this number, the detection limit is accurate to 1 %.
@@ -44,7 +44,8 @@ pub(crate) struct Detection {
 static SQUARED_DIRECTIONS: Mutex<BTreeMap<usize, Vec<f64>>> = Mutex::new(BTreeMap::new());
 
 impl Detection {
-    /// The false-alarm probability of each test is [`FALSE_ALARM`] divided by the number of `tests` (Bonferroni).
+    /// Prepares the detection limits of a family of `tests` chi2 tests. The false-alarm probability of each test is
+    /// [`FALSE_ALARM`] / `tests` (Bonferroni).
     pub(crate) fn new(tests: usize) -> Self {
         Self { tests, powers: BTreeMap::new() }
     }
@@ -56,7 +57,8 @@ impl Detection {
     pub(crate) fn limit(&mut self, information: &[f64], dof: usize) -> f64 {
         let powers = self.powers.entry(dof).or_insert_with(|| powers(dof, self.tests));
         let count = information.len();
-        // A poisoned lock is used, because each entry is complete or absent even if another thread has panicked.
+        // The table is used even if the lock is poisoned, because a thread that panics leaves each entry complete or
+        // absent.
         let mut known = SQUARED_DIRECTIONS.lock().unwrap_or_else(PoisonError::into_inner);
         let directions = known.entry(count).or_insert_with(|| squared_directions(count));
         let mut information: Vec<f64> = information.iter().map(|value| value.max(0.0)).collect();

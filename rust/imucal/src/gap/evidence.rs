@@ -89,8 +89,8 @@ impl Gram {
         Some((sum[(self.residual, self.residual)] - explained).max(0.0) / self.rows[place])
     }
 
-    /// Covariance, for the noise scales `scales`, of the parameters of `columns[k]` for all indices k in `own`; `None`
-    /// if the normal matrix is singular.
+    /// Covariance matrix of the parameters to which `columns[k]` belong, for all indices k in `own`, at the noise
+    /// scales `scales`; `None` if the normal matrix is singular.
     pub(crate) fn covariance(&self, columns: &[Column], scales: &[f64], own: &[usize]) -> Option<Mat<f64>> {
         let n = columns.len();
         let size = self.sizes(columns);

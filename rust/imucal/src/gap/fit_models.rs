@@ -25,7 +25,7 @@ const MOST_RECENT: usize = 3;
 const TOO_LONG: &str = "the time constant of the temperature lag is longer than the recordings";
 
 impl<'a> ForwardSearch<'a> {
-    /// Catalogue effects and user-defined effects with the names in `members`.
+    /// Returns the effects `members` of a model: the catalogue effects, from `open`, and the user-defined effects.
     pub(super) fn of_members(
         &self,
         open: &[EffectChoice],

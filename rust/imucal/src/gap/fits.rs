@@ -32,7 +32,8 @@ pub struct Fit {
     pub outcome: Outcome,
     /// Evaluation of the calibration on the control recordings; `None` if there are no control recordings.
     pub control: Option<Control>,
-    /// Kinds of residuals that the fit uses even if its effects are observable without them.
+    /// Additional kinds of residuals (specific force inside moves, stand angles) that the fit uses even if its effects
+    /// are observable without them.
     pub kinds: Kinds,
 }
 
@@ -71,7 +72,7 @@ pub(super) struct Fits<'a> {
     pub(super) warm_start: Option<WarmStart>,
     /// Number of parameters in the selected form (for example linear or quadratic) of each selected effect.
     forms: Vec<(String, usize)>,
-    /// Kinds of residuals that the next fits use even if their effects are observable without them.
+    /// Additional kinds of residuals that the next fits use, see [`Fit::kinds`].
     pub(super) kinds: Kinds,
     made: Vec<Rc<Fit>>,
 }

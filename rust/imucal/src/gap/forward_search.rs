@@ -311,8 +311,8 @@ impl<'a> ForwardSearch<'a> {
         let Judgement { scores, blind, visible } = first;
         let mut ranking: Vec<Score> = scores.into_iter().map(|judged| judged.score).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
-        // The detection limit of an effect outside the final model refers to an addition to the final model. The
-        // detection limit of an effect in the final model refers to an addition to the model without effects.
+        // For an effect that is not in the final model, the detection limit is computed for its addition to the final
+        // model. For an effect in the final model, it is computed for the addition to the model without effects.
         let mut smallest_visible = last.map(|last| last.visible).unwrap_or_default();
         for entry in visible {
             if !smallest_visible.iter().any(|(name, ..)| *name == entry.0) {

@@ -117,7 +117,7 @@ pub fn loose_mounts(accelerometer: &Triad<f64>, rests: &[StandRest], recordings:
     recordings.iter().enumerate().filter_map(play_of).collect()
 }
 
-/// Angle between two directions of gravity, as the median over all samples, deg. The first direction is that of the raw
+/// Median over all samples of the angle between two directions of gravity, deg. The first direction is that of the raw
 /// accelerometer sample. The second direction is computed from the motor angles, for a stand without errors and with
 /// the mount angles that fit best. `None` if the recording has no motor angles.
 pub fn stand_mismatch_deg(recording: &Recording<'_>) -> Option<f64> {

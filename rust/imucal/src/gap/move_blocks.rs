@@ -94,11 +94,11 @@ impl MoveBlocks {
         self.blocks.iter().all(|block| block.temperature_k.is_some())
     }
 
-    /// For each regressor (a quantity on which residuals may depend): attitude errors at the end of the move, with one
-    /// row for each body axis. Each column assumes a rate error on one axis inside the move. For
-    /// [`Regressor::Gravity`], this rate error equals one component of the specific force, so there are three columns
-    /// for each axis. For all other regressors, the rate error equals the regressor or, if the regressor is a vector,
-    /// its component on the same axis, so there is one column for each axis.
+    /// For each regressor (a quantity on which residuals may depend): a matrix of attitude errors at the end of the
+    /// move. Its rows belong to the body axes. Each column is the attitude error caused by a rate error on one axis
+    /// during the move. For [`Regressor::Gravity`], this rate error equals one component of the specific force, so
+    /// there are three columns for each axis. For all other regressors, the rate error equals the regressor or, if the
+    /// regressor is a vector, its component on the same axis, so there is one column for each axis.
     pub(super) fn attitude_changes(&self) -> Vec<(Regressor, [Vec<f64>; 3])> {
         let to_end = self.rotation.inverse().to_rotation_matrix();
         let blocks = || self.blocks.iter().map(|block| (block, to_end.matrix() * block.rotation * block.length_s));

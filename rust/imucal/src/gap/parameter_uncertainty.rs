@@ -159,7 +159,8 @@ fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64
     (shift, narrowed)
 }
 
-/// Derivatives of the corrected signals with respect to the 21 base parameters (sensitivities and biases).
+/// Derivatives of the corrected signals in each window with respect to the 21 base parameters (sensitivities and
+/// biases).
 fn sensor_slopes(outcome: &Outcome, recording: &Recording<'_>, windows: &Windows) -> Vec<Vec<Signals>> {
     let seen = |raw: Samples<'_>, triad: &imucal_core::sensor::Triad<f64>| {
         windows.means(|sample| triad.correct(Vector3::from(raw.at(sample))))

@@ -124,7 +124,8 @@ impl Held<'_> {
             let factor = normal.llt(faer::Side::Lower).ok()?;
             let jacobian = own.subcols(0, n);
             let left = jacobian * factor.solve(&right) + own.subcols(n, 1);
-            // Variance of the predictions, in units of the noise scales.
+            // Inverse normal matrix x (Jacobian of the held-out rows)^T. The variance of the predictions, in units of
+            // the noise scales, is computed from this product.
             let uncertain = self.has_variations.then(|| factor.solve(jacobian.transpose()));
             for (k, (left, &row)) in left.col_as_slice(0).iter().zip(&rows).enumerate() {
                 let of_row = |solved: &Mat<f64>| (0..n).map(|j| jacobian[(k, j)] * solved[(j, k)]).sum::<f64>();

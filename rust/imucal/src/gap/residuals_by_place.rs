@@ -81,7 +81,7 @@ pub struct Dependence {
     pub axis: Option<usize>,
     /// The quantity that the residuals depend on.
     pub regressor: Regressor,
-    /// Share that the regression explains of the sum of squares of the residuals about their mean, between 0 and 1.
+    /// Share of the sum of squares of the residuals about their mean that the regression explains, between 0 and 1.
     pub share: f64,
     /// p-value of `share` under the null hypothesis of no dependence.
     pub p_value: f64,

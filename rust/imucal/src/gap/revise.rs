@@ -115,8 +115,9 @@ impl ForwardSearch<'_> {
     /// log posterior odds are smaller than the largest ones by less than [`RIVAL_NATS`] become rivals. A temperature
     /// lag is also fitted from a second start value of its time constant, because the best time constant may change
     /// when effects are added after the lag. If a temperature lag is not distinguishable from an effect of the rate of
-    /// change of temperature, the alias with the largest posterior odds replaces the lag, even if the odds of the lag
-    /// are larger. Returns whether an effect was replaced.
+    /// change of temperature (see [`Stage::is_unresolved_lag`]), its time constant is not observable. The alias with
+    /// the largest posterior odds then replaces the lag, even if the odds of the lag are larger. Returns whether an
+    /// effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,

@@ -200,9 +200,9 @@ impl Candidate {
     }
 }
 
-/// For each candidate: the residuals that remain after a refit of the model's parameters if the unit has this effect at
-/// its typical size and the model lacks the effect. For an effect with a time constant, the result is for the trial
-/// value at which the refit removes the smallest share of chi2.
+/// For each candidate: the size of the residuals if the unit has this effect at its typical size and the model lacks
+/// it, after a refit of the model's parameters. For an effect with a time constant, the result is for the trial value
+/// at which the refit removes the smallest share of chi2.
 pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
     const NAMES: [&str; 11] = [
         "rest_norm",

@@ -123,8 +123,8 @@ fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment
     let side = |m: &Moment| m.up.cross(&m.ahead);
     let tilt = |b: &Moment| (a.up - b.up).norm_squared();
     match kernel {
-        // For all variations in time, the random-walk kernel is evaluated first. The other variations in time are
-        // examined only if a random walk explains the residuals. Their kernels are therefore not needed here.
+        // The random-walk kernel stands for all variations in time here. If a random walk explains the residuals,
+        // `ForwardSearch::course` determines which variation in time fits best.
         Kernel::RandomWalk | Kernel::Time | Kernel::Switching | Kernel::White => {
             each(to, others, |b| if a.recording == b.recording { a.time_s.min(b.time_s) } else { 0.0 });
         }

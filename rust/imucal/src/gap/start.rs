@@ -24,9 +24,9 @@ const HAND: f64 = 10.0;
 /// leave more than this share unexplained. Without hand motion, the unexplained share is smaller even with a long lever
 /// arm and a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
-/// If effects that depend on the angular acceleration leave more than this share of the variance unexplained, a delay
-/// of the gyroscope is not considered as the cause of the scatter. A delay is one of these effects. If a delay of at
-/// most a third of the duration of a move is the cause, these effects leave a smaller share unexplained.
+/// If effects that depend on the angular acceleration, such as a delay of the gyroscope, leave more than this share of
+/// the variance unexplained, a delay is ruled out as the cause of the scatter. If a delay of at most a third of the
+/// duration of a move were the cause, these effects would leave a smaller share unexplained.
 const BEYOND_A_DELAY: f64 = 0.5;
 /// Standard deviation of the prior of the gyroscope's delay in the test for hand motion, in multiples of the typical
 /// delay.

@@ -32,8 +32,8 @@ pub(super) const QUANTISATION: usize = 3;
 /// One number for each kind of noise, in the order white, flicker, random walk, quantisation.
 pub(super) type PerKind = [f64; KINDS];
 
-/// The function s(k) for each kind of noise with the parameter one. It replaces the covariance of two cumulative sums
-/// at a distance of k samples (see the module documentation).
+/// The function s(k) for each kind of noise, if the white noise n from which it is generated has the variance one. s(k)
+/// replaces the covariance of two cumulative sums at a distance of k samples (see the module documentation).
 fn sums_covariance(k: f64) -> PerKind {
     let k = k.abs();
     let j = (k - 1.0).max(0.0);
@@ -61,22 +61,23 @@ fn combine(terms: &[(f64, f64)], divisor: f64) -> PerKind {
     sum
 }
 
-/// Returns, for each kind of noise with the parameter one, the covariance of two means, each over `length` samples. The
-/// second mean starts `lag` x `length` samples after the first. An additive constant, which is the same for all lags,
-/// is omitted.
+/// Returns, for each kind of noise generated from n of variance one, the covariance of two means, each over `length`
+/// samples. The second mean starts `lag` x `length` samples after the first. The result lacks an additive constant that
+/// is the same for all lags, so only differences of the results for several lags are meaningful.
 pub(super) fn mean_covariance(length: f64, lag: f64) -> PerKind {
     let at = |d: f64| (lag + d) * length;
     combine(&[(-1.0, at(1.0)), (2.0, at(0.0)), (-1.0, at(-1.0))], length * length)
 }
 
-/// Returns, for each kind of noise with the parameter one, the covariance of two differences that are `lag` samples
-/// apart. Each difference is between two consecutive means over `factor` samples.
+/// Returns, for each kind of noise generated from n of variance one, the covariance of two differences that are `lag`
+/// samples apart. Each difference is between two consecutive means over `factor` samples.
 fn difference_covariance(factor: f64, lag: f64) -> PerKind {
     let at = |d: f64| lag + d * factor;
     combine(&[(1.0, at(-2.0)), (-4.0, at(-1.0)), (6.0, at(0.0)), (-4.0, at(1.0)), (1.0, at(2.0))], factor * factor)
 }
 
-/// Allan variance of the noise with the given `parameters`, at an averaging time of `factor` samples.
+/// Allan variance at an averaging time of `factor` samples. `parameters` contains, for each kind of noise, the variance
+/// of the white noise n from which it is generated.
 pub(super) fn allan_variance(parameters: &PerKind, factor: usize) -> f64 {
     dot(parameters, &difference_covariance(factor as f64, 0.0)) / 2.0
 }

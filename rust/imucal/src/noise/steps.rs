@@ -55,7 +55,7 @@ pub struct Departure {
 }
 
 /// Returns the steps and drifts in the samples `rest` of a recording. `axes` contains, for each of the six axes, the
-/// components (steps and drifts) that were found in this axis. `block` is the number of samples in a block.
+/// components (steps and drifts) that were found in this axis, from means over blocks of `block` samples.
 pub(super) fn gather(
     recording: &Recording<'_>,
     rest: &Range<usize>,
@@ -118,8 +118,8 @@ pub(super) fn gather(
 
 /// Finds the first sample after a step near the start of block `first`, and returns its index. All samples up to two
 /// blocks from this start are tried. For each of these samples, the mean of the values before it is compared with the
-/// mean of the values from it on. Both means are limited to [`NEAR_BLOCKS`] blocks before and after the start of block
-/// `first`. The result is the sample for which these two means differ most significantly.
+/// mean of its own and all later values. Only values within [`NEAR_BLOCKS`] blocks of the start of block `first` are
+/// used. The result is the sample for which these two means differ most significantly.
 fn sharpened(recording: &Recording<'_>, rest: &Range<usize>, block: usize, first: usize, channel: usize) -> usize {
     let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
     let middle = rest.start + first * block;
@@ -143,7 +143,7 @@ fn sharpened(recording: &Recording<'_>, rest: &Range<usize>, block: usize, first
     best.1.clamp(rest.start + 1, rest.end - 1)
 }
 
-/// The longest part of the sample range `rest` that contains no step and no margin of a step.
+/// The longest part of the sample range `rest` that contains no step and no sample within [`MARGIN_S`] of a step.
 pub(super) fn longest_without(recording: &Recording<'_>, rest: &Range<usize>, steps: &[Step]) -> Range<usize> {
     let mut best = 0..0;
     let mut start = rest.start;

@@ -4,10 +4,10 @@
 //! e_k = t_k - t_0 - k T,    E_k = min over the next second of e_m, m >= k
 //! ```
 //!
-//! t_k is the time stamp of sample k. T is the mean time step of regular samples. e_k is the delay of time stamp k, and
-//! E is the lower envelope of the delays. A late time stamp increases one e_k, but not E. Lost samples increase E
-//! permanently, by T for each lost sample. Lost samples are therefore detected in E, so that late samples are not
-//! mistaken for lost samples.
+//! t_k is the time stamp of sample k. T is the mean of the time steps of 0.5 to 1.5 times the median time step. e_k is
+//! the delay of time stamp k, and E is the lower envelope of the delays. A late time stamp increases one e_k, but not
+//! E. Lost samples increase E permanently, by T for each lost sample. Lost samples are therefore detected in E, so that
+//! late samples are not mistaken for lost samples.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -47,8 +47,8 @@ pub(super) fn longest(recording: &Recording<'_>, has_repeats: bool) -> Stretch {
         true => (lost + fault.count, repeated),
         false => (lost, repeated + fault.count),
     });
-    // The faults divide the recording into groups of samples. The longest sequence of consecutive groups with
-    // sufficiently few faults between them is selected.
+    // The faults divide the recording into groups of samples. The longest sequence of consecutive groups is selected in
+    // which the share of lost or repeated samples is at most `IRREGULAR_SHARE`.
     let ends: Vec<usize> = faults.iter().map(|fault| fault.sample).chain([recording.len()]).collect();
     let mut best = 0..0;
     let (mut first, mut inside) = (0, 0);

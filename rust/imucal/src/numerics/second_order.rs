@@ -11,8 +11,8 @@
 //! residuals. The covariance of a least-squares estimate includes only the first-order change v. The term c e^2 matters
 //! if prior k alone determines a parameter, because the other residuals then do not reduce the error e. For example,
 //! readings in six positions along the sensitive axes do not determine the misalignments. If the prior of a
-//! misalignment has the error m rad, the estimated scale of this axis changes by the share 3/2 m^2. Products of the
-//! errors of two priors are neglected.
+//! misalignment has the error m rad, the relative change of the estimated scale of this axis is 3/2 m^2. Products of
+//! the errors of two priors are neglected.
 
 use std::ops::Range;
 

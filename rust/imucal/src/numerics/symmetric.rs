@@ -129,10 +129,10 @@ impl SymmetricMatrix {
         Some(log_determinant.logarithm())
     }
 
-    /// Applies a [`sweep`](Self::sweep) of the first `known` rows and columns. The values of these rows after the sweep
-    /// are already known and are copied from `swept`. `whole` contains these rows before the sweep; it has more columns
-    /// than this matrix. `places` contains, for each column of this matrix after the first `known` ones, the index of
-    /// the same column in `whole`.
+    /// Applies a [`sweep`](Self::sweep) of the first `known` rows and columns, and computes only the other rows. The
+    /// values of the first `known` rows after the sweep are already known and are copied from `swept`. `whole` contains
+    /// these rows before the sweep; it has more columns than this matrix. `places` contains, for each column of this
+    /// matrix after the first `known` ones, the index of the same column in `whole`.
     #[inline(always)]
     pub(crate) fn sweep_as<S: Simd>(
         &mut self,

@@ -77,8 +77,8 @@ pub(crate) fn share_out<J: Send>(threads: usize, jobs: Vec<J>, work: impl Fn(J) 
     });
 }
 
-/// When a worker thread returns or panics, marks this thread as finished, and wakes the thread that waits for the
-/// workers.
+/// Guard that a worker thread drops when it returns or panics. The guard then decrements `working`, the number of
+/// worker threads that still run, and wakes `caller`, the thread that waits for them.
 struct Done<'a> {
     working: &'a AtomicUsize,
     caller: &'a Thread,

@@ -22,8 +22,8 @@ pub struct Prediction {
     pub rests: usize,
 }
 
-/// Predicts the standard deviations of the joint fit for the given motions of one unit. Each motion is a separate
-/// recording.
+/// Predicts the standard deviations of the parameters that the joint fit estimates from the given motions of one unit.
+/// Each motion is a separate recording.
 ///
 /// * `min_rest_s`: minimum duration of a rest for rest detection, s.
 /// * `settle_s`: time after each move in which samples are not used, s.

@@ -18,7 +18,7 @@ const AT_ONCE: usize = 512;
 
 /// Computes the attitude after each of the rotations `turns`, which are rotation vectors in the body frame, rad. The
 /// first entry of the result is `begin`, the attitude before all rotations. An attitude maps vectors from the body
-/// frame to the reference frame: `v_reference = attitude v_here`.
+/// frame to the reference frame: `v_reference = attitude v_body`.
 pub(crate) fn attitudes(begin: UnitQuaternion<f64>, turns: &[Vector3<f64>]) -> Vec<UnitQuaternion<f64>> {
     let mut all = Vec::with_capacity(turns.len() + 1);
     all.push(begin);

@@ -38,8 +38,9 @@ pub(super) struct Map {
 pub(super) struct Increment {
     pub(super) rotation: UnitQuaternion<f64>,
     /// Four sums over the samples. R is the rotation from the frame at a sample to the frame at the first sample. The
-    /// first sum contains R x weight of the sample in the integration. Each of the other three sums contains R x weight
-    /// x one component of the rate. In the sum for rate component j, only the columns c <= j are valid.
+    /// first sum contains R times the weight of the sample in the integration. Each of the other three sums contains R
+    /// times this weight times one component of the rate. In the sum for rate component j, only the columns c <= j are
+    /// valid.
     pub(super) sums: [Matrix3<f64>; 4],
     /// Number of processed steps. All lanes process the same number of steps, or the same number of nodes (16 steps).
     /// Some steps at the end of a block may therefore remain unprocessed. Their number is below the number of lanes.

@@ -242,7 +242,8 @@ impl<'a> RateSegment<'a> {
     }
 
     /// Returns two factors that convert the sums of the vectorised integration to SI units. The first factor converts
-    /// the sum of the rotations R to s. The second factor converts the sums of R times a component of the rate to rad.
+    /// the sum of the rotations R to seconds. The second factor converts the sums of R times a component of the rate to
+    /// radians.
     fn units_of_sums(&self) -> (f64, f64) {
         match self.sample_times {
             SampleTimes::Even(interval_s) => (interval_s, 6.0),
@@ -256,9 +257,9 @@ impl<'a> RateSegment<'a> {
         let (by_time, by_turn) = self.units_of_sums();
         let [bias, mut by_rate @ ..] = all.sums;
         // The sums that the vectorised integration does not accumulate are computed from R' = R [w]x, where R is the
-        // rotation, R' its time derivative, and w the rate. For example, the derivative of the first column of R is R_y
-        // w_z - R_z w_y. The change of the first column over the segment is therefore the sum of R_y w_z minus the sum
-        // of R_z w_y.
+        // rotation with the columns R_x, R_y and R_z, R' its time derivative, and w the rate. For example, the
+        // derivative of R_x is R_y w_z - R_z w_y. The change of R_x over the segment is therefore the sum of R_y w_z
+        // minus the sum of R_z w_y.
         let turned = (all.rotation.to_rotation_matrix().matrix() - Matrix3::identity()) / by_turn;
         for (c, j, sign, across) in [(1, 0, -1.0, 2), (2, 0, 1.0, 1), (2, 1, -1.0, 0)] {
             let column = by_rate[c].column(j) + turned.column(across) * sign;

@@ -210,7 +210,7 @@ fn with_the_turn(sums: [Square; 3], rotation: &Square, axes: &Matrix3<f64>) -> [
     let turned = within(rotation);
     let unit = |r: usize, c: usize| Double::of(f64::from(u8::from(r == c)));
     for r in 0..3 {
-        // Components of the integral of R' = R [w]x.
+        // Changes of the entries of R in row r and the columns x, y and z. They are the integrals of R' = R [w]x.
         let of_x = turned[r][0] - unit(r, 0);
         let of_y = turned[r][1] - unit(r, 1);
         let of_z = turned[r][2] - unit(r, 2);

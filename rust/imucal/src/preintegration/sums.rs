@@ -15,9 +15,9 @@
 //! ```
 //!
 //! up to higher powers of x. Integration by parts transforms the sum of `R' w'` over the nodes of a segment into the
-//! sum of `-R w''`, which is the sum of `x^2 R w`. It also gives terms at the ends of the segment, for which
-//! [`end_of_nodes`] corrects. The sum of `R' D` therefore cancels the error of W, and the result is exact up to the
-//! fifth power of x.
+//! sum of `-R w''`. This is the sum of `x^2 R w`, because `w'' = -x^2 w` for the sinusoidal rate. Integration by parts
+//! also gives terms at the ends of the segment, for which [`end_of_nodes`] corrects. The sum of `R' D` therefore
+//! cancels the error of W, and the result is exact up to the fifth power of x.
 
 use pulp::Simd;
 

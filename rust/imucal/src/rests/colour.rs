@@ -1,9 +1,10 @@
 //! Measures by how much a low-pass filter in the accelerometer lowers the noise density that differences of consecutive
 //! samples give (model.md (27)).
 //!
-//! The magnitude of the force contains sensor noise, but neither the rotation nor the tremor of the hand. Its noise
-//! density is computed from differences of means over blocks of samples. White noise has the same density for all block
-//! durations and all orders of the difference. A low-pass filter lowers the density for short blocks.
+//! Rotations of the unit, and thus the rotational tremor of the hand, do not change the magnitude of the force. The
+//! noise density of this magnitude is computed from differences of means over blocks of samples. White noise has the
+//! same density for all block durations and all orders of the difference. A low-pass filter lowers the density for
+//! short blocks.
 
 use imucal_core::sensor::Triad;
 
@@ -16,16 +17,17 @@ const FOURTH: usize = 4;
 const EIGHTH: usize = 8;
 /// A filter is detected if the density increases from blocks of a duration of at most `DETECT_S` to blocks that are
 /// twice as long, s. For longer blocks, translational tremor of 3 to 12 Hz changes the differences. Below 100
-/// samples/s, no filter is detected.
+/// samples/s, no filter is detected, because even a block of one sample is longer than `DETECT_S`.
 const DETECT_S: f64 = 0.01;
-/// Duration of the blocks for which the density is that of slow noise, s. The filters of common sensors (10 Hz and
-/// above) lower the squared density of these blocks by less than a third. Sway below 3 Hz hardly changes their eighth
-/// difference.
+/// Duration of the blocks from whose means the density of slow noise is computed, s. The filters of common sensors (10
+/// Hz and above) lower the squared density of these blocks by less than a third. Sway below 3 Hz hardly changes the
+/// eighth differences of these means.
 const SLOW_S: f64 = 0.1;
 
-/// Ratio of the variances (squared noise densities) of slow noise and of fourth differences of consecutive samples of
-/// the magnitude of the force. Each sample occurs in `every` consecutive rows, and `interval_s` is the interval between
-/// distinct samples. `None` if the noise may be white: no filter is significant, or the ratio is not significant.
+/// Ratio of two estimates of the noise variance of the magnitude of the force: the estimate from slow noise (means over
+/// [`SLOW_S`]), divided by the estimate from fourth differences of consecutive samples. Each sample occurs in `every`
+/// consecutive rows, and `interval_s` is the interval between distinct samples. `None` if the noise may be white: no
+/// filter is detected, or the ratio does not significantly exceed one.
 pub(super) fn colour_factor(
     recording: &Recording<'_>,
     rests: &[&Rest],
@@ -71,7 +73,8 @@ impl Density {
             sum += values.iter().map(|value| value * value).sum::<f64>();
             count += values.len() as f64;
         }
-        // The coefficients of the difference have the sum of squares C(2 n, n). Consecutive differences are correlated.
+        // The coefficients of a difference of order n have the sum of squares C(2 n, n). Consecutive differences are
+        // correlated.
         // The sum of their squared correlations is C(4 n, 2 n) / C(2 n, n)^2.
         let squares = central_binomial(order);
         let correlation = central_binomial(2 * order) / (squares * squares);
@@ -80,7 +83,7 @@ impl Density {
 
     /// Whether this variance is significantly larger than another one.
     fn exceeds(&self, other: &Self) -> bool {
-        // The relative variances of both variances, 2 / (degrees of freedom), add up.
+        // Each variance has a squared relative error of 2 / (its degrees of freedom). The two squared errors add up.
         let both = 1.0 / (1.0 / self.degrees_of_freedom + 1.0 / other.degrees_of_freedom);
         self.variance > other.variance * significance_limit(both)
     }
@@ -130,7 +133,8 @@ mod tests {
             let hand = found(&motion, filtered, 3).unwrap();
             for noise in &hand.noise.specific_force {
                 let ratio = noise / Unit::paper().accelerometer.noise_density;
-                // The density of blocks is below that before the filter, and has a random error.
+                // With the filter, the density is estimated from means over 0.1 s. The filter lowers this density, too,
+                // but only slightly, and the estimate has a larger random error.
                 let range = if filtered { 0.8..1.15 } else { 0.95..1.05 };
                 assert!(range.contains(&ratio), "{filtered} {ratio}");
             }

@@ -44,8 +44,8 @@ pub(super) struct Roundings([AxisRounding; 6]);
 
 impl Roundings {
     /// Estimates the statistics of the rounding errors. For each channel whose noise is below its quantisation step,
-    /// `steps` contains this step. For all other channels it contains zero. `colour` contains the factor c of model.md
-    /// (10), which describes the correlation of the noise.
+    /// `steps` contains this step. For all other channels it contains zero. `colour` contains the factor c by which
+    /// the correlation of the noise increases the variance of a mean (model.md (10)).
     pub(super) fn of(recording: &Recording<'_>, rests: &[&Rest], steps: &Vector6<f64>, colour: &Vector6<f64>) -> Self {
         let of_channel = |channel: usize| {
             let (rows, axis) = of_channel(recording, channel);
@@ -65,7 +65,8 @@ impl Roundings {
     /// Sets the statistics of the rounding errors of `rest`. `index` is the index of this rest in the list of rests
     /// from which the statistics were estimated. If all samples of an accelerometer channel have the same value, the
     /// mean reading of the channel does not determine its rounding error. The reading of a gyroscope channel always
-    /// determines the rounding error, because the true rate is zero at every rest.
+    /// determines the rounding error, because the true rate is zero at every rest, so that the converter of the channel
+    /// has nearly the same input (the bias) at all rests.
     pub(super) fn set(&self, recording: &Recording<'_>, rest: &mut Rest, index: usize) {
         let of_channel = |channel: usize| {
             let (rows, axis) = of_channel(recording, channel);

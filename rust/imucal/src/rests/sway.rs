@@ -10,8 +10,9 @@
 //! ```
 //!
 //! The means at the start and at the end have the exponential weights of the gravity direction at an end of a rest. A
-//! constant force and a linear change of the force cancel, so the gyroscope bias need not be known. The variance that
-//! sensor noise gives the contrast is known. A significantly larger variance is attributed to sway.
+//! constant force and a linear change of the force cancel. An error of the gyroscope bias causes such a linear change,
+//! so the bias need not be known. The variance that sensor noise gives the contrast is known. A significantly larger
+//! variance is attributed to sway.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -21,7 +22,8 @@ use crate::rests::rest::Rest;
 use crate::rests::tremor::{Hand, ROOM, Sensors};
 
 /// Number of times that the sway is estimated. The averaging time constant of the gravity directions depends on the
-/// sway, and the density of the sway is estimated at this time constant. Its relative error halves with each pass.
+/// sway, and the density of the sway is estimated at this time constant. The relative error of the density halves with
+/// each pass.
 const PASSES: usize = 4;
 /// Minimum number of samples of a window. Shorter rests are not used. The averaging time constant may be below the
 /// sampling interval if the gyroscope is much noisier than the accelerometer, so the time constant alone could give
@@ -56,8 +58,9 @@ impl Hand {
 
 /// Significant sway at the rests of a recording.
 struct Sway {
-    /// Spectral density of the force perpendicular to gravity that sway adds to the sensor noise, (m/s^2)^2 s. At the
-    /// end of a rest, it causes the variance density / (2 a) for the averaging time constant a.
+    /// Spectral density of the force perpendicular to gravity that sway adds to the sensor noise, (m/s^2)^2 s. Each
+    /// component of the mean force at an end of a rest has the variance (this density) / (2 a) due to sway, where a is
+    /// the averaging time constant.
     across: f64,
     /// Variance of the velocity along gravity, m^2/s^2.
     along: f64,
@@ -77,16 +80,17 @@ impl Sway {
             let duration_s = rest.end_s - rest.start_s;
             let interval_s = duration_s / (forces.len() - 1).max(1) as f64;
             let averaging_s = hand.averaging_s(rest);
-            // Without the small addition, a rounding error could give no window if the time constant is at its limit.
+            // The quotient is rounded down. Without the small addition, a rounding error could make an integer quotient
+            // smaller by one.
             let count = (duration_s / (ROOM * averaging_s) + 1e-6).max(1.0) as usize;
             let count = count.min(forces.len() / LEAST_SAMPLES);
             let samples = forces.len() / count;
             let contrast = Contrast::of(samples, interval_s / averaging_s);
             let noise = contrast.squares / interval_s;
-            // An integral over an oscillation whose period is short is determined by the steps of the weights at the
-            // ends of the window. The weights of one exponential mean have the step 1 / a, those of the contrast have
-            // the steps 1 / a - 2 / (duration of the window) at both ends. The variance of the mean is therefore the
-            // variance of the contrast, divided by `of_mean`.
+            // The weighted integral of an oscillation with a short period depends only on the steps of the weights at
+            // the ends of the window. With the averaging time constant a, the weights of one exponential mean have the
+            // step 1 / a at one end. Those of the contrast have the step 1 / a - 2 / (duration of the window) at both
+            // ends. The variance of the mean is therefore the variance of the contrast, divided by `of_mean`.
             let step = 1.0 - 2.0 * averaging_s / (samples as f64 * interval_s);
             let of_mean = 2.0 * step * step;
             for (k, window) in forces.chunks_exact(samples).take(count).enumerate() {

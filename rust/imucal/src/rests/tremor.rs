@@ -53,9 +53,9 @@ pub(crate) struct Hand {
     pub(crate) noise: NoiseDensity,
     /// Variance of the rotation of the hand about each axis from the first to the last sample of a rest, rad^2.
     pub(super) turn_rad2: f64,
-    /// Smallest value of `turn_rad2`, rad^2; 0 without sway and without filtered noise. The rotation is computed from
-    /// the gravity directions, whose errors are known only roughly with sway or filtered noise. The result is then not
-    /// used if it is below the rotation of the tremor.
+    /// Lower bound of `turn_rad2`, rad^2; 0 without sway and without filtered noise. `turn_rad2` is computed from the
+    /// gravity directions at both ends of a rest. With sway or filtered noise, the errors of these directions are known
+    /// only roughly. The lower bound is then the variance of the rotation that the tremor alone causes.
     pub(super) least_turn_rad2: f64,
     /// Spectral density of the tilt error that accelerometer noise and sway cause, rad^2 s; r in model.md (27).
     pub(super) tilt_rad2_s: f64,
@@ -132,7 +132,7 @@ impl Hand {
             sway_m2_per_s2: 0.0,
             walk_rad2_per_s: walk,
         })?;
-        // A low-pass filter makes the fourth differences of the accelerometer too small.
+        // A low-pass filter reduces the fourth differences, so the noise density of the accelerometer is corrected.
         if let Some(factor) = colour_factor(recording, rests, sensors.accelerometer, every, rows_per_sample * dt_s) {
             hand.noise.specific_force *= factor.sqrt();
             hand.tilt_rad2_s *= factor;
@@ -229,8 +229,8 @@ impl Hand {
 }
 
 /// Estimates a model of the tremor of the hand for each recording, and corrects the rests and noise densities for the
-/// tremor. Only rests for which `used` is true contribute to the model. The other rests may contain a slow rotation,
-/// which is not tremor, so their mean rate is not a bias.
+/// tremor. Only rests for which `used` is true contribute to the model. The other rests may contain a slow rotation. It
+/// is not tremor, and the mean rate of such a rest is not the gyroscope bias.
 pub(crate) fn hands(
     recordings: &[Recording<'_>],
     rests: &mut [UnitRest],
@@ -250,7 +250,7 @@ pub(crate) fn hands(
         if own.is_empty() {
             return None;
         }
-        // The unit rotates slowly at only a few rests. If `used` excludes most rests of a recording, the cause is not a
+        // Slow rotations occur at only a few rests. If `used` excludes most rests of a recording, the cause is not a
         // slow rotation but a bias that differs from the biases in the other recordings. All rests then contribute.
         if 2 * own.iter().filter(|own| own.contributes).count() < own.len() {
             own.iter_mut().for_each(|own| own.contributes = true);
@@ -295,7 +295,7 @@ struct OwnRest<'a> {
 }
 
 /// Estimates the gyroscope bias at each rest. The bias may depend on the pose, but the mean rate of a rest also
-/// contains rotation of the hand. The mean rate of each rest is therefore shrunk towards the mean of all rests by the
+/// contains rotation of the hand. The mean rate of each rest is therefore shrunk towards the mean over all rests by the
 /// share v / (v + b). v is the variance of the error of this mean rate. b is the variance of the true bias over the
 /// rests. The variance b is estimated from the scatter of the mean rates. It is zero if the errors of the mean rates
 /// explain the scatter. Returns the mean bias of all rests, raw units, and the share of each rest.

@@ -52,7 +52,7 @@ pub(super) type Likelihood = [f64; NOISES];
 pub(super) struct RestNoise {
     /// Likelihood of the noise that most rests have in common.
     pub(super) common: Likelihood,
-    /// For each rest with other noise: the likelihood of its noise. `None` for a rest with the common noise.
+    /// For each rest: the likelihood of its noise if this noise differs from the common noise, otherwise `None`.
     pub(super) others: Vec<Option<Likelihood>>,
 }
 

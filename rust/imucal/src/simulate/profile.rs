@@ -80,8 +80,9 @@ pub(super) struct Course {
     pub(super) acceleration: f64,
 }
 
-/// A segment of the first half of the profile: its start as a share of the duration of the turn, the value and the
-/// first two derivatives at its start, and its constant jerk.
+/// A segment of the first half of the profile: its start as a share of the duration of the turn, the value of the
+/// profile and its first two derivatives at this start, and the constant jerk. All derivatives are with respect to the
+/// share.
 struct Segment {
     start: f64,
     value: f64,
@@ -103,7 +104,8 @@ impl Course {
     /// increases from 0 to 1.
     #[inline]
     pub(super) fn jerk_limited(share: f64) -> Self {
-        // The second half is the mirrored first half, so that both ends are exact.
+        // The second half is the mirrored first half. At both ends, the value (0 or 1) and the zero rate and
+        // acceleration are therefore free of rounding errors.
         if share > 0.5 {
             let mirrored = Self::first_half(1.0 - share);
             return Self { value: 1.0 - mirrored.value, rate: mirrored.rate, acceleration: -mirrored.acceleration };

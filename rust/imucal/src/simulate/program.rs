@@ -289,8 +289,8 @@ mod tests {
         for (start, end) in program.rests() {
             assert!((end - start - 5.0).abs() < 1e-9);
         }
-        // Adjacent rests are 20 deg apart. Any direction is therefore at most half the diagonal of a cell, 14.2 deg,
-        // from the nearest rest.
+        // Adjacent rests are 20 deg apart. The angle between any direction and the up vector of the nearest rest is
+        // therefore at most half the diagonal of a square of 20 deg x 20 deg, just below 14.2 deg.
         let mut furthest_deg = 0.0_f64;
         for i in 0..2000 {
             let z = 1.0 - (2.0 * f64::from(i) + 1.0) / 2000.0;
@@ -312,8 +312,8 @@ mod tests {
         assert_ne!(program, Program::random(&RandomMoves::default(), 4).unwrap());
     }
 
-    /// The mean rate of a motor is at most 120 deg/s, and the peak rate is at most 160 deg/s. If the outermost and the
-    /// innermost axis are parallel, the body rate is at most sqrt(320^2 + 160^2) deg/s = 358 deg/s.
+    /// The mean rate of a motor is at most 120 deg/s, and its peak rate 160 deg/s. If outermost and innermost axis are
+    /// parallel, their rates add to at most 320 deg/s, and the body rate is at most sqrt(320^2 + 160^2) = 358 deg/s.
     #[test]
     fn random_program_stays_within_the_gyroscopes_range() {
         let mut highest_dps = 0.0_f64;

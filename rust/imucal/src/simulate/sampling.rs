@@ -38,7 +38,7 @@ impl LowPass {
     }
 }
 
-/// The discrete filter of a triad, with its state.
+/// The low-pass filter of a triad in discrete time, with its state.
 pub(super) struct Filter {
     b: f64,
     a_1: f64,
@@ -58,7 +58,7 @@ impl Filter {
         Self { b, a_1, a_2, state: [input * (1.0 - b), input * (b - a_2)] }
     }
 
-    /// Output of the next step (transposed direct form II).
+    /// Advances the filter by one internal step and returns its output for this `input` (transposed direct form II).
     #[inline]
     pub(super) fn next(&mut self, input: &Vector3<f64>) -> Vector3<f64> {
         let output = input * self.b + self.state[0];

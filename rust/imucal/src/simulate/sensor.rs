@@ -105,9 +105,9 @@ impl Analogue {
 }
 
 impl Memory {
-    /// Creates the state before the first sample: the steady state of the filter for the first input value and for
-    /// noise. Noise is passed through the filter before the first sample, because the first samples would otherwise
-    /// have less noise than later samples.
+    /// Creates the state before the first sample, as if the input had been constant at its first value, plus noise, for
+    /// a long time. Noise is passed through the filter before the first sample, because the first samples would
+    /// otherwise have less noise than later samples.
     fn settled(sensor: &Sensor, noise: &mut Noise, rate_hz: f64, first: &Vector3<f64>) -> Self {
         let filter = sensor.low_pass.map(|low_pass| {
             let mut filter = Filter::new(&low_pass, rate_hz, first);

@@ -38,8 +38,8 @@ impl Slip {
         moment.turned(&Attitude::along(&self.turn_rad, course))
     }
 
-    /// Returns the time, s, until which the unit does not move after `time_s`; `None` during the slip. Without the
-    /// slip, this time would be `until_s`.
+    /// Returns the time, s, until which the unit does not move after `time_s`; `None` during the slip. `until_s` is
+    /// this time for the motion without the slip.
     pub(super) fn still_until(&self, time_s: f64, until_s: f64) -> Option<f64> {
         if time_s <= self.time_s {
             return Some(until_s.min(self.time_s));

@@ -298,8 +298,8 @@ mod tests {
                 direction: phase.direction,
             };
             let read = Stand::perfect().read_encoders(&state, &early, Vector3::zeros());
-            // The remaining difference is half the acceleration times tau_s squared. The acceleration of a motor is at
-            // most 8.4 rad/s^2.
+            // The effect adds the rate times tau_s. The reading therefore differs from the later angle by half the
+            // acceleration times tau_s squared. The acceleration of a motor is at most 8.4 rad/s^2.
             assert!((read - program.motors(time_s + tau_s).angle_rad).amax() < 8.4 * tau_s * tau_s, "{time_s} s");
         }
     }

@@ -82,7 +82,7 @@ impl Tumble {
             (0..moves.poses).map(|_| (attitude(&mut generator), place(&mut generator) * moves.translation_m)).collect();
         let poses = (0..moves.poses).map(|k| {
             let (rotation, place_m) = places[k];
-            // No move follows the last pose. The move that is stored with the last pose therefore ends at this pose.
+            // No move follows the last pose. The move that is stored with it therefore leads from this pose to itself.
             let (next_rotation, next_place_m) = places[(k + 1).min(moves.poses - 1)];
             Pose {
                 rotation,
@@ -216,7 +216,7 @@ mod tests {
     #[test]
     fn poses_are_uniform_over_all_attitudes() {
         let run = tumble(&HandMoves { poses: 3000, ..HandMoves::default() });
-        // The mean of a uniformly distributed unit vector is zero, and the mean of its outer product is I / 3.
+        // The mean of a uniformly distributed unit vector v is zero, and the mean of v v^T is I / 3.
         let n = run.poses.len() as f64;
         for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
             let seen: Vec<Vector3<f64>> = run.poses.iter().map(|pose| pose.rotation * axis).collect();

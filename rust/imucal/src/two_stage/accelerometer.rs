@@ -56,9 +56,9 @@ pub(crate) struct AccelerometerFit {
 
 /// Fits the nine parameters. Rests that contradict all others are excluded one by one (model.md (14)).
 ///
-/// `nominal` is the start value if the rests do not determine an ellipsoid. If it is `None`, the fit of recordings in
-/// SI units (`raw_is_si`) starts from the identity matrix as sensitivity and from zero bias. Parameters in `held` have
-/// a prior, so the rests need not determine them.
+/// If the rests do not determine an ellipsoid, the fit starts from `nominal`. If `nominal` is then `None`, the start
+/// value for recordings in SI units (`raw_is_si`) is the identity matrix as sensitivity and zero bias. For other
+/// recordings, an error is returned. Parameters in `held` have a prior, so the rests need not determine them.
 ///
 /// # Errors
 /// * [`Error::NotEnoughMotion`] if the rests do not determine the parameters.

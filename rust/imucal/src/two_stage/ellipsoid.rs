@@ -54,9 +54,9 @@ pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<St
     }))
 }
 
-/// Fits a sphere to the mean readings `means`. The result is the least-squares solution with the smallest norm,
-/// measured from the midpoint of the means. If the poses do not determine a unique sphere, its centre is therefore near
-/// this midpoint. Returns `None` for a single pose.
+/// Fits a sphere to the mean readings `means`. The unknowns are relative to the midpoint of the means. If the poses do
+/// not determine a unique sphere, the least-squares solution with the smallest norm of the unknowns is returned, so the
+/// centre of the sphere is near this midpoint. Returns `None` for a single pose.
 pub(crate) fn smallest_sphere(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
     let Some((centre, size)) = extent(means) else { return Ok(None) };
     let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();

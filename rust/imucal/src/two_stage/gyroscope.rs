@@ -42,8 +42,8 @@ pub(crate) struct GyroscopeFit {
     pub(crate) triad: Triad<f64>,
     /// For each move, whether the fit uses it. The other moves were excluded as outliers.
     pub(crate) used: Vec<bool>,
-    /// For each move, computed with the fitted gyroscope: the preintegrated rotation and the integrals from which its
-    /// derivatives are computed.
+    /// Preintegration of each move with the fitted gyroscope: the rotation over the move, and the integrals from which
+    /// the derivatives of this rotation are computed.
     pub(crate) preintegrated: Vec<Preintegrated>,
     /// Derivatives of the nine entries of T (rows) with respect to the direction residuals in rad (columns, two per
     /// move). The columns of moves that are not used are zero.
@@ -175,7 +175,7 @@ impl Linearised {
             return Some(self);
         }
         // These moves were preintegrated with the sensitivity T_old, and T_new is the sensitivity of `triad`. T_new^-1
-        // = (I + `change`) T_old^-1, and the bias is the same. The change of the rate is therefore `change` x old rate.
+        // = (I + `change`) T_old^-1, and the bias is the same. The corrected rate w therefore changes by `change` * w.
         let change = triad.inverse() * self.triad.sensitivity() - Matrix3::identity();
         let mut preintegrated = self.preintegrated.clone();
         for (preintegrated, ends) in preintegrated.iter_mut().zip(ends) {
@@ -211,7 +211,7 @@ pub(crate) fn residual_gradient(ends: &Ends, preintegrated: &Preintegrated, tria
     })
 }
 
-/// The weighted least-squares problem for the solver.
+/// The weighted least-squares problem of the gyroscope fit, which [`lsq::minimize`] solves.
 struct Weighed<'a> {
     moves: &'a PreintegratedMoves<'a>,
     ends: &'a [Ends],

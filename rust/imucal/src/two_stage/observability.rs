@@ -40,7 +40,7 @@ const FACE_LIMIT_DEG: f64 = 40.0;
 /// Recommendation if each of the six faces was up at some rest, but poses between the faces are missing.
 pub(crate) const EDGES_AND_CORNERS: &str = "add rests with edges and corners up";
 /// Alternative recommendation for a unit with a gyroscope, which measures the rotations between the faces. Four turns
-/// about each axis while this axis is horizontal include every face, and they separate the misalignment of the
+/// about each axis while this axis is horizontal bring every face up, and they separate the misalignment of the
 /// gyroscope from its scale.
 pub(crate) const OR_ROLL: &str = ", or roll the unit over its faces: four turns of 90 deg about each axis while that \
                                   axis is level, with a rest after each";

@@ -1,8 +1,8 @@
-//! Compares the size of the residuals of one kind, for example of the norms at the rests, with their expected size from
-//! noise.
+//! Compares the size of the residuals of one kind, for example of the force norms at the rests, with their expected
+//! size from noise.
 //!
 //! ```text
-//! ratio = sqrt(chi2 / dof),   p = P(chi2 of dof degrees of freedom is larger)
+//! ratio = sqrt(chi2 / dof),   p = P(X > chi2),   X: chi-square variable with dof degrees of freedom
 //! ```
 //!
 //! With few residuals, noise often causes a ratio above two. With many residuals, even a negligible imperfection gives

@@ -61,9 +61,9 @@ pub(super) struct Varying {
     width: f64,
 }
 
-/// The significant generic hypotheses in `patterns`, without duplicates. If hypotheses are significant in the model
-/// with the selected effects, only these hypotheses are returned. Otherwise, the hypotheses that explain the residuals
-/// better than the selected effects are returned. In the second case, a hypothesis may describe the same errors as a
+/// Returns the significant generic hypotheses in `patterns`, without duplicates. These are the hypotheses that are
+/// significant in the model with the selected effects. If there are none, they are the hypotheses that explain the
+/// residuals better than the selected effects. In the second case, a hypothesis may describe the same errors as a
 /// selected effect. For example, a smooth function of the rate can describe a cubic scale error.
 fn varying(patterns: &[Pattern]) -> Vec<Varying> {
     let mut all: Vec<Varying> = Vec::new();
@@ -291,7 +291,7 @@ impl ForwardSearch<'_> {
         }
     }
 
-    /// Adds the columns of the hypotheses to the model of a stage; `None` if no hypothesis is observable.
+    /// Adds the columns of the hypotheses to the fitted model of `stage`; `None` if no hypothesis is observable.
     fn extended(
         &self,
         prepared: &Prepared<'_>,

@@ -19,7 +19,7 @@ const MOVES: usize = 8;
 /// columns by the values in one SIMD register. The 21 columns of the base parameters (sensitivities and biases) fill
 /// three jobs of seven columns.
 const OF_MODEL: usize = 7;
-/// Number of candidate columns in one [`Job`]. The residual counts as one of these columns.
+/// Maximum number of columns other than model columns (candidate columns and the residual) in one [`Job`].
 const OF_OTHERS: usize = 4;
 /// Number of rows that are processed together. The values of these rows fit into the first-level cache of the
 /// processor.

@@ -250,10 +250,10 @@ impl Colour {
 
     /// Returns c (see [`Self::factor`]) of means over much more than 0.25 s. `factor` is c estimated from 0.25 s means.
     ///
-    /// Low-pass filtered noise is correlated across the boundary of two consecutive means, so their difference is too
-    /// small. Therefore `factor = c (1 - 1.5 / (pi^2 tau B))` with `1 / B = 2 c dt`. tau is the averaging time of 0.25
-    /// s, dt is the sampling interval, and B is the noise bandwidth. The equation is solved for c (model.md (10)).
-    /// Factors of nearly white noise are not changed.
+    /// Low-pass filtered noise is correlated across the boundary of two consecutive means, so their difference, and
+    /// with it `factor`, is too small: `factor = c (1 - 1.5 / (pi^2 tau B))` with `1 / B = 2 c dt`. tau is the
+    /// averaging time of 0.25 s, dt is the sampling interval, and B is the noise bandwidth. The equation is solved for
+    /// c (model.md (10)). Factors of nearly white noise are not changed.
     fn without_edges(&self, factor: f64) -> f64 {
         let edges = 3.0 / (std::f64::consts::PI.powi(2) * self.samples);
         if factor < FILTERED {

@@ -232,7 +232,7 @@ mod tests {
 
     #[test]
     fn a_move_that_begins_softly_is_given_back_its_beginning() {
-        // The rate is c t^2. With these values of c, it reaches the noise of a block after 0.4 to 4 blocks.
+        // The rate is c t^2. With these values of c, it reaches the noise of a block after 0.45 to 4.5 blocks.
         for strength in [0.05, 0.005, 0.0005] {
             for begin in [-2.2, -1.7, -0.9, 0.0, 0.3] {
                 let blocks = blocks(|time| strength * (time - begin).max(0.0).powi(2));
@@ -249,7 +249,7 @@ mod tests {
         }
     }
 
-    /// Before the refinement, the rest contains the first 0.25 to 0.4 s of a slow move.
+    /// Simulates a slow move, of which the rest contains the first 0.25 to 0.4 s before its end is refined.
     #[test]
     fn a_slow_move_is_given_back_its_beginning_however_smooth_it_is() {
         for (power, strengths) in [(2, [1e-3, 3e-4]), (3, [1e-4, 3e-5])] {
@@ -257,7 +257,8 @@ mod tests {
                 for begin in [-7.5, -6.1, -5.0] {
                     let blocks = blocks(|time| strength * (time - begin).max(0.0).powi(power));
                     let end = found_end(STILL, &blocks) as f64 - STILL as f64;
-                    // The noise of the angle of a move of 20 blocks is 4.5 times that of a block.
+                    // Over 20 blocks of a move, the noise of the angle is sqrt(20) = 4.5 times the noise of one block.
+                    // The angle that remains in the rest must be less than 1 / 4.5 of this noise.
                     let turn = strength * (end - begin).max(0.0).powi(power + 1) / f64::from(power + 1);
                     assert!(turn < NOISE && end >= -8.0, "{power} {strength} {begin}: {end}");
                 }

@@ -43,7 +43,8 @@ pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> Gyros
     };
     for axis in 0..3 {
         let means: Vec<f64> = rests.iter().map(|rest| rest.angular_rate.mean[axis]).collect();
-        // Lower bound of the variance. In simulated data without noise, the variance would be zero.
+        // Lower bound of the variance. In simulated data without noise, the variance would be zero and the weights
+        // infinite.
         let variance = |(rest, wander): (&&Rest, &Vector3<f64>)| {
             (rest.angular_rate.whole_variance()[axis] + wander[axis]).max(1e-30)
         };
@@ -69,8 +70,8 @@ pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> Gyros
 fn kept(means: &[f64], variances: &[f64]) -> Vec<usize> {
     let centre = median(&mut means.to_vec());
     let squares: Vec<f64> = means.iter().map(|mean| (mean - centre).powi(2)).collect();
-    // Robust estimate of the variance from rest to rest. With this value, half of the rests deviate by less than
-    // `MEDIAN_SIZE` standard deviations, as is expected for normal variables.
+    // Robust estimate of the variance from rest to rest. With this value, half of the mean rates deviate from their
+    // median by less than `MEDIAN_SIZE` standard deviations, as is expected for normal variables.
     let excess = |(square, variance): (&f64, &f64)| square / MEDIAN_SIZE.powi(2) - variance;
     let between = median(&mut squares.iter().zip(variances).map(excess).collect::<Vec<f64>>()).max(0.0);
     let typical = median(&mut variances.to_vec()) + between;
@@ -111,7 +112,7 @@ mod tests {
             assert_eq!(kept_of(&rests), Vec::from_iter(0..10), "{std}");
         }
         // The noise of the first twelve rests explains their scatter. The last rest has little noise, but the median
-        // with which it is compared is less accurate. It must therefore not be excluded.
+        // with which it is compared is less accurate. The last rest must therefore not be excluded.
         let noisy: Vec<_> = (0..12).map(|k| (f64::from(k) - 2.5, 5.0)).chain([(0.0, 0.01)]).collect();
         assert_eq!(kept_of(&noisy), Vec::from_iter(0..13));
     }
