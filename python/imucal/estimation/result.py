@@ -170,7 +170,7 @@ class CalibrationResult:
         return f"chi2{rates} is {test.chi2:.4g} for {test.degrees_of_freedom} degrees of freedom"
 
     def _widened(self) -> list[tuple[str, float | None]]:
-        """Factors that widen the uncertainties: one per kind of residual, or per sensor without a joint fit."""
+        """Factors that widen the uncertainties, per kind of residual, or per sensor without a joint fit."""
         if self.fit.joint is not None:
             scales = self.fit.joint.scales
             return [
