@@ -85,6 +85,24 @@ def test_sensors_named_in_each_object_or_by_their_list(tmp_path):
             imucal.read(path)
 
 
+@pytest.mark.parametrize("form", ["nested", "named"])
+def test_two_units_in_one_document_are_refused(tmp_path, form):
+    document = {
+        side: {"accelerometer": rows_of(FORCE + at), "gyroscope": rows_of(RATE + at)}
+        for at, side in enumerate(("left", "right"))
+    }
+    if form == "named":
+        document = [
+            row | {"sensor": f"{side} {sensor}"}
+            for side, sensors in document.items()
+            for sensor, rows in sensors.items()
+            for row in rows
+        ]
+    path = write(tmp_path, "run.json", json.dumps(document))
+    with pytest.raises(imucal.InputError, match=r"2 tables hold the accelerometer .* of one unit"):
+        imucal.read(path, gyro_unit="rad/s")
+
+
 def test_one_sensor_alone(tmp_path):
     path = write(tmp_path, "run.json", json.dumps(rows_of(FORCE, sensor="Accelerometer")))
     recording = imucal.read(path)

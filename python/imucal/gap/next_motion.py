@@ -198,8 +198,9 @@ def _chi2(design: Design, pair: _Pair, longest_s: float) -> float:
     beside = [columns[name][0] for name in pair.beside if name in columns]
     rivals = columns[pair.rival]
     if len(rivals) > 1:
-        # A fit would also estimate the time constant of the rival. Linear combinations of the columns at two
-        # adjacent trial values approximate the columns at any time constant between these values.
+        # A fit of the rival, the other effect of the pair, would also estimate its time constant. Linear
+        # combinations of the rival's columns at two adjacent time constants of `SHAPE_SHARES` approximate its
+        # columns at any time constant between the two.
         rivals = [np.hstack(both) for both in itertools.pairwise(rivals)]
     return min(_residual_norm2(trace, np.hstack([base, *beside, rival])) for rival in rivals)
 

@@ -43,7 +43,7 @@ def _fields(fields: dict[str, object]) -> dict[str, object]:
 
 
 def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
-    """Read the calibration from the two arrays, with the noise figures if the file has them."""
+    """Read the biases and scales of both sensors, with the noise figures if the file has them."""
     node = contents[0].document
     assert node is not None
     if "value0" in node.mapping():

@@ -139,8 +139,8 @@ def _objects(document: Mapping[str, Any], levels: int) -> Iterator[Mapping[str, 
                 yield from _objects(value, levels - 1)
 
 
-def _lists(value: Any, key: str, levels: int) -> Iterator[tuple[str, list[Row]]]:
-    """The lists of objects in a value, each with its key.
+def _lists(value: Any, path: str, levels: int) -> Iterator[tuple[str, list[Row]]]:
+    """The lists of objects in a value, each with its path, such as `left.accelerometer`.
 
     If the objects of a list contain lists of objects, as the messages of some apps do, the inner lists are
     joined.
@@ -148,7 +148,7 @@ def _lists(value: Any, key: str, levels: int) -> Iterator[tuple[str, list[Row]]]
     if isinstance(value, list) and value and all(isinstance(own, dict) for own in value) and levels:
         within = [(at, rows) for own in value for at, rows in _lists(own, "", levels - 1)]
         if not within:
-            yield key, [_flat(own) for own in value]
+            yield path, [_flat(own) for own in value]
             return
         joined: dict[str, list[Row]] = {}
         for at, rows in within:
@@ -156,7 +156,7 @@ def _lists(value: Any, key: str, levels: int) -> Iterator[tuple[str, list[Row]]]
         yield from joined.items()
     elif isinstance(value, dict) and levels:
         for at, own in value.items():
-            yield from _lists(own, str(at), levels - 1)
+            yield from _lists(own, f"{path}.{at}" if path else str(at), levels - 1)
 
 
 def _flat(value: Mapping[str, Any], outer: str = "") -> Row:

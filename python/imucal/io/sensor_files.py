@@ -86,9 +86,7 @@ def recording_of_texts(
     if len(texts) == 1 or len(both) == 1:
         return recording_of_any_text((both or texts)[0], columns, rate_hz, units)
     if len(both) > 1:
-        raise InputError(
-            f"{name}: {len(both)} files hold a recording ({_listed(both)}): give one of them, unpacked"
-        )
+        raise InputError(f"{name}: {len(both)} tables hold a recording ({_listed(both)}): {_one_of(both)}")
     if columns is not None:
         raise InputError(
             f"{name}: no file contains both sensors, and columns (--columns) names the columns of one table: "
@@ -188,7 +186,15 @@ def _chosen(name: str, sensors: list[Sensor], what: str, texts: Sequence[Text]) 
     if not sensors:
         raise FormatError(f"{name}: no file with the {what}; found: {_listed(texts)}: export it too")
     listed = ", ".join(sensor.text.name for sensor in sensors)
-    raise InputError(f"{name}: {len(sensors)} files hold the {what} ({listed}): give two files, unpacked")
+    way_out = _one_of([sensor.text for sensor in sensors])
+    raise InputError(f"{name}: {len(sensors)} tables hold the {what} ({listed}): {way_out}")
+
+
+def _one_of(texts: Sequence[Text]) -> str:
+    """The way out if several texts hold the same sensor."""
+    if all(text.label == text.name for text in texts):
+        return "give the files of one recording, unpacked"
+    return "write the samples of one unit to a file"
 
 
 def _listed(texts: Sequence[Text]) -> str:

@@ -42,7 +42,8 @@ __all__ = ["GrblDriver"]
 PAUSE_S: Final = 0.01
 # Pause before a lost port is opened again, s.
 REOPEN_S: Final = 0.3
-# Duration of the rest at zero after the last move, s, during which the last angles of the move are reported.
+# Duration of the rest at the zero angles after the last move, s. The controller reports the last motor angles
+# of this move during the rest.
 END_S: Final = 0.3
 # The run fails after this number of consecutive recoveries from faults without a completed step.
 MOST_RECOVERIES: Final = 4

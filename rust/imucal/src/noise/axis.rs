@@ -77,8 +77,8 @@ pub struct AxisNoise {
     pub random_walk: Estimate,
     /// Coefficient Q of the quantisation noise of an integrated output, v s.
     pub quantisation: Estimate,
-    /// Size of a count of the converter, v. It equals the smallest step between samples, and it is zero for a constant
-    /// axis.
+    /// Size of a count of the converter, v (the unit of the samples). It equals the smallest step between samples, and
+    /// it is zero for a constant axis.
     pub lsb: f64,
     /// Whether white noise and rounding together have a standard deviation of less than half a count per sample.
     pub is_below_lsb: bool,
