@@ -96,7 +96,6 @@ fn central_binomial(n: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::rests::example::{hand, simulated};
     use crate::rests::tremor::Hand;
     use crate::simulate::motion::Motion;
