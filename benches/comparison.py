@@ -217,7 +217,7 @@ def by_fau(sessions: list[Session], folder: Path) -> list[Linear]:
 
 
 def paragraph(text: str) -> str:
-    return textwrap.fill(text, 118, break_on_hyphens=False)
+    return textwrap.fill(text, 120, break_on_hyphens=False)
 
 
 def accuracy(folder: Path) -> str:
@@ -255,7 +255,7 @@ def accuracy(folder: Path) -> str:
         found.setdefault(f"FAU imucal 2.6.0, {how}", []).append(errors(result, truth))
     lines = [
         paragraph(
-            f"Medians over {len(SEEDS)} simulated runs (seeds {SEEDS[0]} to {SEEDS[-1]}, unit `{UNIT}`, "
+            f"The table gives medians over {len(SEEDS)} simulated runs (seeds {SEEDS[0]} to {SEEDS[-1]}, unit `{UNIT}`, "
             f"{RATE_HZ:g} Hz). Errors are rms values per axis of the corrected samples, after the body "
             "frames of the programs have been aligned."
         ),
@@ -339,8 +339,9 @@ def speed(_: Path) -> str:
     ]
     lines = [
         paragraph(
-            "The recording of imu_tk: an Xsens MTi moved by hand, 38 rests in 512 s at 100 Hz. From arrays"
-            f" in memory to parameters, processor time, medians of {ROUNDS} rounds."
+            "Each program calibrates the recording of imu_tk: an Xsens MTi moved by hand, 38 rests in 512 s "
+            "at 100 Hz. Each time is the processor time for computing the parameters from arrays in memory, "
+            f"the median of {ROUNDS} rounds."
         ),
         "",
         "| program | ms | gravity direction per move, deg rms |",
@@ -351,10 +352,11 @@ def speed(_: Path) -> str:
         ),
         "",
         paragraph(
-            "The last column is the angle between the gravity direction that the gyroscope propagates from "
-            "each rest to the next and the direction that the accelerometer measures at the next rest, on "
-            "the calibration recording. It was computed by `imucal evaluate` for every program except "
-            "imu_tk, which was not built here, because it needs Ceres and Qt. This unit has a g-sensitivity "
+            "The last column is the error of the gravity direction per move, on the calibration recording. "
+            "This error is the angle between two directions at the rest after a move: the direction that "
+            "the gyroscope predicts from the rest before, and the direction that the accelerometer measures. "
+            "`imucal evaluate` computed this angle for every program except imu_tk. imu_tk needs Ceres and "
+            "Qt and was not built for this table. Its row was measured earlier. This unit has a g-sensitivity "
             "that none of these models contains. [imucal gap](gap.md) finds this effect, and the error then "
             "falls to less than a third ([tutorial](tutorial-xsens.md))."
         ),
