@@ -255,8 +255,8 @@ def accuracy(folder: Path) -> str:
         found.setdefault(f"FAU imucal 2.6.0, {how}", []).append(errors(result, truth))
     lines = [
         paragraph(
-            f"The table gives medians over {len(SEEDS)} simulated runs (seeds {SEEDS[0]} to {SEEDS[-1]}, unit `{UNIT}`, "
-            f"{RATE_HZ:g} Hz). Errors are rms values per axis of the corrected samples, after the body "
+            f"The table gives medians over {len(SEEDS)} simulated runs (seeds {SEEDS[0]} to {SEEDS[-1]}, "
+            f"unit `{UNIT}`, {RATE_HZ:g} Hz). Errors are rms values per axis of the corrected samples, after the body "
             "frames of the programs have been aligned."
         ),
         "",
@@ -356,8 +356,8 @@ def speed(_: Path) -> str:
             "This error is the angle between two directions at the rest after a move: the direction that "
             "the gyroscope predicts from the rest before, and the direction that the accelerometer measures. "
             "`imucal evaluate` computed this angle for every program except imu_tk. imu_tk needs Ceres and "
-            "Qt and was not built for this table. Its row was measured earlier. This unit has a g-sensitivity "
-            "that none of these models contains. [imucal gap](gap.md) finds this effect, and the error then "
+            "Qt and was not built for this table. Its row was measured earlier. This unit has a "
+            "g-sensitivity that none of these models contains. [imucal gap](gap.md) finds this effect, and the error then "
             "falls to less than a third ([tutorial](tutorial-xsens.md))."
         ),
     ]

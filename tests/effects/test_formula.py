@@ -254,6 +254,22 @@ def imucal_command(programs):
     return run
 
 
+@pytest.mark.parametrize(
+    ("formula", "unit"),
+    [
+        ("gyro: k * tanh(w / 0.26)", "rad/s"),
+        ("accel: k * -sin(stand_1_rad) * 2", "m/s^2"),
+        ("gyro: k * exp(-time_s / 30) * f", "rad/s/(exp(-time_s / 30) * f)"),
+        ("gyro: k * w**2", "rad/s/(w ** 2)"),
+        ("gyro: k", "rad/s"),
+        ("gyro: k * supply_v", "rad/s/supply_v"),
+    ],
+)
+def test_a_function_without_unit_does_not_change_the_unit(formula, unit):
+    effect = FormulaEffect.of(formula, columns={"supply_v"})
+    assert {parameter.unit for parameter in effect.parameters} == {unit}
+
+
 @pytest.mark.slow
 def test_the_commands_take_a_formula(imucal_command, files):
     said = imucal_command(

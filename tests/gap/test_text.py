@@ -1,5 +1,6 @@
 """Sentences on the result of a search, made from results that are put together by hand."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,6 +10,7 @@ import pytest
 import imucal
 from imucal.cli import main
 from imucal.gap import notes
+from imucal.gap.laws.law import Law
 from imucal.gap.remainder import Remainder
 from imucal.gap.sizes import for_people
 from imucal.report import write_gap_page
@@ -35,6 +37,38 @@ def found(verdict="named", effects=(EFFECT,), remainder=NOTHING, where=WHERE, **
 def page_of(gap, folder):
     write_gap_page(folder / "gap.html", gap)
     return (folder / "gap.html").read_text(encoding="utf-8")
+
+
+LAW = Law(
+    "gyro_law_w",
+    "gyro_law_w = gyro: k*tanh(w/0.26)",
+    "gyroscope",
+    ("w",),
+    ({"name": "k_x", "value": np.radians(0.4), "std": np.radians(0.02), "unit": "rad/s"},),
+    1440.0,
+    1.0,
+    {"move_direction": 0.97},
+    (),
+    None,
+)
+
+
+def test_a_law_is_described_in_the_units_of_datasheets(tmp_path):
+    gap = found("unknown", (), laws=(LAW,))
+    line = f"law: {LAW.formula} with k_x = 0.4 ± 0.02 deg/s; closes 97 % of the gap"
+    assert line in gap.summary().splitlines()
+    row = page_of(gap, tmp_path).partition(">k_<wbr>x<")[2].partition("</tr>")[0]
+    assert re.findall(r">([^<>]+)</td>", row) == ["0.4", "0.02", "deg/s"]
+
+
+def test_the_headline_says_how_much_a_law_describes(tmp_path):
+    page = page_of(found("unknown", (), laws=(LAW,)), tmp_path)
+    assert "no effect of the catalogue describes it, but a law does." in page
+    assert f"{LAW.formula} (gyroscope)." in page
+    left = Remainder("unknown", "gyro_scale", "rate", "the scale varies", 1e-9, True)
+    page = page_of(found("unknown", (), left, laws=(LAW,)), tmp_path)
+    assert "no effect of the catalogue describes it, but a law describes a part of it." in page
+    assert f"{LAW.formula} (gyroscope). Remainder: the scale varies." in page
 
 
 def test_a_fault_of_the_data_is_named_in_the_first_line_and_is_no_effect():

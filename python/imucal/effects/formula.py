@@ -65,6 +65,8 @@ FUNCTIONS: Final[Mapping[str, int]] = {
     **dict.fromkeys(("abs", "sign", "sqrt", "exp", "log", "sin", "cos", "tan", "tanh", "atan"), 1),
     **dict.fromkeys(("min", "max"), 2),
 }
+# Functions whose value has no unit.
+DIMENSIONLESS: Final = frozenset({"sign", "exp", "log", "sin", "cos", "tan", "tanh", "atan"})
 OPERATORS: Final = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
 COMPARISONS: Final = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 # Maximum number of characters of a formula, and maximum depth of nested operations. Usual formulas are far

@@ -12,7 +12,7 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.effects.definition import UserEffect
 from imucal.effects.effect import EffectParameter
-from imucal.effects.formula import AXES, CONSTANTS, INPUTS, Formula, names_in, parse_formula
+from imucal.effects.formula import AXES, CONSTANTS, DIMENSIONLESS, INPUTS, Formula, names_in, parse_formula
 from imucal.effects.state import State
 from imucal.errors import InputError
 from imucal.recording.recording import Recording, require_sensors
@@ -175,8 +175,21 @@ def _terms(formula: Formula) -> list[tuple[str, int, ast.expr]]:
 
 def _unit_of(formula: Formula, factor: ast.expr) -> str:
     unit = UNITS[formula.sensor]
+    if _is_dimensionless(factor):
+        return unit
     text = ast.unparse(factor)
-    return unit if text == "1" else f"{unit}/{text}" if text.isidentifier() else f"{unit}/({text})"
+    return f"{unit}/{text}" if text.isidentifier() else f"{unit}/({text})"
+
+
+def _is_dimensionless(factor: ast.expr) -> bool:
+    """Whether the value of `factor` has no unit: a number or, for example, the tanh of an expression."""
+    if isinstance(factor, ast.BinOp):
+        return _is_dimensionless(factor.left) and _is_dimensionless(factor.right)
+    if isinstance(factor, ast.UnaryOp):
+        return _is_dimensionless(factor.operand)
+    if isinstance(factor, ast.Call):
+        return isinstance(factor.func, ast.Name) and factor.func.id in DIMENSIONLESS
+    return isinstance(factor, ast.Constant)
 
 
 def _inputs(state: State, axis: int, formula: Formula) -> dict[str, FloatArray]:

@@ -132,13 +132,17 @@ def sentences(gap: GapFields) -> Iterator[str]:
 def _laws(gap: GapFields) -> Iterator[str]:
     """A sentence on each law: formula, parameters, removed share of the excess chi2, and similar effects."""
     for law in gap.laws:
-        values = ", ".join(
-            f"{p['name']} = {p['value']:.3g} ± {p['std'] or 0.0:.1g} {p['unit']}" for p in law.parameters
-        )
+        values = ", ".join(map(_parameter_of_law, law.parameters))
         shares = [share for share in law.closed.values() if share is not None]
         closes = f"; closes {100 * min(max(shares), 1.0):.0f} % of the gap" if shares else ""
         similar = f"; similar to {', '.join(law.nearest)}" if law.nearest else ""
         yield f"law: {law.formula} with {values}{closes}{similar}"
+
+
+def _parameter_of_law(parameter: Mapping[str, Any]) -> str:
+    value, unit = for_people(parameter["value"], parameter["unit"])
+    std, _ = for_people(parameter["std"] or 0.0, parameter["unit"])
+    return f"{parameter['name']} = {value:.3g} ± {std:.1g} {unit}"
 
 
 def _remainder(gap: GapFields) -> Iterator[str]:

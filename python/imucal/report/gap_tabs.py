@@ -7,7 +7,7 @@ effect.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import imucal.plot as plot
@@ -106,15 +106,18 @@ def laws(gap: Gap, motion: OwnMotion | None) -> Iterator[Shown | str]:
     )
     for law in gap.laws:
         yield heading(law.formula)
-        rows = [
-            [p["name"], f"{p['value']:.4g}", f"{p['std']:.2g}" if p["std"] else "-", shown_unit(p["unit"])]
-            for p in law.parameters
-        ]
+        rows = [_parameter_of_law(parameter) for parameter in law.parameters]
         yield table(["parameter", "value", "1 σ", "unit"], rows)
         if law.nearest:
             yield paragraph(f"Similar effects of the catalogue: {', '.join(law.nearest)}.")
         if law.curve is not None:
             yield _curve(law, motion)
+
+
+def _parameter_of_law(parameter: Mapping[str, Any]) -> list[str]:
+    value, unit = for_people(parameter["value"], parameter["unit"])
+    std, _ = for_people(parameter["std"] or 0.0, parameter["unit"])
+    return [parameter["name"], f"{value:.4g}", f"{std:.2g}" if std else "-", shown_unit(unit)]
 
 
 def _curve(law: Law, motion: OwnMotion | None) -> Shown:

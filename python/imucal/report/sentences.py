@@ -86,14 +86,17 @@ def of_gap(gap: Gap) -> Verdict:
     beside = _closed(gap)
     remainder = gap.remainder
     is_left = remainder is not None and remainder.kind != "nothing"
-    if gap.laws and not (remainder is not None and remainder.matters):
+    if gap.laws:
         found = " and ".join(f"{law.formula} ({law.sensor})" for law in gap.laws)
         named = f" beside {names}" if names else ""
+        missing = "An error is missing from the model: no effect of the catalogue describes it, but a law "
+        if remainder is not None and remainder.matters:
+            beside = f"Remainder: {remainder.description}. {beside}"
+            return Verdict(
+                "incomplete", f"{missing}describes a part of it{named}.", f"{found}. {beside}".strip()
+            )
         return Verdict(
-            "incomplete" if is_left else "found",
-            "An error is missing from the model: no effect of the catalogue describes it, but a law "
-            f"does{named}.",
-            f"{found}. {beside}".strip(),
+            "incomplete" if is_left else "found", f"{missing}does{named}.", f"{found}. {beside}".strip()
         )
     if remainder is not None and gap.effects and gap.has_effects and is_left:
         beside = f"Remainder: {remainder.description}. {beside}"
