@@ -256,8 +256,8 @@ def accuracy(folder: Path) -> str:
     lines = [
         paragraph(
             f"The table gives medians over {len(SEEDS)} simulated runs (seeds {SEEDS[0]} to {SEEDS[-1]}, "
-            f"unit `{UNIT}`, {RATE_HZ:g} Hz). Errors are rms values per axis of the corrected samples, after the body "
-            "frames of the programs have been aligned."
+            f"unit `{UNIT}`, {RATE_HZ:g} Hz). Errors are rms values per axis of the corrected samples, after "
+            "the body frames of the programs have been aligned."
         ),
         "",
         "| program and recording | specific force at rest, mg | rate at 100 deg/s, deg/s |",
@@ -357,8 +357,8 @@ def speed(_: Path) -> str:
             "the gyroscope predicts from the rest before, and the direction that the accelerometer measures. "
             "`imucal evaluate` computed this angle for every program except imu_tk. imu_tk needs Ceres and "
             "Qt and was not built for this table. Its row was measured earlier. This unit has a "
-            "g-sensitivity that none of these models contains. [imucal gap](gap.md) finds this effect, and the error then "
-            "falls to less than a third ([tutorial](tutorial-xsens.md))."
+            "g-sensitivity that none of these models contains. [imucal gap](gap.md) finds this effect, and "
+            "the error then falls to less than a third ([tutorial](tutorial-xsens.md))."
         ),
     ]
     return "\n".join(lines)
