@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import imucal
-from bad_recordings import ELSEWHERE, POOR, REFUSED, WARNED, axis, counts
+from bad_recordings import ELSEWHERE, POOR, REFUSED, WARNED, axis, counts, outer_join
 from changes import (
     changed,
     force,
@@ -82,6 +82,15 @@ def test_refused(name, tmp_path, capsys):
     assert re.search(case.words, shown.err, re.DOTALL)
     assert all(f"[{finding.code}]" in shown.err for finding in findings)
     assert sorted(map(str, tmp_path.iterdir())) == before
+
+
+def test_an_outer_join_in_memory_is_refused_with_the_way_out():
+    # A file with such rows is resampled (tests/io/test_separate_rows.py).
+    with pytest.raises(
+        InputError, match=r"in separate rows: 6100 .* different time stamps: first interp"
+    ) as caught:
+        imucal.calibrate(outer_join(stand_run().recording))
+    assert [finding.code for finding in caught.value.findings] == ["non_finite"]
 
 
 @pytest.mark.parametrize("name", [name for name, case in REFUSED.items() if case.code and not case.options])

@@ -55,7 +55,7 @@ def main():
                         target.read_bytes(),
                         f"{seed.name} {number}",
                         is_text=seed.is_text,
-                        is_json=seed.kind == "json",
+                        is_json=seed.is_json,
                     )
                     (given.keep / f"{number}_{target.name}").write_bytes(content)
     return int(any(tally.faults for tally in tallies.values()))

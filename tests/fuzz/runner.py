@@ -101,7 +101,7 @@ def case(seed, folder, number):
     before = target.read_bytes()
     content = before
     if number is not None:
-        content = mutated(before, f"{seed.name} {number}", is_text=seed.is_text, is_json=seed.kind == "json")
+        content = mutated(before, f"{seed.name} {number}", is_text=seed.is_text, is_json=seed.is_json)
     if seed.damaged is not None:
         # In a folder with other files.
         target.write_bytes(content)
@@ -154,7 +154,7 @@ def _read(seed, path, is_isolated, writing):
     options = {name: value for name, value in seed.options.items() if name not in ("second", "load")}
     try:
         with redirect_stdout(None), redirect_stderr(None):
-            if seed.kind == "json":
+            if "load" in seed.options:
                 LOADERS[seed.options["load"]](path)
             elif is_isolated:
                 limits = limits_for(size_of([path]))

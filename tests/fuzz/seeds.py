@@ -3,7 +3,9 @@
 import functools
 import json
 import operator
+import sqlite3
 import zipfile
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,7 +30,7 @@ LIMITS = {
 
 @dataclass(frozen=True)
 class Seed:
-    """A valid file; `kind` is a format of `imucal.io.FORMATS`, or json.
+    """A valid file; `kind` is a format of `imucal.io.FORMATS`, or document.
 
     damaged  the file that is damaged; it differs from `path` in a folder
     """
@@ -38,6 +40,10 @@ class Seed:
     path: Path
     options: dict = field(default_factory=dict)
     damaged: Path | None = None
+
+    @property
+    def is_json(self):
+        return self.kind in ("json", "document")
 
     @property
     def is_text(self):
@@ -51,7 +57,9 @@ class Seed:
             "labels",
             "vectornav",
             "realsense",
+            "rows",
             "json",
+            "document",
         )
 
 
@@ -100,6 +108,7 @@ def _text(folder):
         np.savetxt(folder / name, np.column_stack([time_s, 1000 * values]), fmt="%.9g")
     yield Seed("imu_tk", "imu_tk", folder / "acc.mat", {"second": folder / "gyr.mat"})
     yield from _one_file_per_sensor(folder, known, time_s)
+    yield from _one_table_per_sensor(folder, known, time_s)
     yield from _lines(folder, known, time_s)
 
 
@@ -123,6 +132,37 @@ def _one_file_per_sensor(folder, known, time_s):
             archive.write(path, path.name)
     # The bytes of an archive are not text.
     yield Seed("zip", "folder", folder / "phone.zip")
+
+
+def _one_table_per_sensor(folder, known, time_s):
+    """A table with the name of the sensor in each row, a database, JSON objects and JSON columns."""
+    tables = {"accelerometer": known.accel, "gyroscope": known.gyro}
+    rows = [
+        [name, stamp, *(round(float(number), 6) for number in triad)]
+        for name, values in tables.items()
+        for stamp, triad in zip(time_s.tolist(), values, strict=True)
+    ]
+    lines = [",".join(map(str, row)) for row in [["sensor", "time_s", "x", "y", "z"], *rows]]
+    (folder / "rows.csv").write_text("\n".join(lines) + "\n")
+    options = {"accel_unit": "m/s^2", "gyro_unit": "rad/s"}
+    yield Seed("rows", "rows", folder / "rows.csv", options)
+    with closing(sqlite3.connect(folder / "phone.sqlite")) as database, database:
+        for name in tables:
+            database.execute(f"CREATE TABLE {name} (time_s REAL, x REAL, y REAL, z REAL)")
+            own = [row[1:] for row in rows if row[0] == name]
+            database.executemany(f"INSERT INTO {name} VALUES (?, ?, ?, ?)", own)
+    yield Seed("sqlite", "sqlite", folder / "phone.sqlite", options)
+    objects = [{"sensor": name, "time_s": stamp, "values": triad} for name, stamp, *triad in rows]
+    (folder / "rows.json").write_text(json.dumps(objects))
+    yield Seed("json, objects", "json", folder / "rows.json", options)
+    columns = {name: values.round(6).tolist() for name, values in tables.items()}
+    (folder / "columns.json").write_text(json.dumps({"time_s": time_s.tolist(), **columns}))
+    names = [
+        "time_s=time_s",
+        *(f"accel_{axis}_mps2=accelerometer.{axis}" for axis in "xyz"),
+        *(f"gyro_{axis}_radps=gyroscope.{axis}" for axis in "xyz"),
+    ]
+    yield Seed("json, columns", "json", folder / "columns.json", {"columns": ",".join(names)})
 
 
 def _lines(folder, known, time_s):
@@ -220,7 +260,7 @@ def _documents(folder):
     for name, save in documents.items():
         path = folder / f"{name}.json"
         save(path)
-        yield Seed(name, "json", path, {"load": name})
+        yield Seed(name, "document", path, {"load": name})
 
 
 def _found_before():

@@ -64,7 +64,7 @@ def disagreement(gap: Gap) -> Figure:
     """
     where = getattr(gap, "where", None)
     if not where or not where["channels"]:
-        raise InputError("there are no residuals to show: the search refused the recordings")
+        raise InputError("there are no residuals to show: the recordings were refused")
     go, _ = plotly()
     figure = go.Figure()
     rows = where["channels"]

@@ -431,7 +431,7 @@ TWO_FILES = (
         "two files",
         "acceleration without gravity",
         lambda folder: pair(folder, force=1e-3, **LOGGER),
-        refused("TotalAcceleration.csv"),
+        refused("writes acceleration with gravity as TotalAcceleration"),
         format="pair",
     ),
     reading(
