@@ -267,8 +267,8 @@ pub(crate) fn missing_turns(open: &[usize], turned_rad: &Vector3<f64>) -> String
     if largest < 0.3 {
         return "the unit hardly rotates: add moves of 90 deg or more about each axis".into();
     }
-    // Only a rotation about axis j determines entry (i, j) of the sensitivity. If the unit does not rotate about axis j,
-    // no entry in column j is determined.
+    // Only a rotation about axis j determines entry (i, j) of the sensitivity. If the unit does not rotate about axis
+    // j, no entry in column j is determined.
     let column_open = |j: usize| open.iter().filter(|&&p| p % 3 == j).count() >= 2;
     let idle: Vec<&str> =
         (0..3).filter(|&j| column_open(j) && turned_rad[j] < 0.3 * largest).map(|j| AXES[j]).collect();
