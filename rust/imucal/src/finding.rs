@@ -26,7 +26,7 @@ pub struct Finding {
     pub place: Option<Place>,
     /// Number of affected samples. Some findings count other items instead, for example axes, rests or units.
     pub count: usize,
-    /// The measured value that revealed the fault, in the unit `unit`. An example is a value above a limit.
+    /// The measured value that revealed the fault, in the unit `unit`. An example is a temperature above its limit.
     pub value: f64,
     /// Unit of `value`.
     pub unit: &'static str,
@@ -65,13 +65,13 @@ impl fmt::Display for Place {
     }
 }
 
-/// A number with its noun, such as "1 sample" or "3 samples".
+/// Formats a count with its noun in the singular or plural, such as "1 sample" or "3 samples".
 pub(crate) fn counted(count: usize, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
-/// Formats a number with `digits` significant digits like `%g` of C: without trailing zeros, and with an exponent if
-/// the number is very large or very small.
+/// Formats a number with `digits` significant digits like `%g` of C, without trailing zeros. The text has an exponent
+/// if the magnitude of the number is below 1e-4, or if its integer part has more than `digits` digits.
 pub(crate) fn general(value: f64, digits: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
@@ -92,7 +92,7 @@ pub(crate) fn general(value: f64, digits: usize) -> String {
 }
 
 impl Finding {
-    /// Whether the finding reports saturation: samples at the end of the converter's range.
+    /// Whether the finding reports saturation, that is, samples at an end of the range of the A/D converter.
     pub fn is_saturation(&self) -> bool {
         self.code.ends_with("_saturation")
     }

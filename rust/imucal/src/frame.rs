@@ -1,17 +1,19 @@
 //! Body frames, and the exact conversion between them (`docs/model.md` (2)).
 //!
 //! There are two body frames, symmetric and triangular ([`Frame`]). Both are orthogonal and fixed to the accelerometer,
-//! and they differ by a rotation Q. In a conversion, the sensitivity of each triad changes from `T_from` to `T_to =
-//! T_from Q^T`. The norm |f| of the specific force and all residuals are the same in both frames.
+//! and they differ by a rotation Q. A conversion changes the sensitivity of each triad (three-axis sensor) from
+//! `T_from` to `T_to = T_from Q^T`. The norm |f| of the specific force and all residuals are the same in both frames.
 
 use faer::Mat;
 use nalgebra::{Matrix3, SymmetricEigen};
 
 use crate::error::Error;
 
-/// Indices of the six independent entries of a symmetric 3x3 matrix, in the order of the calibration parameters.
+/// Indices (row, column) of the six independent entries of a symmetric 3x3 matrix, in the order of the calibration
+/// parameters.
 pub(crate) const SYMMETRIC: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
-/// Indices of the six nonzero entries of a lower triangular 3x3 matrix, in the order of the calibration parameters.
+/// Indices (row, column) of the six nonzero entries of a lower triangular 3x3 matrix, in the order of the calibration
+/// parameters.
 const TRIANGULAR: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (1, 0), (2, 0), (2, 1)];
 
 /// Convention for the body frame.
@@ -39,9 +41,9 @@ impl Frame {
 /// Sensitivities of both triads, in the same body frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensitivities {
-    /// Sensitivity of the accelerometer, 3x3.
+    /// Sensitivity of the accelerometer, 3x3, raw units per m/s^2.
     pub accelerometer: Matrix3<f64>,
-    /// Sensitivity of the gyroscope, 3x3.
+    /// Sensitivity of the gyroscope, 3x3, raw units per rad/s.
     pub gyroscope: Matrix3<f64>,
 }
 
@@ -139,7 +141,8 @@ fn inverse(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
     matrix.try_inverse().ok_or_else(|| Error::Input("the accelerometer's sensitivity is singular".into()))
 }
 
-/// The symmetric positive definite square root of `matrix`; `None` if `matrix` is not positive definite.
+/// The symmetric positive definite square root of `matrix`; `None` if the smallest eigenvalue of `matrix` is not above
+/// 1e-6 times its largest eigenvalue.
 pub(crate) fn square_root(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let eigen = SymmetricEigen::try_new(*matrix, f64::EPSILON, 200)?;
     let largest = eigen.eigenvalues.max();

@@ -12,16 +12,18 @@
 //! N, B, K and Q are the coefficients of the four kinds of noise. f is the frequency in Hz, rate is the sampling rate
 //! in Hz, and tau is the averaging time in s.
 //!
-//! The column "figure" gives the field of the result and its unit, in which v is the unit of the sensor's output. The
-//! definitions agree with [`crate::simulate`] and with IEEE Std 952. For a gyroscope, N is the angle random walk.
-//! Quantisation in this table is the rounding of an angle or a velocity by a sensor that outputs increments of angle or
-//! velocity. If a sensor outputs a rate and rounds it to counts, the rounding error is white noise with the variance
-//! (size of a count)^2 / 12 per sample. N does not include this rounding error.
+//! The column "figure" names the field of the result that contains the coefficient, and gives the unit of this field.
+//! In these units, v is the unit of the sensor's output. The definitions of the coefficients agree with
+//! [`crate::simulate`] and with IEEE Std 952. For a gyroscope, N is the angle random walk. Quantisation in this table
+//! is the rounding of an angle or a velocity by a sensor that outputs increments of angle or velocity. If a sensor
+//! outputs a rate and rounds it to counts, the rounding error is white noise with the variance (size of a count)^2 / 12
+//! per sample. N does not include this rounding error.
 //!
-//! The values are maximum-likelihood estimates from the power spectrum of a cosine transform, `docs/model.md` (31) and
-//! (32). The variance of the estimates reaches the Cramer-Rao bound. The Allan deviations are only for display, and
-//! their confidence bands are computed from the fitted model. A kind of noise that is not significant has no value. Its
-//! confidence band starts at zero, and the upper end of the band is an upper limit at 95 % confidence.
+//! The coefficients are maximum-likelihood estimates. They are fitted to a power spectrum, which is computed by a
+//! cosine transform (sections (31) and (32) of `docs/model.md`). The variance of the estimates reaches the Cramer-Rao
+//! bound. The Allan deviations are only for display, and their confidence bands are computed from the fitted model. If
+//! a kind of noise is not significant, the value of its coefficient is `None`. The confidence band of this coefficient
+//! starts at zero, and the upper end of the band is an upper limit at 95 % confidence.
 
 pub mod allan;
 mod axis;
@@ -53,7 +55,7 @@ use stretch::Stretch;
 /// accuracy.
 const FEWEST_SAMPLES: usize = 1000;
 /// A warning is reported if the longest rest covers less than this share of the examined interval. The examined
-/// interval is the longest one with at most 1 lost or repeated sample in 10 000.
+/// interval is the longest part of the recording with at most 1 lost or repeated sample in 10 000.
 const WHOLE_SHARE: f64 = 0.9;
 
 /// The noise of the accelerometer and of the gyroscope of a unit.
@@ -94,12 +96,14 @@ pub struct Options {
 /// Identifies the noise in the longest rest of `recording`. The recording contains both sensors or only one.
 ///
 /// If samples are lost or repeated, the longest interval with at most 1 such sample in 10 000 is used. Steps and drifts
-/// of the mean are reported as findings. The estimated noise includes drifts, and also steps unless `options` requests
-/// that steps are cut out. The result does not depend on the number of `threads`.
+/// of the mean are reported as findings. Drifts are not removed from the samples, so they increase the estimated noise.
+/// The same holds for steps, unless `options` requests that steps are cut out. The result does not depend on the number
+/// of `threads`.
 ///
 /// # Errors
 /// [`Error::Data`] for a recording with faults; [`Error::NotEnoughMotion`] if the unit is never at rest;
-/// [`Error::Input`] if the longest rest has fewer than 1000 samples.
+/// [`Error::Input`] if fewer than 1000 samples are left in the longest interval without lost samples, in the longest
+/// rest, or in its longest part without a step.
 pub fn identify(recording: &Recording<'_>, options: &Options, threads: NonZeroUsize) -> Result<Noise, Error> {
     let mut findings = check::check_one_or_both(recording);
     let errors: Vec<Finding> = findings.iter().filter(|f| f.severity == Severity::Error).cloned().collect();
@@ -207,7 +211,8 @@ impl Analysis {
     }
 }
 
-/// Finds the longest rest within the samples `part` of the recording, and returns its sample range.
+/// Finds the longest rest within the samples `part` of the recording, and returns its sample range. Consecutive rests
+/// are joined if only noise separates them.
 fn longest_rest(recording: &Recording<'_>, part: &Range<usize>, min_rest_s: f64) -> Result<Range<usize>, Error> {
     if part.len() < FEWEST_SAMPLES && part.len() < recording.len() {
         return Err(too_short(recording, part, "the longest part without lost or repeated samples"));
@@ -367,7 +372,7 @@ mod tests {
     }
 
     /// In simulated recordings, the ratio (error of an estimate) / (reported standard deviation) must have a mean
-    /// square of about one over all runs and axes. The limits are those of a 99.9 % interval.
+    /// square of about one over all runs and axes. The mean square must be inside its 99.9 % interval.
     #[test]
     fn standard_deviations_are_those_of_the_errors() {
         let mut squares = [0.0; 3];

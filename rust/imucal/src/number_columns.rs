@@ -77,8 +77,8 @@ impl NumberColumns {
             return Ok(());
         };
         if std::mem::take(&mut self.is_new) {
-            // For a short text, mapping memory for `RESERVED` values per column would take a noticeable part of the
-            // reading time.
+            // A short text is read so fast that mapping memory for `RESERVED` values per column would take a noticeable
+            // part of the reading time.
             let rows = if block.len() < LONG { self.form.rows(block) } else { RESERVED };
             self.columns = self.form.columns(rows);
         }

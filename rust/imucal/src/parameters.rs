@@ -1,4 +1,4 @@
-//! Order and names of the parameters of a unit.
+//! Order and names of the calibration parameters of an inertial measurement unit.
 //!
 //! The parameter vector contains, in this order: accelerometer bias (3 parameters), accelerometer sensitivity (6),
 //! gyroscope bias (3), gyroscope sensitivity (9, row by row), parameters of the effects, and parameters of a stand with
@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use crate::frame::{Frame, SYMMETRIC};
 
-/// Number of base parameters: the biases and sensitivities of both sensors.
+/// Number of base parameters: the biases and sensitivities of the accelerometer and the gyroscope.
 pub(crate) const BASE: usize = 21;
 pub(crate) const ACCEL: Range<usize> = 0..9;
 pub(crate) const GYRO_BIAS: Range<usize> = 9..12;

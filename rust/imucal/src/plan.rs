@@ -10,10 +10,12 @@
 //!   standard deviations.
 //!
 //! Predictions and plans use the information matrix of the joint fit, which estimates all parameters of both sensors
-//! from the whole run. The matrix contains the information from the mean force and the mean rate at each rest, and from
-//! the propagation of the gravity direction from rest to rest with the gyroscope. The gravity direction at each rest is
-//! unknown and is eliminated. An information filter accumulates the matrix along the run. The computing time is
-//! therefore proportional to the length of the run, and no large matrix is needed.
+//! from the whole run. The matrix contains the information from the mean force at each rest, from the mean rate at each
+//! rest (only on a stand, because the true mean rate of a hand-held unit is unknown), and from the propagation of the
+//! gravity direction from rest to rest with the gyroscope. If an effect depends on the angular acceleration, the matrix
+//! also contains the information from the forces during moves. The gravity direction at each rest is unknown and is
+//! eliminated. An information filter accumulates the matrix along the run. The computing time is therefore proportional
+//! to the length of the run, and no large matrix is needed.
 //!
 //! ```
 //! use imucal::plan::{Goal, Limits, Search, Sensors, optimal};

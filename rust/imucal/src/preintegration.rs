@@ -1,12 +1,13 @@
 //! Preintegration of the gyroscope: the rotation over a move, and its derivatives with respect to the parameters
 //! (`docs/model.md` (6), (7)).
 //!
-//! One pass over the samples of a move computes the rotation and the sums for the derivatives with respect to all
-//! parameters. The rate is `w = T^-1 (m - b)` for the measured rate m, the sensitivity T and the bias b. The rotation
-//! vector of a step of length h is `phi = h wbar + h^2/12 (w0 x w1)`, and `R <- R exp(phi)`. wbar is the mean rate over
-//! the step, and w0 and w1 are the rates at its ends. A change of the parameters changes the attitude at the end of the
-//! move to `R exp(delta)`, where `delta` is a rotation vector in the body frame at the end of the move. e_i is the unit
-//! vector along axis i:
+//! One pass over the samples of a move computes the rotation, and the integrals (as sums over the samples) that its
+//! derivatives with respect to all parameters contain. The rate is `w = T^-1 (m - b)` for the measured rate m, the
+//! sensitivity T and the bias b. The rotation vector of a step of length h is `phi = h wbar + h^2/12 (w0 x w1)`, and
+//! each step updates the rotation R by `R <- R exp(phi)`. wbar is the mean rate over the step, and w0 and w1 are the
+//! rates at its ends. A change of the parameters changes the attitude at the end of the move to `R exp(delta)`, where
+//! `delta` is a rotation vector in the body frame at the end of the move. With the unit vector e_i along axis i, the
+//! derivatives of `delta` are:
 //!
 //! ```text
 //! d_delta_d_T_ij = -R^T G_j T^-1 e_i,   G_j = integral of R w_j dt
@@ -19,7 +20,7 @@
 //! and the rotation over the whole move. For example, if R has the columns R_x, R_y and R_z, the integral of `R_y w_z -
 //! R_z w_y` is the change of R_x. If the move does not start and end at rest, the relative deviation of the trapezoidal
 //! sums from this relation is a twelfth of the squared rotation angle of a step. Short steps are summed in groups of
-//! sixteen, which does not change the result (see `preintegration/sums.rs`).
+//! sixteen, which changes the sums only by a negligible amount (see `preintegration/sums.rs`).
 
 mod attitudes;
 mod interpolation;

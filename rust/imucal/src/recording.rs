@@ -1,4 +1,4 @@
-//! A recording: the measurements of one unit. The columns are borrowed arrays of the caller.
+//! A recording: the measurements of one inertial measurement unit. The columns are borrowed arrays of the caller.
 //!
 //! Each row is one sample. Time is in seconds. The samples of each three-axis sensor (triad) are in SI units (m/s^2,
 //! rad/s) or in raw counts (`lsb`). An accelerometer at rest reads +g on the axis that points up.
@@ -127,7 +127,8 @@ fn neighbours_of<T: Into<f64> + Copy>(rows: &[[T; 3]], axis: usize, mut each: im
     }
 }
 
-/// Number of values processed together in [`each_step`]: eight rows of three axes, which fill the vector registers.
+/// Number of values processed together in [`each_step`]: eight rows of three axes. A vector register has at most eight
+/// lanes, so 24 values fill whole registers.
 pub(crate) const SIDE_BY_SIDE: usize = 3 * 8;
 
 /// Calls `each` for every number of every row except the last row. The arguments are an index, the number, and the
@@ -235,7 +236,7 @@ impl<'a> Recording<'a> {
     }
 
     /// Mean sampling rate, Hz: the number of time steps divided by the sum of the time steps, without pauses (see
-    /// `PAUSE_S`). NaN if the time does not increase.
+    /// `PAUSE_S`). If every time step is a pause, all time steps are counted. NaN if the time does not increase.
     ///
     /// The median time step is not used. If samples come in bursts, or if the resolution of the time stamps is coarse,
     /// the median may differ from the mean time step by ten per cent or more.

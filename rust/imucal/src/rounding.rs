@@ -12,7 +12,7 @@
 //! ```
 //!
 //! The sums are over all integers h > 0, and E is the mean over all true means m. For rest k, d_k is the error, rms_k
-//! the square root of its mean square, and mean_k the mean reading (Widrow and Kollar, Quantization Noise, Cambridge
+//! is the square root of E d_k^2, and mean_k is the mean reading (Widrow and Kollar, Quantization Noise, Cambridge
 //! University Press 2008, chapters 4 and 5). Rests with equal readings have equal errors. The standard deviation of
 //! rounded samples differs from sigma, so sigma is estimated from the relative frequencies of the levels (multiples of
 //! q) at rest.
@@ -24,9 +24,9 @@ use std::f64::consts::PI;
 
 use levels::{Levels, Likelihood, NOISES, RestNoise, trial_noise};
 
-/// Standard deviation of rounded samples, in quantisation steps, above which rounding needs no treatment. The noise
-/// before rounding is then above 0.58 steps, the rms rounding error of a mean is below 3e-4 steps, and the variance of
-/// the samples includes the variance of the rounding error, which is one twelfth of the squared step.
+/// Standard deviation of rounded samples, in quantisation steps, above which the rounding error of a mean is neglected.
+/// The noise before rounding is then above 0.58 steps, and the rms rounding error of a mean is below 3e-4 steps.
+/// Rounding then only adds one twelfth of the squared step to the variance of the samples.
 pub(crate) const LEAST_SCATTER: f64 = 0.65;
 /// Distance D between two readings, in steps, at which the factor exp(-2 D^2) in the covariance of their rounding
 /// errors (see the module documentation) is exp(-1/2). If two readings are more than a step apart, the phase 2 pi D of
@@ -91,9 +91,9 @@ impl Rounding {
     /// common noise.
     ///
     /// If a rest has less noise than most rests, its rounding error is computed from its own noise. This error is
-    /// larger, because less noise averages the rounding less. If a rest has more noise, a short disturbance may have
-    /// caused the larger scatter. Its rounding error is then computed from the common noise, because most samples of
-    /// the rest are undisturbed.
+    /// larger, because the rounding error of a mean increases as the noise decreases. If a rest has more noise, a short
+    /// disturbance may have caused the larger scatter. The rounding error of this rest is then computed from the common
+    /// noise, because most samples of the rest are undisturbed.
     pub(crate) fn of_levels(axes: [Option<(f64, Vec<Levels>)>; 3]) -> [AxisRounding; 3] {
         let axes = axes.map(|axis| axis.map(|(step, rests)| (step, RestNoise::of(&rests))));
         std::array::from_fn(|axis| {
@@ -130,7 +130,7 @@ impl Rounding {
         }
     }
 
-    /// Whether rounding causes an error of the means of the rests.
+    /// Whether rounding causes an error of the means of the rests that is not negligible.
     pub fn is_coarse(&self) -> bool {
         self.error_variance > (NEGLECTED * self.step).powi(2)
     }
@@ -141,7 +141,8 @@ impl Rounding {
         self.error_variance > (0.03 * self.step).powi(2)
     }
 
-    /// Variance of the error of one sample while the true value passes through many quantisation steps. Noise and
+    /// Variance of one sample of white noise that has the same density as the noise and the rounding errors together,
+    /// squared raw units. It holds while the true value passes through many quantisation steps, because noise and
     /// rounding errors are then independent. `colour` is the factor by which the correlation of the noise increases the
     /// variance of a mean (model.md (10)).
     pub(crate) fn sweeping_variance(&self, colour: f64) -> f64 {

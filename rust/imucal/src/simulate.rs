@@ -9,11 +9,12 @@
 //!   hand-held run. [`motion`]: the resulting motion as a function of time.
 //! * [`earth`]: gravity and the rate of the Earth at a location.
 //! * [`mod@unit`]: sensitivity, bias, noise, filter and converter of the sensors, and the unit of the paper cited in
-//!   `docs/model.md`. The effects are from the catalogue ([`imucal_core::effects`]), evaluated at the true state.
+//!   `docs/model.md`. Errors that a sensitivity and a bias do not describe are called effects. They are from the
+//!   catalogue in [`imucal_core::effects`] and are evaluated at the true state.
 //! * [`temperature`]: the temperature of the unit over the run. [`faults`]: clock errors and lost or repeated samples.
 //!
-//! Motion and true values are exact functions of time. Nothing is integrated, so the true values do not depend on the
-//! sampling rate. The same setup always gives the same bytes, on any number of threads.
+//! Motion and true values are closed-form functions of time, without numerical integration. The true values therefore
+//! do not depend on the sampling rate. The same setup always gives the same run, bit for bit, on any number of threads.
 //!
 //! ```
 //! use imucal::simulate::{Program, RandomMoves, Unit, simulate};
@@ -72,7 +73,8 @@ use sensor::Sampler;
 use stream::Triad;
 use truth::Truth;
 
-/// Maximum number of samples in a run. At 192 bytes per sample, a longer run would exceed the memory of an ordinary PC.
+/// Maximum number of samples in a run. A run of this length takes 19 GB of memory (192 bytes per sample), which is
+/// about the memory of an ordinary PC.
 const MAX_SAMPLES: f64 = 1e8;
 
 /// All inputs of a simulated run.
@@ -90,7 +92,8 @@ pub struct Setup<'a> {
     pub temperature: &'a Temperature,
     /// Faults of the recording, such as lost samples.
     pub faults: Faults,
-    /// Additional errors of force and rate, for an effect that is not in the catalogue.
+    /// Additional errors of force and rate given by the user, for example an effect that is not in the catalogue of
+    /// effects; `None` for no additional errors.
     pub added: Option<Added<'a>>,
     /// Seed of all random numbers, except those of the motion.
     pub seed: u64,
@@ -135,7 +138,7 @@ pub struct Simulation {
     pub rests: Vec<(f64, f64)>,
     /// Number of lost samples.
     pub missing: usize,
-    /// Number of samples that repeat the previous sample.
+    /// Number of samples that repeat the previous sample, including repeated samples that were then lost.
     pub duplicated: usize,
 }
 
@@ -155,8 +158,8 @@ impl Simulation {
         }
     }
 
-    /// Creates a run in which only the time stamps and rests are set. All other values are zero; [`block::fill`]
-    /// computes them.
+    /// Creates a run in which only the time stamps and rests are set. All other columns are zero until [`block::fill`]
+    /// computes their values.
     fn blank(samples: usize, setup: &Setup, clock: &Clock) -> Self {
         let on_a_stand = matches!(setup.motion, Motion::Stand { .. });
         let rests = setup.motion.rests().into_iter();
@@ -176,7 +179,8 @@ impl Simulation {
         }
     }
 
-    /// Simulates repeated and lost samples: overwrites the repeated samples and removes the lost samples.
+    /// Simulates repeated and lost samples. The measured force and rate of a repeated sample are overwritten by those
+    /// of the previous sample. The rows of lost samples are removed from all columns.
     fn spoil(&mut self, faults: &Faults, seed: u64) {
         let samples = self.time_s.len();
         let count = |chosen: &[bool]| chosen.iter().filter(|chosen| **chosen).count();
@@ -204,7 +208,7 @@ impl Simulation {
     }
 }
 
-/// Simulates a run. The same setup always gives the same bytes.
+/// Simulates a run. The same setup always gives the same run, bit for bit.
 ///
 /// # Errors
 /// [`Error::Input`] if a value of the setup is invalid, or if the run has no samples or too many.
@@ -280,9 +284,10 @@ fn check_rows(name: &str, rows: Option<&[[f64; 3]]>, samples: usize) -> Result<(
     Ok(())
 }
 
-/// Number of samples with time stamps in `[0, duration)`.
+/// Number of samples with time stamps from 0 to before `duration_s`.
 fn sample_count(duration_s: f64, rate_hz: f64) -> Result<usize, Error> {
-    // The tolerance prevents an additional sample if rounding errors make the duration slightly too long.
+    // Rounding errors can make `duration_s * rate_hz` slightly larger than an integer. The tolerance of 1e-6 samples
+    // prevents an additional sample in this case.
     let samples = (duration_s * rate_hz - 1e-6).ceil();
     if rate_hz.is_finite() && rate_hz > 0.0 && (1.0..=MAX_SAMPLES).contains(&samples) {
         return Ok(samples as usize);

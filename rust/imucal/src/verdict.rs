@@ -1,7 +1,7 @@
 //! The verdict on a calibration: good, incomplete or poor, with the reasons.
 //!
-//! [`mod@crate::calibrate`] derives the verdict on the recordings from which a calibration is estimated.
-//! [`mod@crate::evaluate`] derives it on control recordings.
+//! [`mod@crate::calibrate`] derives a verdict from the recordings from which the calibration is estimated.
+//! [`mod@crate::evaluate`] derives a verdict from control recordings.
 
 mod group_misfit;
 mod reason;
@@ -37,7 +37,8 @@ impl RecordingSet {
 /// Whether a calibration may be used.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
-    /// Noise explains the residuals completely or almost completely.
+    /// The result is usable without reservation. In particular, no kind of residuals exceeds its noise both
+    /// significantly and by more than a factor of two.
     Good,
     /// The result is usable with a reservation. For example, the residuals are larger than noise explains, or there are
     /// too few residuals to test the result. The list contains at least one reason.

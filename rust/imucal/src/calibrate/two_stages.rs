@@ -67,9 +67,9 @@ impl UnitData<'_> {
             }
             alone => alone?,
         };
-        // The fit returns `used` and `gain` (derivatives of the parameters with respect to the errors at the rests) for
-        // the rests in `clean`. Here, both are extended to all detected rests. For an excluded rest, `used` is false,
-        // and the column of `gain` is zero.
+        // The fit returns `used` and `gain` (negative derivatives of the parameters with respect to the errors of the
+        // rests) for the rests in `clean`. Here, both are extended to all detected rests. For an excluded rest, `used`
+        // is false, and the column of `gain` is zero.
         let mut used = vec![false; self.rests.len()];
         let mut gain = Mat::zeros(9, self.rests.len());
         for (column, &k) in clean.iter().enumerate() {

@@ -5,8 +5,8 @@
 //! p_i = x_1 + ... + x_i,   p_0 = 0
 //! ```
 //!
-//! x are N rates at equal intervals, with their mean subtracted. The averaging time tau is m intervals. Sources: IEEE
-//! Std 1139, and IEEE Std 952 for inertial sensors.
+//! x_1 to x_N are the samples at equal intervals (rates or specific forces), with their mean subtracted. The averaging
+//! time tau is m sampling intervals. Sources: IEEE Std 1139, and IEEE Std 952 for inertial sensors.
 
 use std::num::NonZeroUsize;
 
@@ -19,7 +19,8 @@ const BLOCK: usize = 4096;
 /// Number of blocks in a job, the part of the sums that a thread computes at a time. The results of the jobs are added
 /// in a fixed order. The sums, including their rounding errors, therefore do not depend on the number of threads.
 const BLOCKS_PER_JOB: usize = 64;
-/// Number of partial sums in [`block_sum`], which fill the vector registers.
+/// Number of partial sums that [`block_sum`] accumulates in parallel. Eight `f64` values fill one vector register of
+/// 512 bits.
 const LANES: usize = 8;
 
 /// Averaging times 1, 2, 4, 8, ... in samples, up to half of `samples`, the length of the record. With this limit, the
@@ -102,7 +103,8 @@ fn sums(values: impl ExactSizeIterator<Item = f64> + Clone) -> Result<Vec<f64>, 
 /// Computes, for each averaging time in `factors` (in samples), the sum over i in the formula of the module
 /// documentation. `phase` contains the cumulative sums p.
 fn squared_differences(phase: &[f64], factors: &[usize], threads: usize) -> Vec<f64> {
-    // The factors are processed in ascending order, which makes the best use of the cache.
+    // The averaging times are processed in ascending order. The sum for the next averaging time then reads many of the
+    // values of `phase` that are already in the cache.
     let mut order: Vec<usize> = (0..factors.len()).collect();
     order.sort_unstable_by_key(|&k| factors[k]);
     let job_len = BLOCK * BLOCKS_PER_JOB;

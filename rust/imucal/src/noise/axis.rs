@@ -15,18 +15,19 @@ use crate::noise::allan::{overlapping_deviations, quarter_octave_factors};
 use crate::recording::Samples;
 
 /// The noise model does not fit if the measured power in an octave deviates from the power of the model by more than
-/// this number of standard deviations. Noise that agrees with the model exceeds this number with a probability of about
-/// 1e-6 per octave.
+/// this number of standard deviations. For noise that agrees with the model, the probability of such a deviation is
+/// about 6e-7 per octave.
 pub(super) const MISFIT: f64 = 5.0;
 /// Quantisation noise is included in the model if it increases 2 ln L by more than this value, where L is the
-/// likelihood. If the record contains no quantisation noise, the probability of such an increase is 0.001.
+/// likelihood. The value is the 99.9 % quantile of chi-square with one degree of freedom. If the record contains no
+/// quantisation noise, the probability of such an increase is therefore at most 0.001.
 const QUANTISATION_GAIN: f64 = 10.83;
 /// If a filter has changed the noise at high frequencies, the fit omits this number of octaves, counted from half the
 /// sampling rate downwards. The fit with 6 omitted octaves is tried before the fit with 11. The spectrum is computed in
-/// stages of five octaves. Missing power at high frequencies changes all powers of a stage, because a stage transforms
-/// windows of only 32 values, which have wide side lobes. Therefore one or two complete stages are omitted (5 or 10
-/// octaves). The first octave of the next stage is also omitted, because this stage transforms means of filtered
-/// samples.
+/// stages of five octaves. If the filter reduces the power at high frequencies, all powers of a stage change, because
+/// the cosine transform of a window of only 32 values has wide side lobes. Therefore one or two complete stages are
+/// omitted (5 or 10 octaves). The first octave of the next stage is also omitted, because this stage transforms means
+/// of filtered samples.
 const FILTERED: [u32; 2] = [6, 11];
 /// The white noise is estimated only if the size of a count is at most this multiple of the standard deviation of a
 /// sample. This standard deviation includes the white noise and the rounding error. With larger counts, rounding errors
@@ -80,7 +81,8 @@ pub struct AxisNoise {
     /// Size of a count of the converter, v (the unit of the samples). It equals the smallest step between samples, and
     /// it is zero for a constant axis.
     pub lsb: f64,
-    /// Whether white noise and rounding together have a standard deviation of less than half a count per sample.
+    /// Whether the standard deviation of a sample due to white noise and rounding is less than half a count. This field
+    /// is also true for a constant axis.
     pub is_below_lsb: bool,
     /// Shortest period of the fitted part of the noise, s. At shorter periods, the power deviates from the model,
     /// usually because of a filter.
@@ -268,13 +270,14 @@ fn allan_points(
     Ok(factors.iter().zip(deviations).map(point).collect())
 }
 
-/// Quantile of the chi-square distribution with `dof` degrees of freedom. At 100 degrees of freedom and above, the
-/// approximation by Wilson and Hilferty is used, with an error of 1e-5.
+/// Quantile of the chi-square distribution with `dof` degrees of freedom, for a `probability` of 0.025 or 0.975. At 100
+/// degrees of freedom and above, the approximation by Wilson and Hilferty is used. Its relative error is at most 1e-4.
 fn chi_square_quantile(dof: f64, probability: f64) -> f64 {
     if let (true, Ok(distribution)) = (dof < 100.0, ChiSquared::new(dof)) {
         return distribution.inverse_cdf(probability);
     }
-    // The bands have a level of 95 %, so the 97.5 % quantile of the normal distribution is used: 1.959964.
+    // The ends of a 95 % band are the quantiles at 2.5 % and 97.5 %. For the standard normal distribution, these
+    // quantiles are -1.959964 and 1.959964.
     let normal = if probability > 0.5 { 1.959_963_985 } else { -1.959_963_985 };
     let ninth = 2.0 / (9.0 * dof);
     dof * (1.0 - ninth + normal * ninth.sqrt()).powi(3)

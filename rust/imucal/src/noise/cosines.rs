@@ -1,12 +1,12 @@
-//! Computes the power spectrum of a record by cosine transforms. Power-law noise is uncorrelated in this spectrum:
-//! `docs/model.md` (31).
+//! Computes the power spectrum of a record by cosine transforms. The elements of the cosine transform of power-law
+//! noise are uncorrelated, exactly or nearly (section (31) of `docs/model.md`).
 //!
 //! ```text
 //! z_j = sqrt(2 / W) sum over t = 0 to W - 1 of y_t cos(pi j (t + 1/2) / W),    j = 1 to W - 1
 //! ```
 //!
 //! A window consists of W consecutive values y, and z_j is its cosine transform. The z_j of a window are exactly
-//! independent for white noise, for a random walk, and for block means of white noise or of a random walk. A Fourier
+//! independent if the values y are white noise, a random walk, or means of consecutive samples of such noise. A Fourier
 //! transform does not have this property, because the difference between the two ends of a random walk leaks into all
 //! frequencies. For flicker noise, the z_j are only nearly independent, but the variances of the z_j that are computed
 //! here are exact.
@@ -23,7 +23,8 @@ use crate::cancellation::checkpoint;
 /// Number W of values in a window, in every stage except the last.
 const WINDOW: usize = 32;
 const HALF: usize = WINDOW / 2;
-/// A record of fewer values than this is transformed as one window, which is the last stage.
+/// If a stage has fewer values than this number, they are transformed as one window, and this stage is the last one.
+/// The values are the samples of the record or the window means of the previous stage.
 const LAST_WINDOW: usize = 2048;
 /// After this number of windows, the transform tests whether the calculation was cancelled. Transforming this number of
 /// windows takes less than a millisecond.
@@ -115,8 +116,8 @@ impl Stage {
 }
 
 /// The powers of one window, averaged over frequency bands of the relative width [`POOLED_SHARE`]. `squares` contains
-/// the powers z_j^2 of its cosine transform for j = 1, 2, ..., and `expected` their expected values. Each value of the
-/// window is a mean over `length` samples.
+/// the powers z_j^2 of the cosine transform of the window for j = 1, 2, ..., and `expected` contains their expected
+/// values. Each value of the window is a mean over `length` samples.
 pub(super) fn pooled(squares: &[f64], expected: &[PerKind], length: f64) -> Vec<Power> {
     let width = squares.len() + 1;
     let mut powers = Vec::new();
@@ -136,10 +137,14 @@ pub(super) fn pooled(squares: &[f64], expected: &[PerKind], length: f64) -> Vec<
     powers
 }
 
-/// Expectation of the squared cosine z_j^2 of a window of W values, for j = 1 to W - 1: `c_0 + (2 / W) sum over d of
-/// c_d ((W - d) cos(a d) - sin(a d) / sin(a))` with d = 1 to W - 1 and a = pi j / W. Each value of the window is a mean
-/// over `length` samples, and c_d is the covariance of two values of the window whose indices differ by d. Adding a
-/// constant to all c_d does not change the result.
+/// Expected power z_j^2 of the cosine transform of a window of W values, for j = 1 to W - 1:
+///
+/// ```text
+/// E z_j^2 = c_0 + (2 / W) sum over d = 1 to W - 1 of c_d ((W - d) cos(a d) - sin(a d) / sin(a)),    a = pi j / W
+/// ```
+///
+/// Each value of the window is a mean over `length` samples, and c_d is the covariance of two values of the window
+/// whose indices differ by d. Adding a constant to all c_d does not change the result.
 pub(super) fn expected_powers(length: f64, width: usize) -> Vec<PerKind> {
     let covariance: Vec<PerKind> = (0..width).map(|d| mean_covariance(length, d as f64)).collect();
     let table: Vec<(f64, f64)> = (0..2 * width).map(|k| (PI * k as f64 / width as f64).sin_cos()).collect();
@@ -197,8 +202,8 @@ impl Tables {
         }
     }
 
-    /// Transforms the first `windows` windows of `values`. Returns, for each j, the sum of the squared cosines z_j^2
-    /// over all windows, and the mean of each window.
+    /// Transforms the first `windows` windows of `values`. Returns, for each j, the sum of the powers z_j^2 over all
+    /// windows, and the mean of each window.
     fn pass(&self, mut values: impl Iterator<Item = f64>, windows: usize) -> ([f64; WINDOW - 1], Vec<f64>) {
         let mut sums = [0.0; WINDOW - 1];
         let mut means = Vec::with_capacity(windows);
@@ -260,8 +265,9 @@ mod tests {
 
     #[test]
     fn powers_of_a_random_walk_are_those_of_its_steps() {
-        // By summation by parts, z_j of a random walk = (sine sum of its steps) / (2 sin(pi j / 2W)). The steps are
-        // independent with variance one, so the sine sum also has variance one.
+        // By summation by parts, element z_j of a random walk equals (element j of the sine transform of its steps) /
+        // (2 sin(pi j / (2 W))). The steps are independent with variance one, so the elements of their sine transform
+        // also have variance one.
         let width = 100;
         for (j, power) in expected_powers(1.0, width).iter().enumerate() {
             let sine = 2.0 * (PI * (j + 1) as f64 / (2.0 * width as f64)).sin();

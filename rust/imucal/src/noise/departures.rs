@@ -1,20 +1,20 @@
-//! Detects steps and drifts of the mean reading of a unit at rest. The likelihood distinguishes them from random noise:
-//! `docs/model.md` (36).
+//! Detects steps and drifts of the mean reading of a unit at rest. The likelihood distinguishes steps and drifts from
+//! random noise (section (36) of `docs/model.md`).
 //!
 //! ```text
 //! z_j = sum over components of a_c s_cj + noise,     noise ~ N(0, mu_j(theta)),     j = 1 to W - 1
 //! ```
 //!
 //! The record is divided into W blocks, and z is the cosine transform of the means over these blocks. The elements z_j
-//! are uncorrelated for white noise and for a random walk. a_c is the amplitude of component c, s_cj is the cosine
-//! transform of its shape, and mu_j is the expected power for the noise parameters theta. A component is a step at a
-//! time, a ramp between two times, or an exponential approach to a final value (warm-up). A step has the power spectrum
-//! of a random walk. However, the time of a step determines the signs of its z_j, whereas the z_j of a random walk have
-//! random signs. Components are added one at a time. The next component is the one with the largest value of gain -
-//! penalty. The gain is the increase of 2 ln L, where L is the likelihood. The penalty accounts for the number of
-//! shapes that are tried. After each addition, all amplitudes and the noise parameters are estimated again. The search
-//! ends if the largest value of gain - penalty is below 16, because noise then explains the remaining changes of the
-//! mean.
+//! are uncorrelated for white noise and for a random walk. a_c is the amplitude of component c, s_cj is element j of
+//! the cosine transform of its shape, and mu_j is the expected power for the noise parameters theta. A component is an
+//! abrupt step, a ramp between two times, or an exponential approach to a final value (warm-up). A step has the power
+//! spectrum of a random walk. However, the time of a step determines the signs of its z_j, whereas the z_j of a random
+//! walk have random signs. Components are added one after the other. Each time, the component with the largest
+//! difference (gain - penalty) is added. The gain is the increase of 2 ln L, where L is the likelihood. The penalty
+//! accounts for the number of shapes that are tried. After each addition, all amplitudes and the noise parameters are
+//! estimated again. The search ends if the largest difference (gain - penalty) is below 16, because noise then explains
+//! the remaining changes of the mean. It also ends if 12 components have been added.
 
 mod search;
 
@@ -36,11 +36,11 @@ const TIME_CONSTANTS: [f64; 9] = [0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2, 2.5, LI
 /// Ratio of the time constant to the duration of the record, for a warm-up whose rate of change is practically
 /// constant.
 const LINEAR: f64 = 1e3;
-/// A change of the mean within at most this time is treated as a step, s. After a bump, a unit settles within this
-/// time. No unit warms up so fast.
+/// If a change of the mean takes at most this time, it is treated as a step, s. After a bump, a unit settles within
+/// this time. Warm-up always takes longer.
 pub(super) const ABRUPT_S: f64 = 10.0;
-/// A change of the mean within at most this number of blocks is also treated as a step, even if it takes longer than
-/// `ABRUPT_S`, because the blocks cannot resolve such a short change.
+/// If a change of the mean takes at most this number of blocks, it is also treated as a step, even if it takes longer
+/// than `ABRUPT_S`. The reason is that the block means do not resolve such a short change.
 const ABRUPT_BLOCKS: usize = 2;
 
 /// Shape of a component (a step or a drift of the mean).
@@ -108,7 +108,8 @@ impl Blocks {
         };
         let warm_up = |share: &f64| {
             let time_constant = share * count as f64;
-            // The shape increases from 0 to 1, so its amplitude is the change over the record.
+            // The shape increases from 0 to 1, so the amplitude of the component is the change of the mean over the
+            // record.
             let end = 1.0 - (-(count as f64) / time_constant).exp();
             let values = (0..count).map(|t| (1.0 - (-(t as f64 + 0.5) / time_constant).exp()) / end);
             (Shape::WarmUp { time_constant }, blocks.cosines(&values.collect::<Vec<_>>()))
@@ -193,8 +194,9 @@ impl Blocks {
         }
     }
 
-    /// All shapes that the search tries: a step at every block, ramps, and warm-ups. The lengths of ramps double from
-    /// one to the next, and the positions of ramps of one length are a quarter of this length apart.
+    /// All shapes that the search tries: a step at every block, ramps, and warm-ups. Each length of a ramp is twice the
+    /// next shorter length. The start times of two consecutive ramps of the same length differ by a quarter of this
+    /// length.
     fn shapes(&self, rate_hz: f64) -> Vec<Shape> {
         let mut shapes: Vec<Shape> = (1..self.count).map(|first| Shape::Step { first, fraction: 0.0 }).collect();
         let mut blocks = self.abrupt_blocks(rate_hz) * 2;

@@ -1,18 +1,18 @@
-//! Estimates the noise parameters by maximum likelihood, with confidence bands: `docs/model.md` (32).
+//! Estimates the noise parameters and their confidence bands by maximum likelihood (section (32) of `docs/model.md`).
 //!
 //! ```text
-//! -2 log L = sum over powers of dof (P / mu - 1 - ln(P / mu))
+//! -2 ln L = sum over powers of dof (P / mu - 1 - ln(P / mu))
 //! mu = rounding expected_w + sum over kinds of theta_k expected_k
 //! ```
 //!
 //! L is the likelihood, P is a measured power with `dof` degrees of freedom, and mu is its expectation. theta_k is the
 //! parameter of noise kind k, expected_k is the expected power for theta_k = 1, and w is white noise. rounding is the
-//! variance of the rounding error of a sample. -2 log L is the deviance.
+//! variance of the rounding error of a sample. -2 ln L is the deviance.
 //!
 //! theta is estimated by Fisher scoring with the constraint theta >= 0. D(theta_k) is the deviance for a fixed theta_k,
-//! minimised over the other parameters. The confidence band of theta_k contains all values with D(theta_k) - min D <=
-//! q. q is the 95 % quantile of chi-square with one degree of freedom. Such bands remain valid with few degrees of
-//! freedom, where the distribution of an estimate is far from normal.
+//! minimised over the other parameters. A value of theta_k is inside the confidence band if D(theta_k) exceeds its
+//! minimum by at most 3.84, the 95 % quantile of chi-square with one degree of freedom. Such bands remain valid with
+//! few degrees of freedom, where the distribution of an estimate is far from normal.
 
 use nalgebra::{Matrix4, Vector4};
 
@@ -24,8 +24,8 @@ use super::power_law::{KINDS, PerKind, dot};
 const BAND: f64 = 3.841_458_820_694_124;
 /// Maximum number of iterations of Fisher scoring.
 const ITERATIONS: usize = 60;
-/// Maximum number of bisections that find an end of a confidence band. It is also the maximum number of times that a
-/// step of Fisher scoring is halved.
+/// Maximum number of bisections that find an end of a confidence band. The same number limits how often the search
+/// interval for the upper end is doubled, and how often a step of Fisher scoring is halved.
 const HALVINGS: usize = 40;
 
 /// The likelihood of a noise model for the power spectrum of one axis.
@@ -37,7 +37,7 @@ pub(super) struct Likelihood<'a> {
     pub(super) kinds: [bool; KINDS],
 }
 
-/// A vector of noise parameters, and the deviance (-2 log L) of the model with these parameters.
+/// A vector of noise parameters, and the deviance (-2 ln L) of the model with these parameters.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fit {
     pub(super) theta: PerKind,

@@ -1,4 +1,4 @@
-//! Computes covariances and the Allan variance of each kind of noise: `docs/model.md` (30).
+//! Computes covariances and the Allan variance of each kind of noise (section (30) of `docs/model.md`).
 //!
 //! Let x be the samples at a sampling rate of one, and p their cumulative sums. In general, the covariance of p is not
 //! stationary, but the covariance of the second differences of p is stationary. The function s(k) replaces the
@@ -13,8 +13,8 @@
 //! ```
 //!
 //! n is white noise of variance one, and z^-1 is the delay by one sample. For flicker noise, s(0) = s(1) = 0. The
-//! covariances of the second differences of p are exact, also if x itself has no stationary covariance, as for flicker
-//! noise.
+//! covariances of the second differences of p are exact, even if x itself has no stationary covariance. Flicker noise
+//! is an example of such an x.
 
 use std::f64::consts::{LN_2, PI};
 
@@ -32,8 +32,8 @@ pub(super) const QUANTISATION: usize = 3;
 /// One number for each kind of noise, in the order white, flicker, random walk, quantisation.
 pub(super) type PerKind = [f64; KINDS];
 
-/// The function s(k) for each kind of noise, if the white noise n from which it is generated has the variance one. s(k)
-/// replaces the covariance of two cumulative sums at a distance of k samples (see the module documentation).
+/// The function s(k) for each kind of noise, generated from white noise n of variance one. s(k) replaces the covariance
+/// of two cumulative sums whose indices differ by k samples (see the module documentation).
 fn sums_covariance(k: f64) -> PerKind {
     let k = k.abs();
     let j = (k - 1.0).max(0.0);

@@ -48,9 +48,11 @@ pub struct Departure {
     pub channel: usize,
     /// Change of the mean reading, in the unit of the recording.
     pub size: f64,
-    /// Standard deviation of the error of `size`.
+    /// Standard deviation of the error of `size`. If `size` is the sum of several steps that nearly coincide, this is
+    /// the standard deviation of the first of these steps.
     pub std: f64,
-    /// Increase of 2 ln L when this change is added to the noise model, where L is the likelihood.
+    /// Increase of 2 ln L when this change is added to the noise model, where L is the likelihood. If `size` is the sum
+    /// of several steps, this is the largest of their increases.
     pub gain: f64,
 }
 
@@ -117,9 +119,9 @@ pub(super) fn gather(
 }
 
 /// Finds the first sample after a step near the start of block `first`, and returns its index. All samples up to two
-/// blocks from this start are tried. For each of these samples, the mean of the values before it is compared with the
-/// mean of its own and all later values. Only values within [`NEAR_BLOCKS`] blocks of the start of block `first` are
-/// used. The result is the sample for which these two means differ most significantly.
+/// blocks from this start are tried. For each of these samples, the mean of the values before this sample is compared
+/// with the mean of the values from this sample on. Only values within [`NEAR_BLOCKS`] blocks of the start of block
+/// `first` are used. The result is the sample for which these two means differ most significantly.
 fn sharpened(recording: &Recording<'_>, rest: &Range<usize>, block: usize, first: usize, channel: usize) -> usize {
     let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
     let middle = rest.start + first * block;

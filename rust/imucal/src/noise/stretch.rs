@@ -1,13 +1,13 @@
 //! Finds the longest interval of a recording in which almost no samples are lost or repeated.
 //!
 //! ```text
-//! e_k = t_k - t_0 - k T,    E_k = min over the next second of e_m, m >= k
+//! e_k = t_k - t_0 - k T,    E_k = minimum of e_m over the samples m >= k of the next second
 //! ```
 //!
-//! t_k is the time stamp of sample k. T is the mean of the time steps of 0.5 to 1.5 times the median time step. e_k is
-//! the delay of time stamp k, and E is the lower envelope of the delays. A late time stamp increases one e_k, but not
-//! E. Lost samples increase E permanently, by T for each lost sample. Lost samples are therefore detected in E, so that
-//! late samples are not mistaken for lost samples.
+//! t_k is the time stamp of sample k. T is the sampling interval: the mean of all time steps that are between 0.5 and
+//! 1.5 times the median time step. e_k is the delay of time stamp k, and E_k is the lower envelope of the delays. A
+//! late time stamp increases one e_k, but it does not increase E. Lost samples increase E permanently, by T for each
+//! lost sample. Lost samples are therefore detected in E, so that late samples are not mistaken for lost samples.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -21,10 +21,10 @@ const IRREGULAR_SHARE: f64 = 1e-4;
 /// If the lower envelope E of the delays of the time stamps increases by more than this number of time steps from one
 /// sample to the next, samples are lost between these two samples. One lost sample increases E by one time step.
 const LOST: f64 = 0.6;
-/// Length of the time window over which the lower envelope E takes the minimum, s. If time stamps are late for at most
-/// this time, E does not increase, so these late time stamps are not mistaken for lost samples.
+/// Length of the time window, s. The lower envelope E is the minimum of the delays of the time stamps in this window.
+/// If time stamps are late for at most this time, E does not increase, and no sample is mistaken for a lost sample.
 const WINDOW_S: f64 = 1.0;
-/// Minimum number of samples in the time window over which the lower envelope E takes the minimum.
+/// Minimum number of samples in the time window whose minimum delay is the lower envelope E.
 const FEWEST_IN_WINDOW: usize = 16;
 
 /// A part of a recording in which almost no samples are lost or repeated.
@@ -40,7 +40,8 @@ pub(super) struct Stretch {
 }
 
 /// Finds the longest interval in which almost no samples are lost or repeated. `has_repeats` is true if equal
-/// consecutive rows are repeated samples, and false if such rows are a coincidence.
+/// consecutive rows are repeated samples, and false if such rows are a coincidence. Equal consecutive rows with the
+/// same time stamp always count as repeated samples.
 pub(super) fn longest(recording: &Recording<'_>, has_repeats: bool) -> Stretch {
     let faults = faults(recording, has_repeats);
     let (lost, repeated) = faults.iter().fold((0, 0), |(lost, repeated), fault| match fault.is_lost {
@@ -117,11 +118,12 @@ fn faults(recording: &Recording<'_>, has_repeats: bool) -> Vec<Fault> {
     faults
 }
 
-/// Sliding-window minimum of a sequence. The window of an element consists of this element and the following ones.
+/// Sliding-window minimum of a sequence. The window of an element consists of this element and the next `window` - 1
+/// elements.
 struct Envelope {
     window: usize,
-    /// Elements that may still become the minimum of a window, as (index, value). Indices and values increase along the
-    /// queue.
+    /// Elements that may still become the minimum of a window, as pairs (index, value). From front to back of the
+    /// queue, the indices and the values increase.
     queue: VecDeque<(usize, f64)>,
     minima: Vec<f64>,
 }

@@ -158,8 +158,8 @@ fn eight_digits(bytes: [u8; 8]) -> Option<u64> {
     const ZEROS: u64 = 0x3030_3030_3030_3030;
     let chunk = u64::from_le_bytes(bytes);
     let is_digits = chunk & HIGH == ZEROS && chunk.wrapping_add(0x0606_0606_0606_0606) & HIGH == ZEROS;
-    // Neighbouring digits are combined to two-digit numbers. These four numbers are multiplied by their powers of ten
-    // and added. The first digit is in the lowest byte.
+    // Neighbouring digits are combined to four two-digit numbers. These numbers are multiplied by their powers of ten
+    // and added. The first digit of the text is in the lowest byte of `chunk`.
     let pairs = chunk.wrapping_sub(ZEROS);
     let pairs = pairs.wrapping_mul(10).wrapping_add(pairs >> 8);
     let first_and_third = (pairs & 0x0000_00ff_0000_00ff).wrapping_mul(1_000_000 << 32 | 100);

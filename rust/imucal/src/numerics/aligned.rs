@@ -51,7 +51,8 @@ impl Aligned {
 }
 
 impl Clone for Aligned {
-    /// Copies the values to an aligned position. A plain copy of the buffer would not start at a cache line.
+    /// Copies the values to an aligned position. In a plain copy of the buffer, the value at the index `start` would in
+    /// general not be at a cache-line boundary.
     fn clone(&self) -> Self {
         let mut copy = Self::zeros(self.len);
         copy.copy_from_slice(self);

@@ -29,7 +29,8 @@ pub(crate) fn cholesky(mut matrix: Mat<f64>) -> Option<Mat<f64>> {
     Some(matrix)
 }
 
-/// Adds `factor a b^T` to the lower triangle of `to`. Some entries above the diagonal also change.
+/// Adds `factor` times the matrix product `a b^T` to the lower triangle of `to`. Some entries above the diagonal also
+/// change.
 pub(crate) fn add_product(mut to: MatMut<'_, f64>, factor: f64, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
     let n = to.nrows();
     for first in (0..n).step_by(BLOCK) {

@@ -166,7 +166,8 @@ fn noise(steps: Steps, time_s: &[f64], values: &[Vector3<f64>]) -> Vector3<f64> 
     })
 }
 
-/// Weights of the values at the times `t` in their fourth divided difference. The sum of the squared weights is one.
+/// Weights with which the values at the five times `t` enter their fourth divided difference. The weights are scaled so
+/// that the sum of their squares is one. The weighted sum then has the same variance as the white noise of a value.
 fn weights_of_noise(t: &[f64]) -> [f64; BOXES] {
     let others = |j: usize| (0..BOXES).filter(move |i| *i != j);
     let weights: [f64; BOXES] = std::array::from_fn(|j| others(j).map(|i| t[j] - t[i]).product::<f64>().recip());

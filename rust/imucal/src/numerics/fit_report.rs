@@ -3,7 +3,7 @@
 //! The gradient test uses the decrease of chi2 that the linear model at the result predicts for an undamped step,
 //!
 //! ```text
-//! |P r|^2,   P the projection onto the columns of the Jacobian J of the whitened residuals r
+//! |P r|^2,   P is the projection onto the column space of the Jacobian J, r are the whitened residuals
 //! ```
 //!
 //! The predicted decrease does not depend on the units of the parameters. A parameter at a distance of one standard
@@ -105,8 +105,8 @@ pub(crate) fn significance_limit(degrees_of_freedom: f64) -> f64 {
     1.0 + 3.0 * (2.0 / degrees_of_freedom).sqrt()
 }
 
-/// Decrease of chi2, `|P r|^2`, that the linear model predicts. P is the projection of the residuals r onto the columns
-/// of the Jacobian.
+/// Decrease of chi2, `|P r|^2`, that the linear model predicts. r are the residuals, and P is the projection onto the
+/// column space of the Jacobian.
 fn predicted_decrease(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> f64 {
     /// The predicted decrease omits directions in parameter space (right singular vectors of the Jacobian) whose
     /// singular value is at most this number x the largest singular value, because the residuals do not determine them.

@@ -15,7 +15,7 @@ use pulp::{Arch, Simd, WithSimd};
 #[non_exhaustive]
 pub enum Instructions {
     /// The widest vector instructions of this processor, unless the environment variable `IMUCAL_VECTOR_BITS` selects
-    /// others.
+    /// another width.
     Best,
     /// Vector instructions of 512 bits (AVX-512).
     #[cfg(target_arch = "x86_64")]
@@ -41,7 +41,7 @@ impl Instructions {
     }
 
     /// Runs `work` with these instructions. If the processor does not have them, the best available instructions are
-    /// used.
+    /// used. With the Cargo feature `emulate-avx512`, the instructions of AVX-512 are emulated instead.
     #[inline(always)]
     pub(crate) fn run<W: WithSimd>(self, work: W) -> W::Output {
         match if self == Self::Best { selected() } else { self } {

@@ -8,7 +8,8 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::numerics::blocked::product;
 
 /// If a matrix has at most this number of rows, all its eigenvalues are computed, which takes at most some tens of
-/// milliseconds. Larger matrices are decomposed by subspace iteration.
+/// milliseconds. Larger matrices are decomposed by subspace iteration, unless a third or more of their eigenvalues are
+/// requested.
 const WHOLE: usize = 300;
 /// Ratio of the dimension of the iterated subspace to the number of requested eigenvectors. With a larger subspace,
 /// fewer iterations are needed, but each iteration is slower.
@@ -111,8 +112,8 @@ mod tests {
 
     #[test]
     fn leading_pairs_are_those_of_the_complete_decomposition() {
-        // The covariance matrices of a random walk and of a smooth function, a matrix of rank two, and a matrix of five
-        // blocks of equal rows.
+        // The four matrices are the covariance matrix of a random walk, the covariance matrix of a smooth random
+        // process, a matrix of rank two, and a matrix of rank five that consists of five blocks of equal rows.
         check(&kernel(400, f64::min), 20);
         check(&kernel(400, |a, b| (-0.5 * ((a - b) / 0.1).powi(2)).exp()), 12);
         check(&kernel(400, |a, b| (7.0 * a).sin() * (7.0 * b).sin() + (7.0 * a).cos() * (7.0 * b).cos()), 12);

@@ -1,11 +1,11 @@
 //! Solves nonlinear least-squares problems: finds the parameters p that minimise the sum of squares |r(p)|^2 of the
 //! residuals r. The method is that of Levenberg and Marquardt, with an analytic Jacobian J.
 //!
-//! The solver implements the `Solver` trait of argmin with faer matrices. The `Executor` of argmin runs the solver, and
-//! limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`. The step is computed by QR
-//! decomposition of `[R; sqrt(lambda) D]`, where R is the triangular factor of the QR decomposition of J. The diagonal
-//! matrix D contains, for each parameter, the largest norm that its column of J has had so far. Because of D, the
-//! result does not depend on the units of the parameters.
+//! The solver implements the `Solver` trait of the crate argmin, with the matrices of the crate faer. The `Executor` of
+//! argmin runs the solver, and limits and counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`. The
+//! step is computed by QR decomposition of `[R; sqrt(lambda) D]`, where R is the triangular factor of the QR
+//! decomposition of J. The diagonal matrix D contains, for each parameter, the largest norm that its column of J has
+//! had so far. Because of D, the result does not depend on the units of the parameters.
 
 use argmin::core::{Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use faer::Mat;
@@ -82,8 +82,8 @@ pub(crate) const EXACT: f64 = 1e-10;
 pub(crate) const ROUGH: f64 = 1e-3;
 /// Maximum number of iterations of a fit. A convergent fit needs far fewer iterations.
 pub(crate) const ITERATION_LIMIT: u64 = 200;
-/// Maximum damping lambda. If it is reached, the fit ends as stalled. With a larger value, a step would be smaller than
-/// the rounding errors of the parameters.
+/// Maximum damping lambda. If lambda exceeds this limit, the fit ends as stalled. With a larger lambda, a step would be
+/// smaller than the rounding errors of the parameters.
 const MAX_DAMPING: f64 = 1e16;
 
 /// Minimises the sum of squared residuals from `start` until the relative length of a step is below `tolerance`.

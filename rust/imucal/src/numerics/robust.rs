@@ -10,9 +10,10 @@ use crate::numerics::stats::{MEDIAN_SIZE, median};
 /// probability of 2e-7 (one residual) or 1.3e-6 (two residuals).
 const LIMIT: f64 = 5.2;
 
-/// Score of each rest or move: the norm of its residuals in a fit that excludes this rest or move. Each residual is
-/// divided by its standard deviation. The residuals of a rest or move are `size` consecutive rows of `residuals`, and
-/// their derivatives are the same rows of `jacobian`.
+/// Score of each rest or move: the norm of its studentised residuals r / sqrt(1 - h). r is a residual of the fit, and h
+/// is its leverage. A studentised residual is the residual in a fit without this measurement, divided by the standard
+/// deviation of that residual. The residuals of a rest or move are `size` consecutive rows of `residuals`, and their
+/// derivatives are the same rows of `jacobian`.
 pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usize) -> Vec<f64> {
     let hat_rows = lsq::leverages(jacobian);
     (0..residuals.nrows() / size)
@@ -64,7 +65,8 @@ mod tests {
 
     #[test]
     fn an_item_that_the_fit_follows_blindly_is_not_judged() {
-        // Only the last row depends on the second parameter, so the residual of this row is always zero.
+        // Only the last row depends on the second parameter, so every fit makes the residual of this row zero, except
+        // for rounding errors.
         let jacobian = Mat::from_fn(5, 2, |i, j| f64::from(u8::from((i < 4) == (j == 0))));
         let residuals = Mat::from_fn(5, 1, |i, _| if i == 4 { 1e-9 } else { 1.0 });
         assert_eq!(leave_one_out(&residuals, &jacobian, 1)[4], 0.0);

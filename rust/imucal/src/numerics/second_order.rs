@@ -21,9 +21,9 @@ use faer::Mat;
 use crate::error::Error;
 use crate::numerics::lsq::Solution;
 
-/// Computes the second moments of the second-order errors for independent normal errors e. They are the matrix `2 sum c
-/// c^T + (sum c) (sum c)^T`. The sums run over the priors, and `priors` contains the indices of their residuals. `gain`
-/// is G. `residuals_at` returns all whitened residuals at given parameters.
+/// Computes the matrix of second moments of the second-order errors, for independent normal errors e of the priors. The
+/// matrix is `2 sum c c^T + (sum c) (sum c)^T`, where the sums run over the priors. `priors` contains the indices of
+/// the residuals of the priors, and `gain` is G. `residuals_at` returns all whitened residuals at given parameters.
 pub(crate) fn mean_square(
     found: &Solution,
     gain: &Mat<f64>,

@@ -114,7 +114,7 @@ fn smallest(values: &[f64]) -> f64 {
 
 /// Counts of the values below two limits, and a list of the values between the limits. Values equal to a limit are
 /// counted but not stored. The reason is that the time steps of a regular clock are nearly all equal, and thus equal to
-/// a limit. A list of them would be long.
+/// a limit. A list of these time steps would be long.
 struct Census {
     /// Number of values below the lower limit.
     below: usize,

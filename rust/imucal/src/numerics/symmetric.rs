@@ -99,9 +99,10 @@ impl SymmetricMatrix {
     /// A, B and C are the blocks of the matrix at the time of the call. Returns the logarithm of the determinant of A,
     /// or `None` if A is not positive definite.
     ///
-    /// Several blocks may be swept one after the other. For the second and each later block, A is the Schur complement
-    /// of this block after the earlier sweeps, and not the block of the original matrix. The sum of the returned
-    /// logarithms is the logarithm of the determinant of all swept rows and columns of the original matrix.
+    /// Several blocks may be swept one after the other. Each sweep replaces C by the Schur complement `C - B^T A^-1 B`.
+    /// In the next sweep, A is a block of this Schur complement, and not a block of the original matrix. The sum of the
+    /// returned logarithms is therefore the logarithm of the determinant of the submatrix of the original matrix that
+    /// consists of all swept rows and columns.
     #[inline(always)]
     pub(crate) fn sweep<S: Simd>(&mut self, simd: S, places: Range<usize>) -> Option<f64> {
         let width = self.width;
@@ -131,8 +132,8 @@ impl SymmetricMatrix {
 
     /// Applies a [`sweep`](Self::sweep) of the first `known` rows and columns, and computes only the other rows. The
     /// values of the first `known` rows after the sweep are already known and are copied from `swept`. `whole` contains
-    /// these rows before the sweep; it has more columns than this matrix. `places` contains, for each column of this
-    /// matrix after the first `known` ones, the index of the same column in `whole`.
+    /// these rows before the sweep, and has more columns than this matrix. `places` contains, for each column of this
+    /// matrix after the first `known` columns, the index of the same column in `whole`.
     #[inline(always)]
     pub(crate) fn sweep_as<S: Simd>(
         &mut self,

@@ -8,17 +8,17 @@
 //!
 //! y is a measurement divided by its standard deviation. d contains the two angles of the gravity direction at the
 //! start of an interval, and d' contains these angles at its end. theta contains all parameters. A, B and C are
-//! Jacobians. The gravity direction at a rest is directly coupled only to the previous and the next direction.
-//! Directions are therefore eliminated one after the other, and the computing time is proportional to the number of
-//! rests.
+//! Jacobians. The gravity direction at a rest is directly coupled only to the gravity directions at the previous and at
+//! the next rest. Directions are therefore eliminated one after the other, and the computing time is proportional to
+//! the number of rests.
 
 use faer::Mat;
 use nalgebra::Matrix2;
 
 use super::DIRECTION;
 
-/// The filter. It stores the normal matrix (information matrix) of its state. The first two rows and columns of this
-/// matrix belong to the current gravity direction, and the others to the parameters.
+/// The information filter. It stores the normal matrix (information matrix) of its state. The first two rows and
+/// columns of this matrix belong to the current gravity direction, and the others to the parameters.
 #[derive(Clone)]
 pub(super) struct InformationFilter {
     width: usize,
@@ -29,8 +29,8 @@ pub(super) struct InformationFilter {
 /// Propagation of the direction of gravity over a time interval with the measured angular rate.
 #[derive(Clone)]
 pub(super) struct Propagation {
-    /// The matrix C in `d' = d - C theta`: minus the derivatives of both angles of the gravity direction with respect
-    /// to the parameters.
+    /// The matrix C in `d' = d - C theta`. It contains the derivatives, with reversed sign, of the two angles of the
+    /// gravity direction at the end of the interval with respect to the parameters.
     pub(super) jacobian: [Vec<f64>; 2],
     /// Covariance Q of the noise that the propagation adds to the two angles, rad^2.
     pub(super) covariance: Matrix2<f64>,
@@ -44,9 +44,10 @@ impl InformationFilter {
     }
 
     /// Adds a measurement and multiplies its information by `weight`. `row` contains the derivatives divided by the
-    /// standard deviation of the measurement. If this standard deviation is that of a mean over one second, `weight` is
-    /// the actual duration of the mean in seconds. The derivatives with respect to the two angles of the gravity
-    /// direction come first, and the derivatives with respect to the parameters follow.
+    /// standard deviation of the measurement. If `row` is scaled for a mean over one second, `weight` is the actual
+    /// averaging time in seconds, because the variance of a mean is inversely proportional to the averaging time. The
+    /// derivatives with respect to the two angles of the gravity direction come first in `row`, and the derivatives
+    /// with respect to the parameters follow.
     pub(super) fn add_row(&mut self, row: &[f64], weight: f64) {
         for (i, value) in row.iter().enumerate().filter(|(_, value)| **value != 0.0) {
             let factor = weight * value;
@@ -108,7 +109,7 @@ impl InformationFilter {
 }
 
 /// Inverse of a symmetric 2x2 matrix. The result is zero for a singular matrix. A matrix is singular here only if the
-/// filter has no information about the direction yet.
+/// filter has no information about the direction yet, or if the noise of the propagation is zero.
 fn inverse(matrix: &Matrix2<f64>) -> Matrix2<f64> {
     let determinant = matrix.determinant();
     if determinant == 0.0 {

@@ -21,8 +21,8 @@ pub struct Axis {
     pub max_rate_radps: f64,
     /// Maximum acceleration, rad/s^2.
     pub max_acceleration_radps2: f64,
-    /// Minimum and maximum angle relative to the start, rad. The angles may exceed a revolution. End stops or the
-    /// length of the cable cause these limits. `None` if there is no limit.
+    /// Minimum and maximum angle of the motor relative to its angle at the start of a program, rad. The angles may
+    /// exceed a revolution. End stops or the length of the cable cause these limits. `None` if there is no limit.
     pub range_rad: Option<[f64; 2]>,
 }
 
@@ -34,7 +34,7 @@ pub struct Zone {
     pub angle_rad: [Option<[f64; 2]>; 3],
 }
 
-/// Limits that every program obeys: those of a stand, or of a person who moves the unit by hand.
+/// Limits that every program obeys. They describe a stand, or a person who moves the unit by hand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Limits {
     /// Limits of each motor, outermost motor first; `None` for a missing motor, whose angle stays at zero.
@@ -56,9 +56,10 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Limits of the stand of the paper cited in docs/model.md: three motors without end stops at 120 deg/s. The
-    /// paper does not state the acceleration. It is assumed to be the peak acceleration of a turn of 240 deg in 2 s,
-    /// the largest turn in the random program of the paper.
+    /// Limits of the stand of the paper cited in docs/model.md: three motors without end stops, each with a mean rate
+    /// of at most 120 deg/s during a turn. The paper does not state the maximum acceleration of the motors. It is
+    /// assumed to be the peak acceleration of a turn of 240 deg in 2 s, the largest turn in the random program of the
+    /// paper.
     pub fn paper() -> Self {
         let axis = Axis {
             max_rate_radps: 120_f64.to_radians(),
@@ -173,9 +174,9 @@ pub(super) fn whole_ticks(time_s: f64) -> f64 {
 impl Zone {
     /// Whether the straight path between two sets of motor angles touches the zone.
     fn is_crossed(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
-        // Intervals of the path in which the angles of all motors processed so far are inside the zone. The path runs
-        // from 0 (start) to 1 (end). The angle of a motor that makes several revolutions is inside the zone several
-        // times.
+        // Intervals of the path in which the angles of all motors processed so far are inside the zone. The position on
+        // the path is a number from 0 (start) to 1 (end). The angle of a motor that makes several revolutions is inside
+        // the zone several times.
         let mut inside = vec![[0.0, 1.0]];
         for motor in 0..3 {
             let Some([low, high]) = self.angle_rad[motor] else { continue };
@@ -219,7 +220,7 @@ mod tests {
         assert!(zone.is_crossed(&deg([90.0, 0.0, 5.0]), &deg([90.0, 0.0, 5.0])));
         assert!(!zone.is_crossed(&deg([0.0, 0.0, 0.0]), &deg([89.0, 0.0, 0.0])));
         assert!(!zone.is_crossed(&deg([0.0, 0.0, 20.0]), &deg([180.0, 0.0, 20.0])));
-        // On this path, the third motor is at 45 deg when the first motor is at 90 deg.
+        // When the first motor is in the zone, at 90 deg, the third motor is at 45 deg and therefore outside the zone.
         assert!(!zone.is_crossed(&deg([0.0, 0.0, 0.0]), &deg([180.0, 0.0, 90.0])));
     }
 

@@ -78,8 +78,8 @@ struct RestSpan {
     used_s: f64,
 }
 
-/// The rests that are long enough for rest detection. The time `EDGE_S` is removed from each end of a rest that is next
-/// to a move, and `settle_s` is also removed after each move.
+/// The rests that are long enough for rest detection. `used_s` is the duration of a rest without `EDGE_S` at each end
+/// that is adjacent to a move, and also without `settle_s` after the preceding move.
 fn rests(motion: &Motion, min_rest_s: f64, settle_s: f64) -> Vec<RestSpan> {
     let duration_s = motion.duration_s();
     let span = |(start_s, end_s): (f64, f64)| {

@@ -15,8 +15,8 @@ const BLOCK_S: f64 = 0.04;
 /// Length of the intervals into which a hand-held rest is divided, s. Within an interval, the gravity direction is
 /// treated as constant.
 const HELD_S: f64 = 0.2;
-/// Number of integration steps in a move. With this number of steps, the midpoint rule causes a relative error of 1e-3
-/// in the information.
+/// Minimum number of integration steps in a move. With this number of steps, the midpoint rule causes a relative error
+/// of 1e-3 in the information.
 const STEPS: usize = 32;
 
 /// Information from a rest: derivatives of the mean force and of the mean rate with respect to the gravity direction

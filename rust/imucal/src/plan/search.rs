@@ -1,8 +1,9 @@
-//! Searches for the best program by simulated annealing. A proposal is a copy of the present program with one change: a
-//! pose is changed, added or removed, a motor turns in the other direction, or holds get other durations.
+//! Searches for the best program by simulated annealing. A proposal is a copy of the current program with one change: a
+//! pose is changed, added or removed, a full revolution is added to a turn of one motor or subtracted from it, or holds
+//! get other durations.
 //!
 //! A better program is always accepted. A slightly worse program is accepted with a probability that decreases during
-//! the search. The search can thus reach better programs that differ from the present program in several poses.
+//! the search. The search can thus reach better programs that differ from the current program in several poses.
 
 use std::f64::consts::{PI, TAU};
 
@@ -20,7 +21,8 @@ use crate::error::Error;
 use crate::plan::limits::FEWEST_POSES;
 use crate::simulate::Program;
 
-/// Numbers of poses of the four random programs from which the search starts. The search can add and remove poses.
+/// Numbers of poses of the four random programs from which the search starts. A number below [`FEWEST_POSES`] is
+/// replaced by [`FEWEST_POSES`]. The search can add and remove poses.
 const STARTS: [usize; 4] = [8, 16, 32, 64];
 /// The search first starts from each of the four random programs, each time with 1 / `SHARE_OF_START` of all proposals.
 /// It then continues from the best of the four results with the remaining proposals.
@@ -118,7 +120,8 @@ struct Annealing<'a> {
 }
 
 impl Annealing<'_> {
-    /// Creates a program with `poses` random poses. If the time is too short for them, the program has fewer poses.
+    /// Creates a program with `poses` random poses, but at least [`FEWEST_POSES`]. If the given time is too short for
+    /// so many poses, the program has fewer poses. `None` if the stand cannot run a program with [`FEWEST_POSES`].
     fn start(&mut self, poses: usize) -> Option<Trial> {
         let mut count = poses.max(FEWEST_POSES);
         loop {
@@ -187,9 +190,9 @@ impl Annealing<'_> {
                 self.scene.with_pose(trial, k, pose)
             }
             47..55 => {
-                // One motor turns to pose k in the other direction. The angle of this motor in pose k and in all
-                // following poses therefore changes by a full revolution. The attitudes of the unit in the poses stay
-                // the same.
+                // The turn of one motor to pose k changes by a full revolution. The motor can then, for example, turn
+                // in the other direction. The angle of this motor in pose k and in all following poses changes by the
+                // full revolution, so the attitudes of the unit in the poses stay the same.
                 let (motor, turn) =
                     (self.random.random_range(0..3), if self.random.random::<bool>() { TAU } else { -TAU });
                 let mut poses = trial.poses.clone();

@@ -151,7 +151,7 @@ impl Sensors {
         let effects =
             self.effects.iter().flat_map(|e| e.parameters[..e.plain].iter().map(|p| p.typical / FARTHEST.powi(2)));
         let widest = base.chain(effects).map(|size| 1.0 / (FARTHEST * size).powi(2));
-        // The priors are linearised at the parameters of a sensor without errors. This linearisation is accurate
+        // The user's priors are linearised at the parameters of a sensor without errors. This linearisation is accurate
         // enough, because the derivatives of the priors hardly depend on the parameters.
         let perfect: [f64; BASE] = std::array::from_fn(|p| if [3, 4, 5, 12, 16, 20].contains(&p) { 1.0 } else { 0.0 });
         let held = precisions(&self.held, &perfect).map(|(precision, _)| precision);

@@ -50,7 +50,8 @@ impl Scene<'_> {
         whole_ticks(self.limits.settle_s + self.limits.min_rest_s + 2.0 * EDGE_S + SPARE_S)
     }
 
-    /// A program with these poses and hold durations; `None` if the stand cannot run it.
+    /// A program with these poses and hold durations; `None` if the limits forbid a move, if the program is too long,
+    /// or if its information matrix is singular.
     pub(super) fn trial(&self, poses: Vec<Vector3<f64>>, holds_s: Vec<f64>) -> Option<Trial> {
         let mut trial =
             Trial { moves_s: Vec::new(), stills: Vec::new(), legs: Vec::new(), poses, holds_s, cost: f64::INFINITY };
@@ -65,7 +66,8 @@ impl Scene<'_> {
         self.with_cost(trial)
     }
 
-    /// A copy of the program in which `pose` replaces pose `k`; `None` if the stand cannot run the changed program.
+    /// A copy of the program in which `pose` replaces pose `k`; `None` if the limits forbid a move, if the changed
+    /// program is too long, or if its information matrix is singular.
     pub(super) fn with_pose(&self, trial: &Trial, k: usize, pose: Vector3<f64>) -> Option<Trial> {
         let mut changed = trial.clone();
         changed.poses[k] = pose;
@@ -88,7 +90,7 @@ impl Scene<'_> {
     }
 
     /// Duration, s, of the fastest move between two poses, and the information from this move; `None` if the limits
-    /// forbid the move.
+    /// forbid the move, or if no motor turns by [`LEAST_TURN_RAD`] or more.
     fn leg(&self, from: &Vector3<f64>, to: &Vector3<f64>, start_s: f64) -> Option<(f64, Rc<MoveInformation>)> {
         let turn = to - from;
         if turn.amax() < LEAST_TURN_RAD || !self.limits.allow(from, to) {

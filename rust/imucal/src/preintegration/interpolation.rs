@@ -3,7 +3,7 @@
 /// Maximum relative difference between two time steps that are treated as equal.
 const UNEVEN: f64 = 0.01;
 /// Cubic interpolation is used only if adjacent time steps differ by at most this factor. Otherwise, linear
-/// interpolation is more robust.
+/// interpolation is used, because it is more robust.
 const MOST_UNEVEN: f64 = 3.0;
 
 /// Interpolation of the rate between two samples.
@@ -73,8 +73,9 @@ pub(super) fn end_of_equal_steps(time_s: &[f64], start: usize, end: usize, inter
 /// is assumed to be the cubic polynomial through the four samples.
 pub(crate) fn cubic_weights([before, start, end, after]: [f64; 4]) -> [f64; 4] {
     let (a, h, b) = (start - before, end - start, after - end);
-    // Mean of the cubic = mean of the linear interpolation - h^2/6 x weighted mean of the second divided differences on
-    // both sides of the step.
+    // Mean of the cubic over the middle step = mean of the linear interpolation - h^2/6 x D. D is the weighted mean of
+    // the second divided differences of the first three samples (weight 1 - `late`) and of the last three samples
+    // (weight `late`).
     let late = (h / 2.0 + a) / (a + h + b);
     let (left, right) = ((1.0 - late) * h * h / 6.0, late * h * h / 6.0);
     [

@@ -63,13 +63,13 @@ impl Increment {
 }
 
 /// The vectorised integration of a block. If `CUBIC` is true, the rate is interpolated by a cubic, otherwise linearly.
-/// If `SUMS` is true, the sums for the derivatives are also computed. `RANGE` is an index into
+/// If `SUMS` is true, the sums for the derivatives of the rotation are also computed. `RANGE` is an index into
 /// [`ANGLE_RANGES`](super::step::ANGLE_RANGES), the ranges of step angles.
 pub(super) struct Kernel<'a, const CUBIC: bool, const SUMS: bool, const RANGE: usize>(pub(super) Block<'a>);
 
 impl<const CUBIC: bool, const SUMS: bool, const RANGE: usize> WithSimd for Kernel<'_, CUBIC, SUMS, RANGE> {
-    /// `None` if the angle of a step exceeds the range with the index `RANGE`, or if the block has fewer steps than one
-    /// node (16 steps) per lane.
+    /// `None` if the angle of a step exceeds the range with the index `RANGE`. If the sums are computed over nodes (16
+    /// steps), also `None` if the block has fewer steps than one node per lane.
     type Output = Option<Increment>;
 
     #[inline(always)]

@@ -162,8 +162,8 @@ mod tests {
 
     #[test]
     fn finds_scale_sign_and_order_of_the_axes_in_any_unit() {
-        // Simulates a slow tumble with a gyroscope in counts. The axes of the gyroscope are rotated: its x axis
-        // measures -y, and its y axis measures x.
+        // Simulates a tumble at up to 1.5 rad/s per axis. The gyroscope reads in counts. The axes of the gyroscope are
+        // rotated: its x axis measures the rate about -y of the body, and its y axis measures the rate about x.
         let sensitivity = Matrix3::new(0.0, -4000.0, 50.0, 4200.0, 0.0, 0.0, 0.0, 80.0, 4100.0);
         let gyroscope = Triad::try_new(sensitivity, Vector3::new(32000.0, 33000.0, 32500.0)).unwrap();
         let (mut time, mut force, mut rate) = (vec![], Vec::<[f64; 3]>::new(), Vec::<[f64; 3]>::new());

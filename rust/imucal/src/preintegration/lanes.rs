@@ -109,8 +109,8 @@ impl<S: Simd> Div for Lanes<S> {
 /// A 3-vector in each lane. Its x, y and z components are three registers.
 pub(super) type Three<S> = [Lanes<S>; 3];
 
-/// A 3-vector from its components. `map` on an array is not always inlined, and the registers would then be stored in
-/// memory, so it is not used here.
+/// A 3-vector from its components. `map` on an array is not used here, because the compiler does not always inline it
+/// and would then store the registers in memory.
 #[inline(always)]
 pub(super) fn three<S: Simd>(part: impl Fn(usize) -> Lanes<S>) -> Three<S> {
     [part(0), part(1), part(2)]

@@ -58,12 +58,13 @@ thread_local! {
 }
 
 /// Number of steps that each SIMD lane processes in a block. The first samples of each lane are not prefetched. The
-/// number is large, so that these samples are only a small share. It is not a power of two. Otherwise, the distance
-/// between lanes in memory would be a multiple of a large power of two, and the lanes would compete for the same cache
-/// sets.
+/// number of steps is large, so that these samples are only a small share of all samples. The number is not a power of
+/// two, because the distance between lanes in memory would then be a multiple of a large power of two, and the lanes
+/// would compete for the same cache sets.
 const STEPS_OF_A_LANE: usize = 4000;
 /// The integration first tries the smallest range of step angles ([`ANGLE_RANGES`]) that contains the angle of a step
-/// at this angular rate, rad/s (340 deg/s). The step angles would often exceed a smaller range.
+/// at this angular rate, rad/s (340 deg/s). If it started with a smaller range, the step angles of a block would often
+/// exceed this range, and the block would be integrated again with the next range.
 const FAST_RAD_PER_S: f64 = 5.9;
 /// Minimum number of steps for vectorised integration. Fewer steps are integrated one by one.
 const FEW: usize = 16;
@@ -89,7 +90,7 @@ impl<'a> RateSegment<'a> {
         self.raw.len()
     }
 
-    /// Selects the instruction set; the default is the best one.
+    /// Selects the instruction set for the integration; the default is [`Instructions::Best`].
     #[must_use]
     pub fn with(self, instructions: Instructions) -> Self {
         Self { instructions, ..self }
@@ -135,7 +136,8 @@ impl<'a> RateSegment<'a> {
         Preintegrated { rotation, sensitivity_sums: sums.sensitivity, bias_sum: sums.bias }
     }
 
-    /// Integrates the rotation over the segment. Also returns the sums for its derivatives.
+    /// Integrates the rotation over the segment. Also returns the sums from which the derivatives of the rotation with
+    /// respect to the parameters are computed.
     pub(crate) fn sums(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
         let (rotation, sums) = match self.interpolation {
             Interpolation::Linear => self.integrate::<false, true>(gyroscope),
@@ -169,8 +171,8 @@ impl<'a> RateSegment<'a> {
             let block = Block { raw: &raw, stamps_s: stamps_s.map(|s| &s[range]), map: &frame.map };
             let in_lanes = count >= FEW && self.interpolation != Interpolation::UnevenCubic;
             let turned = if in_lanes { self.lanes::<CUBIC, SUMS>(block, &mut angle_range) } else { None };
-            // If the angle of a step exceeds all `ANGLE_RANGES`, this step and some further steps are integrated
-            // without SIMD. After that, the vectorised integration is tried again.
+            // If the angle of any step in the block exceeds all `ANGLE_RANGES`, the first `STEPS_OF_A_LANE` steps of
+            // the block are integrated without SIMD. The vectorised integration is then tried again after these steps.
             let alone = at..at + count.min(STEPS_OF_A_LANE);
             all.then(&turned.unwrap_or_else(|| self.scalar_steps::<CUBIC>(gyroscope, &frame, alone)));
         }
@@ -179,8 +181,9 @@ impl<'a> RateSegment<'a> {
     }
 
     /// Integrates a block with SIMD. Tries the ranges of step angles in ascending order, from `angle_range` on, until a
-    /// range contains all step angles of the block. The next block starts with this range. `None` if no range contains
-    /// all step angles or if the block has too few steps.
+    /// range contains all step angles of the block. A block with fewer steps than one node (16 steps) per lane is also
+    /// integrated with a range after the first, because nodes are used only in the first range. The next block starts
+    /// with the range that was used. `None` if no range contains all step angles.
     fn lanes<const CUBIC: bool, const SUMS: bool>(
         &self,
         block: Block<'_>,
@@ -270,8 +273,8 @@ impl<'a> RateSegment<'a> {
     }
 }
 
-/// Transforms the sums of R times each component of the rate to another frame. `axes` are the axes of the present
-/// frame, expressed in the other frame.
+/// Transforms the sums of R times each component of the rate to another frame. `axes` are the axes of the frame of
+/// `by_rate`, expressed in the other frame.
 fn along(axes: &Matrix3<f64>, by_rate: &[Matrix3<f64>; 3]) -> [Matrix3<f64>; 3] {
     let turned = by_rate.map(|sum| axes * sum * axes.transpose());
     [0, 1, 2].map(|j| (0..3).map(|i| turned[i] * axes[(j, i)]).sum())

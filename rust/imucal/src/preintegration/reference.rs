@@ -1,5 +1,5 @@
-//! Reference implementation for tests. It computes the rotation over a move and the sums for its derivatives in
-//! double-double arithmetic.
+//! Reference implementation for tests. It computes the rotation over a move, and the sums from which the derivatives of
+//! the rotation are computed, in double-double arithmetic.
 
 use imucal_core::sensor::Triad;
 use nalgebra::Matrix3;
@@ -196,8 +196,9 @@ fn add(sums: &mut [Square; 4], rotation: &Square, rate: &Vector, weight: Double)
     sums[3] = plus(&sums[3], &scaled(rotation, weight));
 }
 
-/// Computes the sums that the vectorised integration does not accumulate: those with a column index above the index of
-/// the rate component. They are computed from the accumulated sums, in the frame with the axes `axes`.
+/// Computes the sums that the vectorised integration does not accumulate. In the sum for a rate component, these are
+/// the columns whose index is above the index of the rate component. They are computed from the rotation and the
+/// accumulated sums, in the frame with the axes `axes`.
 fn with_the_turn(sums: [Square; 3], rotation: &Square, axes: &Matrix3<f64>) -> [Square; 3] {
     let out: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(r, c)])));
     let back: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(c, r)])));

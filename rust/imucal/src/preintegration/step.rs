@@ -35,8 +35,8 @@ pub(super) const ANGLE_RANGES: [AngleRange; 3] = [
     AngleRange { turn_rad: 0.2, terms: [7, 6] },
 ];
 
-/// Whether the sums for the derivatives are computed over nodes of 16 steps instead of sample by sample. Nodes are used
-/// if all time steps are equal and all step angles are in the first of the [`ANGLE_RANGES`].
+/// Whether the sums for the derivatives of the rotation are computed over nodes of 16 steps instead of sample by
+/// sample. Nodes are used if all time steps are equal and all step angles are in the first of the [`ANGLE_RANGES`].
 pub(super) const fn at_nodes<const EVEN: bool, const SUMS: bool, const RANGE: usize>() -> bool {
     EVEN && SUMS && RANGE == 0
 }
@@ -66,7 +66,7 @@ const fn by_powers<const N: usize>(mut factor: f64, ratio: f64, mut coefficients
 /// quaternions depends on the previous step. If the products were computed between these quantities, the processor
 /// would have to wait for the result of each product.
 #[derive(Clone, Copy)]
-#[repr(align(64))] // A vector that crosses a cache line takes twice as long to load and to store.
+#[repr(align(64))] // A SIMD vector that crosses a cache line takes twice as long to load and to store.
 pub(super) struct StepTerm<S: Simd> {
     /// Vector part of the step's quaternion divided by its scalar part.
     vector: Three<S>,
@@ -231,7 +231,7 @@ impl<S: Simd> LaneState<S> {
     #[inline(always)]
     pub(super) fn turn<const SUMS: bool>(&mut self, terms: &[StepTerm<S>], samples: &mut [Sample<S>]) {
         if SUMS {
-            // `double` is 2 / |quaternion|^2. One iteration of Newton's method removes the errors that it has
+            // `double` is 2 / |quaternion|^2. One iteration of Newton's method removes the errors that `double` has
             // accumulated: rounding errors and the truncation errors of the cosine polynomial.
             let one = Lanes::splat(self.simd, 1.0);
             let excess = self.square_of_length().neg_mul_add(self.double * Lanes::splat(self.simd, 0.5), one);

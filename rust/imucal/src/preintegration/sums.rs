@@ -7,17 +7,19 @@
 //! of the node's duration. W is the sum of w over the samples of the node, with half weight for the first and the last
 //! sample (trapezoidal rule). D is a linear combination of differences between the rates of the node.
 //!
-//! The coefficients of D are derived for a sinusoidal rate whose phase changes by x over a node. For this rate, with w
-//! and its derivative w' in the middle of the node, W and D are
+//! The coefficients of D are derived for a sinusoidal rate whose phase changes by x, rad, over a node. w and w' are
+//! this rate and its derivative in the middle of the node. The unit of time is the node's duration. For this rate, W
+//! has the value below, and the coefficients of D are chosen so that D has the value below:
 //!
 //! ```text
 //! W = n w (1 - a x^2 + b x^4),     D = n a w' (1 - (b / a) x^2)
 //! ```
 //!
-//! up to higher powers of x. Integration by parts transforms the sum of `R' w'` over the nodes of a segment into the
-//! sum of `-R w''`. This is the sum of `x^2 R w`, because `w'' = -x^2 w` for the sinusoidal rate. Integration by parts
-//! also gives terms at the ends of the segment, for which [`end_of_nodes`] corrects. The sum of `R' D` therefore
-//! cancels the error of W, and the result is exact up to the fifth power of x.
+//! Higher powers of x are neglected. The coefficients a and b are given by the constants `SECOND` (a) and `FOURTH` (b /
+//! a). Integration by parts transforms the sum of `R' w'` over the nodes of a segment into the sum of `-R w''`. For the
+//! sinusoidal rate, `w'' = -x^2 w`, so this is the sum of `x^2 R w`. Integration by parts also gives terms at the ends
+//! of the segment, for which [`end_of_nodes`] corrects. The sum of `R' D` therefore cancels the error of W, and the
+//! result is exact up to the fifth power of x.
 
 use pulp::Simd;
 
@@ -38,7 +40,9 @@ const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
 /// If D were computed only from the difference between the samples at the two ends of a node, the factor of x^2 would
 /// be this value instead of b / a.
 const OF_ENDS: f64 = 1.0 / 24.0;
-/// Weight that the difference between the end samples has in D: `share x OF_ENDS + (1 - share) x OF_HALVES = b / a`.
+/// Relative weight, in D, of the difference between the samples at the two ends of a node. The difference between the
+/// sums over the two halves has the weight 1 - share. The share follows from the required factor of x^2: `share x
+/// OF_ENDS + (1 - share) x OF_HALVES = b / a`.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
 /// In D, the difference between the sums over the two halves of a node is multiplied by this factor. The factor is
 /// valid for the rates in the vectorised integration, which are multiplied by a sixth of the time step.
@@ -49,7 +53,7 @@ pub(super) const BY_ENDS: f64 = SHARE_OF_ENDS * 6.0 * SECOND * N * N;
 
 /// Contribution of a sample to the sums, in each SIMD lane.
 #[derive(Clone, Copy)]
-#[repr(align(64))] // A vector that crosses a cache line takes twice as long to load and to store.
+#[repr(align(64))] // A SIMD vector that crosses a cache line takes twice as long to load and to store.
 pub(super) struct Sample<S: Simd> {
     /// Rate times the weight of the sample.
     pub(super) rate: Three<S>,
@@ -123,8 +127,8 @@ impl<S: Simd> Totals<S> {
         Self([Column { by_one: zero, by_rate: [zero; 3] }; 3])
     }
 
-    /// Adds the samples of a tile (8 steps). There are more sums than registers, so the sums of one column of R are
-    /// completed before those of the next column.
+    /// Adds samples to the sums, usually the samples of a tile (8 steps). There are more sums than registers, so the
+    /// sums of one column of R are completed before the sums of the next column.
     #[inline(always)]
     pub(super) fn add<const EVEN: bool>(&mut self, samples: &[Sample<S>]) {
         self.add_column::<EVEN, 0>(samples);

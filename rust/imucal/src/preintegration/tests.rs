@@ -140,8 +140,9 @@ impl Samples<'_> {
         }
     }
 
-    /// For each instruction set: the largest error of the rotation, rad, and of the sums, rad and s. If `by_nodes` is
-    /// true, the reference sums are computed over the same nodes (groups of 16 steps), otherwise sample by sample.
+    /// Returns, for each instruction set, the largest error of the rotation, rad, and the largest error of the sums,
+    /// rad and s. If `by_nodes` is true, the reference sums are computed over the same nodes (groups of 16 steps) as
+    /// the tested sums, otherwise sample by sample.
     fn errors(&self, by_nodes: bool) -> Vec<(Instructions, f64, f64)> {
         let error = |instructions: Instructions| {
             let at_nodes = if by_nodes { self.steps_at_nodes(instructions) } else { 0 };

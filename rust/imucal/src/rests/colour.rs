@@ -1,10 +1,10 @@
-//! Measures by how much a low-pass filter in the accelerometer lowers the noise density that differences of consecutive
-//! samples give (model.md (27)).
+//! Estimates by which factor a low-pass filter in the accelerometer reduces the noise density that is computed from
+//! differences of consecutive samples (model.md (27)).
 //!
-//! Rotations of the unit, and thus the rotational tremor of the hand, do not change the magnitude of the force. The
-//! noise density of this magnitude is computed from differences of means over blocks of samples. White noise has the
-//! same density for all block durations and all orders of the difference. A low-pass filter lowers the density for
-//! short blocks.
+//! Rotations of the unit, and thus the rotational tremor of the hand, do not change the magnitude of the specific
+//! force. The noise density of this magnitude is computed from differences of consecutive means, each over a block of
+//! samples. White noise has the same density for all block durations and all orders of the difference. A low-pass
+//! filter lowers the density for short blocks.
 
 use imucal_core::sensor::Triad;
 
@@ -12,22 +12,25 @@ use crate::numerics::fit_report::significance_limit;
 use crate::recording::Recording;
 use crate::rests::rest::Rest;
 
-/// Orders of the differences. The fourth difference is the one from which the noise of the sensors is computed.
+/// Order of the differences of consecutive samples from which the noise of the sensors is estimated.
 const FOURTH: usize = 4;
+/// Order of the differences of block means with which a filter is detected and the noise at low frequencies is
+/// estimated. Slow motion of the hand hardly changes differences of this high order.
 const EIGHTH: usize = 8;
-/// A filter is detected if the density increases from blocks of a duration of at most `DETECT_S` to blocks that are
-/// twice as long, s. For longer blocks, translational tremor of 3 to 12 Hz changes the differences. Below 100
-/// samples/s, no filter is detected, because even a block of one sample is longer than `DETECT_S`.
+/// Maximum duration of the shorter blocks in the detection of a filter, s. A filter is detected if, for any such
+/// duration, the density increases significantly from blocks of this duration to blocks that are twice as long. For
+/// longer blocks, translational tremor of 3 to 12 Hz changes the differences. Below 100 samples/s, no filter is
+/// detected, because even a block of one sample is longer than `DETECT_S`.
 const DETECT_S: f64 = 0.01;
-/// Duration of the blocks from whose means the density of slow noise is computed, s. The filters of common sensors (10
-/// Hz and above) lower the squared density of these blocks by less than a third. Sway below 3 Hz hardly changes the
-/// eighth differences of these means.
+/// Duration of the blocks from whose means the noise density at low frequencies is estimated, s. The low-pass filters
+/// of common sensors (bandwidths of 10 Hz and above) lower the squared density of these means by less than a third.
+/// Sway below 3 Hz hardly changes the eighth differences of these means.
 const SLOW_S: f64 = 0.1;
 
-/// Ratio of two estimates of the noise variance of the magnitude of the force: the estimate from slow noise (means over
-/// [`SLOW_S`]), divided by the estimate from fourth differences of consecutive samples. Each sample occurs in `every`
-/// consecutive rows, and `interval_s` is the interval between distinct samples. `None` if the noise may be white: no
-/// filter is detected, or the ratio does not significantly exceed one.
+/// Ratio of two estimates of the noise variance of the magnitude of the force: the estimate from eighth differences of
+/// means over [`SLOW_S`], divided by the estimate from fourth differences of consecutive samples. Each sample occurs in
+/// `every` consecutive rows, and `interval_s` is the interval between distinct samples. The result is `None` if no
+/// filter is detected or if the ratio does not significantly exceed one, because the noise may then be white.
 pub(super) fn colour_factor(
     recording: &Recording<'_>,
     rests: &[&Rest],
@@ -52,16 +55,17 @@ pub(super) fn colour_factor(
     slow.exceeds(&fast).then(|| slow.variance / fast.variance)
 }
 
-/// Noise of differences of consecutive block means.
+/// Noise variance that is estimated from differences of consecutive block means.
 struct Density {
-    /// Variance of the block means x samples per block. For white noise, it is the variance of one sample.
+    /// (Variance of the block means) x (samples per block), (m/s^2)^2. For white noise, this product is the variance of
+    /// one sample.
     variance: f64,
     /// Equivalent degrees of freedom of `variance` for white noise.
     degrees_of_freedom: f64,
 }
 
 impl Density {
-    /// Computes the noise from differences of order `order` of the means over blocks of `block` samples.
+    /// Estimates the variance from differences of order `order` of the means over blocks of `block` samples.
     fn of(rests: &[Vec<f64>], block: usize, order: usize) -> Self {
         let (mut sum, mut count) = (0.0, 0.0);
         for rest in rests {
@@ -73,17 +77,18 @@ impl Density {
             sum += values.iter().map(|value| value * value).sum::<f64>();
             count += values.len() as f64;
         }
-        // The coefficients of a difference of order n have the sum of squares C(2 n, n). Consecutive differences are
-        // correlated.
-        // The sum of their squared correlations is C(4 n, 2 n) / C(2 n, n)^2.
+        // The squared coefficients of a difference of order n have the sum C(2 n, n), a binomial coefficient.
+        // Consecutive differences are correlated, and their squared correlations over all lags have the sum
+        // C(4 n, 2 n) / C(2 n, n)^2. The number of differences divided by this sum is the number of degrees of freedom.
         let squares = central_binomial(order);
         let correlation = central_binomial(2 * order) / (squares * squares);
         Self { variance: sum / (squares * count) * block as f64, degrees_of_freedom: count / correlation }
     }
 
-    /// Whether this variance is significantly larger than another one.
+    /// Whether this variance is significantly larger than the variance of `other`.
     fn exceeds(&self, other: &Self) -> bool {
-        // Each variance has a squared relative error of 2 / (its degrees of freedom). The two squared errors add up.
+        // The relative error of each variance has the variance 2 / (degrees of freedom). These variances add up in the
+        // ratio, so `both` is the number of degrees of freedom of the ratio.
         let both = 1.0 / (1.0 / self.degrees_of_freedom + 1.0 / other.degrees_of_freedom);
         self.variance > other.variance * significance_limit(both)
     }

@@ -1,4 +1,5 @@
-//! Simulated recordings, the calibration of their unit, and the model of the hand from them, for tests.
+//! Simulates recordings for tests. Provides the true calibration of the simulated unit, and the model of the hand that
+//! is estimated from a recording.
 
 use imucal_core::sensor::Triad;
 
@@ -8,7 +9,7 @@ use crate::recording::Recording;
 use crate::simulate::motion::Motion;
 use crate::simulate::{Faults, Setup, Simulation, Temperature, Unit, run};
 
-/// Gravity of the simulated recordings, m/s^2.
+/// Magnitude of gravity in the simulated recordings, m/s^2.
 pub(super) const GRAVITY_MPS2: f64 = 9.81;
 
 /// Simulates a recording of `unit` at 25 degC.
@@ -34,7 +35,7 @@ pub(super) fn triads(unit: &Unit) -> [Triad<f64>; 2] {
     [accelerometer.unwrap(), gyroscope.unwrap()]
 }
 
-/// The model of the hand from all rests of a recording of `unit`.
+/// Estimates the model of the hand from all rests of a recording of `unit`; `None` if the unit is not hand-held.
 pub(super) fn hand(recording: &Recording<'_>, unit: &Unit) -> Option<Hand> {
     let segments = Segments::find(recording, 1.0).unwrap();
     let [accelerometer, gyroscope] = &triads(unit);

@@ -1,6 +1,6 @@
 //! Finds the moves between consecutive rests, and computes the gravity directions at both ends of a move (model.md (7),
-//! (8), (13)). The gyroscope is fitted to the moves of a calibration recording and evaluated on the moves of a control
-//! recording.
+//! (8), (13)). The gyroscope is fitted to the moves of a calibration recording. A finished calibration is evaluated on
+//! the moves of a control recording.
 
 use std::ops::Range;
 
@@ -20,21 +20,24 @@ use crate::rests::unit_rest::{UnitRest, touches};
 /// (7)). Over a longer time step, the rotation cannot be integrated accurately.
 const LONGEST_STEP: f64 = 2.5;
 
-/// The gravity direction at an end of an unsteady (hand-held) rest is computed from the samples of the rest within this
-/// time from that end, s (model.md (13)).
+/// In a recording without a tremor model ([`Hand`]), the gravity direction at an end of an unsteady (hand-held) rest is
+/// computed from the part of the rest that is adjacent to this end. This constant is the duration of this part, s
+/// (model.md (13)).
 const SPAN_S: f64 = 1.0;
 /// Number of equal parts into which the last or first second of an unsteady (hand-held) rest is divided. The variance
 /// of the gravity direction is computed from the scatter of the means over these parts (model.md (13)).
 const TENTHS: usize = 10;
-/// A rest is classified as hand-held if the scatter of its rates within 0.1 s exceeds this factor times the noise of
-/// the gyroscope. The factor is above 1 because the estimated noise is uncertain.
+/// In the test for hand tremor, a rest is classified as hand-held if the standard deviation of its rates within 0.1 s
+/// exceeds this factor times the noise of the gyroscope. The factor is above 1 because the estimated noise is
+/// uncertain.
 const TREMBLING: f64 = 1.5;
-/// A rest is never classified as hand-held if the scatter of its rates within 0.1 s is below this limit, rad/s. Hand
-/// tremor causes larger rates. The limit prevents false detections in recordings without noise.
+/// In the test for hand tremor, a rest is never classified as hand-held if the standard deviation of its rates within
+/// 0.1 s is below this limit, rad/s. Hand tremor causes larger rates. The limit prevents false detections in recordings
+/// without noise.
 const STILL_RADPS: f64 = 1e-3;
-/// Lower bound of the standard deviation of the gravity-direction error after a move, rad. The bound is the size of the
-/// error that the integration of a sampled rate causes. In simulated data without noise, the residual of a move
-/// contains only this error.
+/// Lower bound of the standard deviation of the gravity-direction error after a move, rad. It is the size of the
+/// numerical error that the integration of sampled rates causes. In simulated data without noise, the residual of a
+/// move consists only of this numerical error.
 pub(crate) const FINEST_RAD: f64 = 2e-5;
 
 /// A move: the samples from the last sample of a rest to the first sample of the next rest.
@@ -94,8 +97,8 @@ pub(crate) fn across(up: &Vector3<f64>) -> [Vector3<f64>; 2] {
 /// component of `up` would be a worse choice: if two components are near zero, noise decides which component is the
 /// smallest.
 pub(crate) fn axis_aside(up: &Vector3<f64>) -> usize {
-    /// The component of `up` along the chosen axis must be below this limit in absolute value. A unit vector always has
-    /// such an axis, because its smallest component is at most 0.58.
+    /// The component of `up` along the chosen axis must be below this limit in absolute value. Every unit vector has
+    /// such an axis, because the smallest absolute value of its components is at most 1 / sqrt(3) = 0.58.
     const ASIDE: f64 = 0.6;
     up.iter().position(|component| component.abs() < ASIDE).unwrap_or(0)
 }
@@ -228,8 +231,8 @@ impl Directions<'_> {
         [self.reading(m.from, true, steady(m.from)), self.reading(m.to, false, steady(m.to))]
     }
 
-    /// Whether the gyroscope shows that the unit is hand-held at rest `k`: within 0.1 s, the rates scatter by more than
-    /// sensor noise explains.
+    /// Whether the gyroscope shows that the unit is hand-held at rest `k`. This is the case if, on any axis, the
+    /// standard deviation of the rates within 0.1 s is larger than sensor noise explains.
     fn trembles(&self, k: usize) -> bool {
         let UnitRest { recording, rest, .. } = &self.rests[k];
         let rates = self.recordings[*recording].angular_rate.part(rest.first..rest.end);
@@ -270,9 +273,9 @@ impl Directions<'_> {
         }
         let (force, scatter, span_s) = self.tremor_free(k, at_end);
         let walk = random_walk_rad(&self.noise[*recording].angular_rate, self.gyroscope.inverse(), span_s);
-        // The integrated rotation has the error of a random walk. This error is zero at this end of the rest and has
-        // the variance walk^2 at the other end of the averaged interval. The mean of the error over this interval has
-        // the variance walk^2 / 3.
+        // The error of the integrated rotation is a random walk. This error is zero at this end of the rest and has the
+        // variance walk^2 at the other end of the averaged interval. The mean of the error over this interval has the
+        // variance walk^2 / 3.
         let raw = self.accelerometer.measure(force);
         End { raw, steady: false, shared_variance: 0.0, own_variance: scatter + walk * walk / 3.0 + rounding }
     }

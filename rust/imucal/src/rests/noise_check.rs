@@ -1,5 +1,5 @@
-//! Checks whether the noise densities and the biases at the rests have values that no real sensor has. If the unit is
-//! hand-held, the tremor of the hand is first subtracted from the noise.
+//! Checks whether the noise densities and the biases at the rests have values that no real sensor has. If they do and
+//! the unit is hand-held, the check is repeated with noise densities that do not contain the tremor of the hand.
 
 use imucal_core::sensor::Triad;
 
@@ -17,7 +17,7 @@ impl Segments {
     /// unsteady (hand-held), because the densities then contain the tremor of the hand. A rest is unsteady if its
     /// samples scatter more than the samples in the quietest parts of the recording. If the tremor is equally strong in
     /// the whole recording, every rest therefore appears steady. In this case, the tremor is detected by the
-    /// correlation between both sensors, and the densities are computed without the tremor.
+    /// correlation between both sensors, and the check uses densities that are computed without the tremor.
     pub fn check_noise(&self, recording: &Recording<'_>) -> Vec<Finding> {
         let steady: Vec<&Rest> = self.rests.iter().filter(|rest| rest.is_steady()).collect();
         if steady.is_empty() {

@@ -14,9 +14,9 @@ pub struct NoiseDensity {
     pub angular_rate: Vector3<f64>,
 }
 
-/// Angle random walk of model.md (8), rad: the standard deviation of the angle error about an axis if the white noise
-/// of the gyroscope is integrated over `duration_s`. `density` is in raw units per sqrt(Hz), and `inverse` is the
-/// inverse sensitivity.
+/// Angle random walk of model.md (8), rad: the standard deviation of the angle error that white noise of the gyroscope
+/// causes if the rate is integrated over `duration_s` (rms over the three axes). `density` is in raw units per
+/// sqrt(Hz), and `inverse` is the inverse sensitivity.
 pub(crate) fn random_walk_rad(density: &Vector3<f64>, inverse: &Matrix3<f64>, duration_s: f64) -> f64 {
     (variance_per_axis(inverse, density) * duration_s).sqrt()
 }

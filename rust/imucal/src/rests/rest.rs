@@ -41,7 +41,7 @@ impl RestMean {
 const SAME_POSE: f64 = 0.5;
 
 /// Covariance matrix of the rounding errors of `means`, the means of several rests, on one axis, squared raw units.
-/// `None` if there are no rounding errors.
+/// `None` if these rounding errors are negligible at all rests.
 pub(crate) fn rounding_covariance(means: &[&RestMean], axis: usize) -> Option<Mat<f64>> {
     let reading = |k: usize| (&means[k].rounding[axis], means[k].mean[axis]);
     let are_in_one_pose = |i: usize, j: usize| {
@@ -68,10 +68,11 @@ pub struct Rest {
     pub start_s: f64,
     /// Time of the last sample, s.
     pub end_s: f64,
-    /// Unsteadiness (model.md (11)): the larger of two ratios. The first ratio is (variance within half a second) /
-    /// (noise variance). The second ratio compares the drift of the mean force with noise. It is the sum over the axes
-    /// of (squared drift) / (15 x variance of the drift due to noise). With the factor 15, noise alone almost never
-    /// gives a ratio above 2. The unsteadiness is near 1 if the unit lies on a table, and above 2 if it is hand-held.
+    /// Unsteadiness (model.md (11)): the larger of two ratios. The first ratio is (variance of the samples) / (noise
+    /// variance), as the median over all half-second windows of the rest. The second ratio compares the drift of the
+    /// mean force with noise. It is the sum over the axes of (squared drift) / (15 x variance of the drift due to
+    /// noise). With the factor 15, noise alone almost never gives a ratio above 2. The unsteadiness is near 1 if the
+    /// unit lies on a table, and above 2 if it is hand-held.
     pub unsteadiness: f64,
     /// Mean of the accelerometer over the rest, raw units.
     pub specific_force: RestMean,
@@ -105,7 +106,7 @@ pub(crate) fn at_least(finest: f64, sigma: f64) -> f64 {
 }
 
 /// Error of the norm of the mean force of a rest: the norm minus gravity. The second result is the standard deviation
-/// of this error due to noise. Both are in m/s^2.
+/// of this error due to noise and rounding. Both are in m/s^2.
 pub(crate) fn norm_error_mps2(rest: &Rest, accelerometer: &Triad<f64>, gravity_mps2: f64) -> (f64, f64) {
     let error = accelerometer.correct(rest.specific_force.mean).norm() - gravity_mps2;
     (error, sigma_norm(rest, accelerometer))

@@ -20,16 +20,17 @@ const EDGE: f64 = 0.15;
 
 /// Ratio (c_noise - 1) / (c_rounded - 1). c is the factor by which the correlation of noise increases the variance of a
 /// mean (model.md (10)): c_noise before rounding, and c_rounded for the rounded samples. The value holds for a mean
-/// midway between two levels. Rounding then keeps only the sign of the noise, and the sign is less correlated than the
-/// noise. For any other mean, the ratio is larger.
+/// midway between two levels (multiples of the quantisation step). Rounding then keeps only the sign of the noise, and
+/// the sign is less correlated than the noise. For any other mean, the ratio is larger.
 const SIGN: f64 = 1.28;
 
 /// Returns the factor c that the noise of each channel has before rounding (model.md (10)). c is the factor by which
 /// the correlation of the noise increases the variance of a mean. If the noise is below the quantisation step, c is
-/// estimated from the rounded samples. This estimate is largest if the mean is midway between two levels. At a mean
-/// farther from the middle, the rounded samples are less correlated, and the estimate is too small. The three axes of a
-/// sensor have equal filters and therefore equal factors c, so the largest estimate among the axes is the best one.
-/// `colour` contains the estimates.
+/// estimated from the rounded samples. This estimate is largest if the mean is midway between two levels (multiples of
+/// the step). If the mean is farther from the middle, the rounded samples are less correlated, and the estimate is too
+/// small. The three axes of a sensor have equal filters and therefore equal factors c, so the largest estimate among
+/// the axes is the most accurate estimate. `colour` contains the estimates from the samples. `steps` contains the
+/// quantisation step of each channel whose noise is below its step, and zero for all other channels.
 pub(super) fn of_rounded(colour: &Vector6<f64>, steps: &Vector6<f64>) -> Vector6<f64> {
     let coarse = |channel: &usize| steps[*channel] > 0.0;
     Vector6::from_fn(|channel, _| {
@@ -106,13 +107,13 @@ fn levels(rows: Samples<'_>, axis: usize, rests: &[&Rest], step: f64, colour: f6
 pub(super) fn noise_below_lsb(recording: &Recording<'_>, rests: &[Rest], rounding: &[Rounding; 6]) -> Option<Finding> {
     let mut samples: Vec<f64> = rests.iter().map(|rest| (rest.end - rest.first) as f64).collect();
     let samples = if samples.is_empty() { 1.0 } else { median(&mut samples) };
-    // Channels are listed in the order of the columns, with the accelerometer first.
+    // In the finding, channels are in the order of the columns of a recording, with the accelerometer first.
     let of = |column: usize| rounding[(column + 3) % 6];
     let decides = |column: &usize| {
         let Rounding { step, noise, error_variance, .. } = of(*column);
-        // White noise gives a mean of n samples the variance noise^2 / n, and uniformly distributed rounding errors
-        // give it the variance step^2 / (12 n). An axis is reported if the variance of its actual rounding error
-        // exceeds the larger of these two variances.
+        // If the rounding errors of the n samples of a rest were independent, their mean would have the variance
+        // step^2 / (12 n). White noise alone gives the mean the variance noise^2 / n. An axis is reported if the
+        // estimated variance of the rounding error of the mean exceeds the larger of these two variances.
         error_variance > (noise * noise).max(step * step / 12.0) / samples
     };
     let columns: Vec<usize> = (0..6).filter(decides).collect();

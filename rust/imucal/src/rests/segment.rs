@@ -2,10 +2,11 @@
 //!
 //! For each window of half a second, a statistic is computed: variance / noise variance, averaged over the six
 //! channels. A window is at rest if its statistic is below a threshold. At 400 Hz and above, the samples are first
-//! averaged over about 5 ms. The user specifies neither an initial rest nor a threshold. The noise variance is
+//! averaged over 3.5 to 5 ms. The user specifies neither an initial rest nor a threshold. The noise variance is
 //! estimated from the quietest windows. The threshold is chosen from the widest range of thresholds that give the same
-//! number of rests. The sum of squared residuals of a calibration is no criterion for this choice, because with fewer
-//! rests it is always smaller. Hand-held rests after a rest on a table have their own noise variance and threshold.
+//! number of rests. The sum of squared residuals of a calibration is not used for this choice, because this sum is
+//! always smaller if there are fewer rests. Hand-held rests after a rest on a table have their own noise variance and
+//! threshold.
 
 mod blocks;
 mod edges;
@@ -46,7 +47,8 @@ const WINDOW_BLOCKS: usize = 10;
 pub struct Threshold {
     /// The threshold. A window is at rest if its statistic (variance / noise variance, averaged over the channels) is
     /// below this value. If hand-held rests follow a rest on a table, their threshold is a multiple of the variance of
-    /// hand-held rests. The value in this field is then an approximate conversion to a multiple of the noise variance.
+    /// hand-held rests. This field then contains their threshold, converted approximately to a multiple of the noise
+    /// variance.
     pub factor: f64,
     /// Lower end of the range from which the threshold was chosen. All thresholds in this range give the same number n
     /// of rests. Of all ranges with a constant n, the chosen range has approximately the largest product ln(upper end /
@@ -71,18 +73,19 @@ pub struct Segments {
     pub epochs: Vec<Vec<Rest>>,
     /// Intervals at rest that are shorter than the minimum duration of a rest, as index ranges of samples.
     pub too_short: Vec<Range<usize>>,
-    /// The threshold, and the range of thresholds that explains its choice.
+    /// The chosen threshold, and the range of thresholds from which it was chosen.
     pub threshold: Threshold,
-    /// White-noise densities estimated from the rests. If the noise of a channel is below the quantisation step, its
-    /// density includes the rounding errors of samples in moves.
+    /// White-noise densities estimated from the rests. If the noise of a channel is below the quantisation step, the
+    /// density is valid during moves: it then contains the noise before rounding and the white noise that rounding
+    /// adds.
     pub noise_density: NoiseDensity,
     /// For each channel, the quantisation step, and the statistics of the rounding errors at a rest with usual noise
     /// (the noise that most rests have in common). The order is gyroscope x, y, z, accelerometer x, y, z.
     pub rounding: [Rounding; 6],
 }
 
-/// Default of the minimum duration of a rest, s. Users hold a pose longer than this, and pauses within a move are
-/// shorter.
+/// Default of the minimum duration of a rest, s. Users hold the unit in a pose for more than this duration, and pauses
+/// within a move are shorter.
 pub const MIN_REST_S: f64 = 1.0;
 /// Maximum accepted value of `min_rest_s`, s. A larger value is refused, because it probably has the wrong unit.
 const LONGEST_MIN_REST_S: f64 = 3600.0;
@@ -178,7 +181,8 @@ impl Segments {
         let sample_variance = floor * averaged;
         let mut variance = steadiness.noise_variance(described(&stretches, &epochs)).unwrap_or(sample_variance);
         // At rest, the scatter of rounded samples depends on where the mean lies between two multiples of the step. In
-        // moves, the samples pass through many multiples, so rounding adds the variance step^2 / 12 to the noise.
+        // moves, the samples pass through many multiples, so rounding adds the variance step^2 / 12 to the noise. The
+        // variance in moves is used for channels whose rounding errors are not negligible.
         for channel in (0..6).filter(|&channel| rounding[channel].is_coarse()) {
             variance[channel] = rounding[channel].sweeping_variance(colour[channel]);
         }
@@ -288,13 +292,14 @@ impl Segments {
     }
 }
 
-/// All intervals over which a mean is computed: the epochs (parts) of long rests, and all rests without epochs.
+/// The intervals that one mean describes: the epochs (parts) of each long rest, and each rest that is not divided into
+/// epochs.
 fn described<'a, T>(rests: &'a [T], epochs: &'a [Vec<T>]) -> impl Iterator<Item = &'a T> {
     let of = |(rest, epochs): (&'a T, &'a Vec<T>)| if epochs.is_empty() { std::slice::from_ref(rest) } else { epochs };
     rests.iter().zip(epochs).flat_map(of)
 }
 
-/// Mean of the temperatures that are finite, degC; `None` if there are none.
+/// Mean of the temperatures that are finite, degC; `None` if no temperature is finite.
 fn mean_temperature(degc: &[f64]) -> Option<f64> {
     let known = || degc.iter().filter(|degc| degc.is_finite());
     let count = known().count();
@@ -309,9 +314,10 @@ fn around(still: &[Range<usize>], blocks: usize) -> impl Iterator<Item = Range<u
     before.zip(after).map(|(start, end)| start..end)
 }
 
-/// Magnitude of gravity in raw units. For raw counts, it is estimated as the larger of two norms: the norm of half the
-/// range of the readings, and the norm of the middle of this range. The estimate is more often too large than too
-/// small, even if the counts have an offset. A value that is too large only makes the check for a tilt less strict.
+/// Magnitude of gravity in raw units. For raw counts, it is estimated from the range of the mean forces of half-second
+/// windows, as the larger of two norms: the norm of half this range, and the norm of the midpoint of this range. The
+/// estimate is more often too large than too small, even if the counts have an offset. A value that is too large only
+/// makes the check for a tilt less strict.
 fn gravity_size(recording: &Recording<'_>, blocks: &[Block]) -> f64 {
     if recording.accel_unit == RawUnit::Si {
         return STANDARD_GRAVITY_MPS2;
@@ -404,8 +410,8 @@ mod tests {
                 .zip(&run.rests)
                 .flat_map(|(rest, (start_s, end_s))| [kept(rest.start_s, *start_s), kept(*end_s, rest.end_s)]);
             let mean_rad = ends.sum::<f64>() / (2 * found.len()) as f64;
-            // The rotation angle of the moves that is wrongly assigned to rests, divided by the angle random walk over
-            // a move of 2 s.
+            // Mean rotation angle of a move that is wrongly assigned to one end of a rest, divided by the angle random
+            // walk over a move of 2 s.
             let share = mean_rad / (noise * Unit::paper().gyroscope.noise_density * 2_f64.sqrt());
             assert!(share < 0.02, "{rate_hz} Hz, noise x {noise}: {share}");
             let lasting =
@@ -422,7 +428,7 @@ mod tests {
         let unit = Unit::paper();
         for axis in 0..3 {
             // The noise density is estimated from means over 0.25 s. With 45 s of rests, the estimate for each axis has
-            // a standard deviation of about 9 %.
+            // a standard deviation of about 7 %.
             let rate = found.noise_density.angular_rate[axis] / unit.gyroscope.noise_density;
             let force = found.noise_density.specific_force[axis] / unit.accelerometer.noise_density;
             assert!((rate - 1.0).abs() < 0.27 && (force - 1.0).abs() < 0.27, "{rate} {force}");

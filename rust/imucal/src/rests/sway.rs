@@ -1,18 +1,19 @@
-//! Estimates the sway of the hand that holds a unit, and includes it in the errors of the rests (model.md (27)).
+//! Estimates the sway of the hand that holds a unit, and adds it to the error variances of the rests (model.md (27)).
 //!
 //! Sway is the translational acceleration of the hand, typically at frequencies of 0.3 to 3 Hz. At a hand-held rest, it
 //! changes the mean force and the gravity direction at both ends of the rest. It is too slow to change the fourth
-//! differences from which the noise of the sensors is estimated. Therefore the force samples of a rest are rotated to
-//! one attitude with the gyroscope, which removes the tremor, and the following contrast is computed in each window:
+//! differences from which the noise of the sensors is estimated. Sway is therefore estimated as follows. The force
+//! samples of a rest are rotated to one attitude with the gyroscope, which removes the tremor. The rest is divided into
+//! windows, and the following contrast is computed in each window:
 //!
 //! ```text
 //! s = (mean at the start) + (mean at the end) - 2 (mean over the window)
 //! ```
 //!
-//! The means at the start and at the end have the exponential weights of the gravity direction at an end of a rest. A
-//! constant force and a linear change of the force cancel. An error of the gyroscope bias causes such a linear change,
-//! so the bias need not be known. The variance that sensor noise gives the contrast is known. A significantly larger
-//! variance is attributed to sway.
+//! The means at the start and at the end have the same exponential weights as the gravity direction at an end of a
+//! rest. A constant force and a linear change of the force cancel in the contrast. An error of the gyroscope bias
+//! causes such a linear change, so the bias need not be known. The variance of the contrast due to sensor noise is
+//! known. If the contrasts have a significantly larger variance, the excess variance is attributed to sway.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -21,23 +22,24 @@ use crate::recording::Recording;
 use crate::rests::rest::Rest;
 use crate::rests::tremor::{Hand, ROOM, Sensors};
 
-/// Number of times that the sway is estimated. The averaging time constant of the gravity directions depends on the
-/// sway, and the density of the sway is estimated at this time constant. The relative error of the density halves with
-/// each pass.
+/// Number of iterations in which the sway is estimated. The averaging time constant of the gravity directions depends
+/// on the sway, and the density of the sway is estimated at this time constant. The relative error of the density
+/// halves with each iteration.
 const PASSES: usize = 4;
 /// Minimum number of samples of a window. Shorter rests are not used. The averaging time constant may be below the
-/// sampling interval if the gyroscope is much noisier than the accelerometer, so the time constant alone could give
-/// windows without samples.
+/// sampling interval if the gyroscope is much noisier than the accelerometer. Without this minimum, windows of a few
+/// time constants could then contain no sample.
 const LEAST_SAMPLES: usize = 8;
-/// The variance of the mean force of a rest of duration T is `MEAN_FORCE` x (variance of the velocity) / T^2. The mean
-/// acceleration is the difference of the velocities at both ends, divided by T, so the factor is 2 if these velocities
-/// are independent and known. The estimated variance of the velocity is too small for sway with periods above 2 s, so a
-/// larger factor is used.
+/// At a rest of duration T, the variance of the mean force due to sway is
+/// `MEAN_FORCE` x (variance of the velocity) / T^2. The mean acceleration is the difference of the velocities at both
+/// ends, divided by T. The factor would therefore be 2 if these velocities were independent and their variance were
+/// known exactly. The estimated variance of the velocity is too small for sway with periods above 2 s, so a larger
+/// factor is used.
 const MEAN_FORCE: f64 = 3.0;
 
 impl Hand {
     /// Includes the sway at `rests` in the errors of the gravity directions and of the mean forces. Changes nothing if
-    /// sensor noise explains the forces.
+    /// sensor noise explains the contrasts of the forces.
     pub(super) fn add_sway(&mut self, recording: &Recording<'_>, rests: &[&Rest], sensors: Sensors<'_>) {
         let white_rad2_s = self.tilt_rad2_s;
         let square = |rest: &&Rest| sensors.accelerometer.correct(rest.specific_force.mean).norm_squared();
@@ -50,7 +52,7 @@ impl Hand {
         }
     }
 
-    /// Variance that sway gives each component of the mean force of a rest of this duration, (m/s^2)^2.
+    /// Variance of each component of the mean force of a rest of this duration due to sway, (m/s^2)^2.
     pub(super) fn sway_variance(&self, duration_s: f64) -> f64 {
         MEAN_FORCE * self.sway_m2_per_s2 / (duration_s * duration_s)
     }
@@ -62,7 +64,7 @@ struct Sway {
     /// component of the mean force at an end of a rest has the variance (this density) / (2 a) due to sway, where a is
     /// the averaging time constant.
     across: f64,
-    /// Variance of the velocity along gravity, m^2/s^2.
+    /// Variance of the velocity of the hand along gravity, m^2/s^2.
     along: f64,
 }
 
@@ -89,8 +91,9 @@ impl Sway {
             let noise = contrast.squares / interval_s;
             // The weighted integral of an oscillation with a short period depends only on the steps of the weights at
             // the ends of the window. With the averaging time constant a, the weights of one exponential mean have the
-            // step 1 / a at one end. Those of the contrast have the step 1 / a - 2 / (duration of the window) at both
-            // ends. The variance of the mean is therefore the variance of the contrast, divided by `of_mean`.
+            // step 1 / a at one end. The weights of the contrast have the step 1 / a - 2 / (duration of the window) at
+            // both ends. The variance of an exponential mean is therefore the variance of the contrast, divided by
+            // `of_mean`.
             let step = 1.0 - 2.0 * averaging_s / (samples as f64 * interval_s);
             let of_mean = 2.0 * step * step;
             for (k, window) in forces.chunks_exact(samples).take(count).enumerate() {
@@ -113,7 +116,7 @@ impl Sway {
                 sway.along += (along * along - noise_along) / of_mean * averaging_s * averaging_s;
             }
         }
-        // Each window contains two contrasts perpendicular to gravity, and one along gravity.
+        // Each window contains two contrasts perpendicular to gravity and one contrast along gravity.
         let contrasts = 3.0 * windows;
         (chi2 > contrasts * significance_limit(contrasts))
             .then(|| Self { across: (sway.across / windows).max(0.0), along: (sway.along / windows).max(0.0) })
@@ -125,8 +128,8 @@ struct Contrast {
     weights: Vec<f64>,
     /// Sum of the squared weights: the variance of the contrast of white noise with the variance 1.
     squares: f64,
-    /// Sum over all samples of the squared sum of the weights from this sample on: the variance of the contrast of a
-    /// random walk whose increments have the variance 1.
+    /// Sum over all samples of (sum of the weights from this sample to the end of the window)^2: the variance of the
+    /// contrast of a random walk whose increments have the variance 1.
     squared_tails: f64,
 }
 
@@ -171,8 +174,9 @@ mod tests {
         time_s.iter().map(|t| Vector3::from_fn(|axis, _| at(t, axis) * scale)).collect()
     }
 
-    /// The model of the hand without and with the estimated sway, the rests, and the true sway, of a hand-held run to
-    /// which sway with the standard deviation `std` was added, m/s^2.
+    /// Simulates a hand-held run, and adds sway with the standard deviation `std` on each axis, m/s^2. Returns the
+    /// model of the hand without the estimated sway, the model with the estimated sway, the rests, and the added sway,
+    /// m/s^2.
     fn held(unit: &Unit, std: f64) -> (Hand, Hand, Vec<UnitRest>, Vec<Vector3<f64>>) {
         let moves = HandMoves { tremor_rad: 0.2_f64.to_radians(), hold_s: 3.0, ..HandMoves::default() };
         let motion = Motion::Tumble(Tumble::random(&moves, 2).unwrap());

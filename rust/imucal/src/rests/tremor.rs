@@ -9,12 +9,14 @@
 //! and dt is the sampling interval.
 //!
 //! Both sensors measure the same tremor, and their noise is independent. The first expression above is therefore the
-//! variance of the tremor, without noise. The unit is hand-held if this variance exceeds sqrt(r q). r is the spectral
-//! density of the tilt error from accelerometer noise, and q that of the rate error from gyroscope noise. sqrt(r q) is
-//! the variance that sensor noise causes in the gravity direction at an end of a rest, if all samples are rotated to
-//! the attitude at that end with the gyroscope and averaged. At a hand-held rest, the mean force does not have the
-//! direction of gravity at the start of the next move, and the scatter of the samples is not sensor noise. Sensor noise
-//! is estimated from fourth differences of consecutive samples, because tremor is too slow to change these differences.
+//! variance of the tremor, without noise. The unit is classified as hand-held if the median of this variance over the
+//! rests exceeds sqrt(r q), and if the variance is positive at nearly all rests. r is the spectral density of the tilt
+//! error that accelerometer noise causes, and q is the spectral density of the rate error that gyroscope noise causes.
+//! sqrt(r q) is the variance that sensor noise causes in the gravity direction at an end of a rest, if all samples are
+//! rotated to the attitude at that end with the gyroscope and averaged. At a hand-held rest, the mean force does not
+//! have the direction of gravity at the start of the next move, and the scatter of the samples is mainly tremor. Sensor
+//! noise is therefore estimated from fourth differences of consecutive samples, because tremor is too slow to change
+//! these differences.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -118,10 +120,10 @@ impl Hand {
         let tilt = variance_per_axis(sensors.accelerometer.inverse(), &noise.specific_force) / (force * force);
         let walk = variance_per_axis(sensors.gyroscope.inverse(), &noise.angular_rate);
         let tremor_rad2 = median(&mut tremors);
-        // Low-pass filtered noise has small fourth differences. The estimated noise densities and the threshold sqrt(r
-        // q) are then too small, and a random correlation of force and rotation may exceed the threshold. A random
-        // correlation is negative as often as positive. The estimated variance of the tremor must therefore also be
-        // positive at nearly all rests.
+        // Low-pass filtered noise has small fourth differences. The estimated noise densities and the threshold
+        // sqrt(tilt x walk) are then too small, and a random correlation of force and rotation may exceed the
+        // threshold. A random correlation is negative as often as positive. The estimated variance of the tremor must
+        // therefore also be positive at nearly all rests.
         let everywhere = quantile(&mut tremors, FEW) > 0.0;
         let trembles = tilt * walk > 0.0 && tremor_rad2 > (tilt * walk).sqrt() && everywhere;
         let mut hand = trembles.then_some(Self {
@@ -132,7 +134,8 @@ impl Hand {
             sway_m2_per_s2: 0.0,
             walk_rad2_per_s: walk,
         })?;
-        // A low-pass filter reduces the fourth differences, so the noise density of the accelerometer is corrected.
+        // A low-pass filter reduces the fourth differences, so the accelerometer's noise density is too small. The
+        // squared density is multiplied by a factor that corrects for the filter.
         if let Some(factor) = colour_factor(recording, rests, sensors.accelerometer, every, rows_per_sample * dt_s) {
             hand.noise.specific_force *= factor.sqrt();
             hand.tilt_rad2_s *= factor;
@@ -149,7 +152,8 @@ impl Hand {
     /// Averaging time constant of the gravity direction at an end of a rest, s. This direction is a mean over samples
     /// that the gyroscope rotates to the attitude at this end, with exponential weights. The time constant is
     /// `sqrt(r / q)` with r = `tilt_rad2_s` and q = `walk_rad2_per_s`. A Kalman filter that combines both sensors has
-    /// this time constant in the steady state. In short rests, it is limited to (duration of the rest) / [`ROOM`].
+    /// this time constant in the steady state. In short rests, the time constant is limited to
+    /// (duration of the rest) / [`ROOM`].
     pub(super) fn averaging_s(&self, rest: &Rest) -> f64 {
         (self.tilt_rad2_s / self.walk_rad2_per_s).sqrt().min((rest.end_s - rest.start_s) / ROOM)
     }
@@ -163,9 +167,10 @@ impl Hand {
 
     /// Variance, rad^2, of an angle about an axis perpendicular to gravity: the rotation that the integrated gyroscope
     /// gives over a rest, minus the rotation between the gravity directions at both ends of the rest. The variance is
-    /// `q (T - 3 a) + r / a`, where T is the duration of the rest. The averaging time constant a, r and q are defined
-    /// at [`variance_rad2`](Self::variance_rad2). Both directions also contain gyroscope noise, which cancels a part of
-    /// the gyroscope noise in the integrated rotation. This cancellation gives the term -3 a.
+    /// `q (T - 3 a) + r / a`, where T is the duration of the rest. The symbols a, r and q are defined at
+    /// [`variance_rad2`](Self::variance_rad2). Gyroscope noise gives the integrated rotation the variance q T.
+    /// Gyroscope noise in the two directions adds q a. Because this noise is correlated with the noise of the
+    /// integrated rotation, 4 q a is subtracted.
     fn turn_variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         let between_s = rest.end_s - rest.start_s - 3.0 * averaging_s;
@@ -229,8 +234,8 @@ impl Hand {
 }
 
 /// Estimates a model of the tremor of the hand for each recording, and corrects the rests and noise densities for the
-/// tremor. Only rests for which `used` is true contribute to the model. The other rests may contain a slow rotation. It
-/// is not tremor, and the mean rate of such a rest is not the gyroscope bias.
+/// tremor. Only rests for which `used` is true contribute to the model. The other rests may contain a slow rotation. A
+/// slow rotation is not tremor, and the mean rate of such a rest is not the gyroscope bias.
 pub(crate) fn hands(
     recordings: &[Recording<'_>],
     rests: &mut [UnitRest],
@@ -260,10 +265,10 @@ pub(crate) fn hands(
         hand.add_sway(recording, &contributing, sensors);
         noise[index] = hand.noise;
         own.iter_mut().for_each(|own| own.rest.bias = *sensors.gyroscope.bias());
-        // `turn` is the hand's rotation between both ends of the rest, about the two axes perpendicular to gravity. Its
-        // variance about one of them is |`turn`|^2 / 2 on average. This includes the errors of the gravity direction at
-        // both ends, whose variance is subtracted. The rotation about gravity is unknown. It is assumed to have the
-        // same variance.
+        // `turn` is the rotation of the hand between both ends of the rest, about the two axes perpendicular to
+        // gravity. The variance of the rotation about one of these axes is estimated as |`turn`|^2 / 2. This estimate
+        // includes the errors of the gravity directions at both ends, so their variance is subtracted. The rotation
+        // about gravity is unknown. It is assumed to have the same variance.
         let turned = |own: &mut OwnRest<'_>| {
             let errors = 2.0 * hand.variance_rad2(&own.rest.rest);
             let turn = hand.remove_tremor(recording, own.rest, sensors);
@@ -332,8 +337,8 @@ fn tremor_variance_rad2(recording: &Recording<'_>, rest: &Rest, sensors: Sensors
     // Covariance matrix of force and rotation. The mean force of the rest was subtracted from the force of each sample.
     let both = sensors.accelerometer.inverse() * (products / samples) * sensors.gyroscope.inverse().transpose();
     let force = sensors.accelerometer.correct(rest.specific_force.mean);
-    // `cross` is the mean of phi x f. With force f, rotation phi and direction of gravity u, the product in
-    // model.md (27) is f^T (u x phi) = u^T (phi x f).
+    // `cross` is the mean of phi x f, where f is the force and phi is the rotation `turn`. With the direction of
+    // gravity u, the product in model.md (27) is f^T (u x phi) = u^T (phi x f).
     let cross = Vector3::new(both[(2, 1)] - both[(1, 2)], both[(0, 2)] - both[(2, 0)], both[(1, 0)] - both[(0, 1)]);
     cross.dot(&force) / (2.0 * force.norm_squared())
 }

@@ -41,8 +41,8 @@ pub(crate) struct PropagatedMean {
     pub(crate) shrunk: Vector3<f64>,
 }
 
-/// Converts the rests of a table of mean readings (one row per rest) to rests of a unit. All of them are assigned to
-/// one recording, and none is divided into epochs.
+/// Converts the rests of a table of mean readings (one row per rest) to rests of a unit. All rests are assigned to one
+/// recording, and no rest is divided into epochs.
 pub(crate) fn rests_of_means(rests: &[Rest]) -> Vec<UnitRest> {
     rests.iter().enumerate().map(|(whole, rest)| UnitRest::new(0, *rest, whole, 0)).collect()
 }
@@ -57,8 +57,8 @@ pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
 }
 
 /// Replaces each long rest by its epochs, and returns all other rests unchanged. `segments` must be the value from
-/// which [`rests_of`] computed `rests`. The rests of a hand-held recording are not replaced, because the means of
-/// hand-held rests are not computed in the same way as the means of epochs.
+/// which [`rests_of`] computed `rests`. A rest whose means have been corrected for hand tremor is not replaced, because
+/// the means of epochs do not contain this correction.
 pub(crate) fn in_epochs(rests: &[UnitRest], segments: &[Segments]) -> Vec<UnitRest> {
     let epochs = segments.iter().flat_map(|segments| &segments.epochs);
     let of = |(rest, epochs): (&UnitRest, &Vec<Rest>)| -> Vec<UnitRest> {

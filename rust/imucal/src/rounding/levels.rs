@@ -11,16 +11,16 @@ use statrs::function::erf::erfc;
 const SAME_READING: f64 = 0.15;
 /// A level (multiple of the quantisation step) that is more than 1.5 steps from the mean is omitted if it has at most
 /// this share of the samples, or at most one independent sample. Such samples are due to a jolt or a transmission
-/// error, and a single one of them would dominate the estimated noise.
+/// error, and a single such sample would dominate the estimated noise.
 const FOREIGN: f64 = 1e-3;
 /// A rest counts as at most this number of independent samples when its noise is compared with the noise of other
 /// rests. With this number of samples, a rest contradicts a trial value of the noise only if the noise of the rest
 /// differs from the trial value by more than about 14 %, which is the spacing of the trial values.
 const COMPARED: f64 = 300.0;
-/// A rest contradicts a trial value of the noise if its log-likelihood at this value is more than this amount below its
-/// maximum log-likelihood. This corresponds to four standard deviations. The trial values are compared by the sum, over
-/// the rests, of (maximum log-likelihood) - (log-likelihood). In the sum, the contribution of each rest is limited to
-/// this amount, so that no single rest can exclude a trial value.
+/// A rest contradicts a trial value of the noise if the log-likelihood of the rest at this value is more than this
+/// amount below the maximum log-likelihood of the rest. This corresponds to four standard deviations. The trial values
+/// are compared by the sum, over the rests, of (maximum log-likelihood) - (log-likelihood). In the sum, the
+/// contribution of each rest is limited to this amount, so that no single rest can exclude a trial value.
 const CONTRADICTION: f64 = 8.0;
 /// Smallest and largest trial value of the standard deviation of the noise, in steps. With the smallest value, nearly
 /// all samples of a rest are equal. With the largest value, rounding causes no error of the mean.
@@ -101,8 +101,8 @@ pub(super) fn trial_noise(k: usize) -> f64 {
 /// Logarithm of the expected share of samples at a level. `distance` is the distance of the true mean from the level,
 /// and `noise` the standard deviation of the noise, both in steps.
 fn ln_share(distance: f64, noise: f64) -> f64 {
-    // For levels far from the mean, the difference of two small erfc values is accurate. The difference of two values
-    // near one would lose digits.
+    // The difference of two small erfc values is accurate for levels far from the mean, where erf is close to one and a
+    // difference of two erf values would lose digits.
     let beyond = |distance: f64| 0.5 * erfc(distance / (SQRT_2 * noise));
     let near = (distance - 0.5) / (SQRT_2 * noise);
     // For arguments above about 26.5, erfc is below the smallest normal number of double precision. From 25 on, the
@@ -135,8 +135,8 @@ impl Levels {
         self.counts.values().sum()
     }
 
-    /// Removes the levels that are far from the mean and have hardly any samples ([`FOREIGN`]). The mean remains that
-    /// of all samples.
+    /// Removes the levels that are far from the mean and have hardly any samples ([`FOREIGN`]). The field `mean`
+    /// remains the mean of all samples.
     fn without_foreign(mut self) -> Self {
         let few = (FOREIGN * self.samples()).max(1.0);
         self.counts.retain(|level, count| (*level as f64 - self.mean).abs() < 1.5 || *count > few);
@@ -170,7 +170,7 @@ impl Levels {
         }
         let best = (low + high) / 2.0;
         let largest = of_mean(best);
-        // The ends of the interval outside which the likelihood is negligible.
+        // `end` returns one end of the interval of true means outside which the likelihood is negligible.
         let end = |far: f64| {
             let (mut inside, mut outside) = (best, far);
             for _ in 0..24 {

@@ -61,8 +61,9 @@ impl Attitude {
     /// p = vector / 2 = axis tan(angle / 2),   R = (1, p) / |(1, p)|,   w = 2 (p' - p x p') / (1 + p^2)
     /// ```
     ///
-    /// p is the Rodrigues vector of the rotation R, and w its angular rate. For a small angle a, |vector| is about
-    /// `a + a^3 / 12`. Rate and acceleration have simpler formulas with `vector` than with a rotation vector.
+    /// R is the rotation as a unit quaternion (scalar part first), p its Rodrigues vector, and w its angular rate. A
+    /// prime is a derivative with respect to time. For a small angle a of rotation, |vector| is about `a + a^3 / 12`.
+    /// The formulas of rate and acceleration are simpler with `vector` than with a rotation vector.
     #[inline]
     pub(super) fn small(vector: &[Course; 3]) -> Self {
         let half = |part: fn(&Course) -> f64| Vector3::from([0, 1, 2].map(|axis| part(&vector[axis]) / 2.0));
@@ -102,8 +103,8 @@ impl Attitude {
         }
     }
 
-    /// Expresses a direction that is constant in the reference frame in the moving frame, and returns it with its first
-    /// two derivatives.
+    /// Transforms a direction from the reference frame, in which it is constant, to the moving frame. Returns the
+    /// components of the direction in the moving frame, and their first and second time derivatives.
     #[inline]
     pub(super) fn seen(&self, direction: &Vector3<f64>) -> [Vector3<f64>; 3] {
         let value = self.rotation.inverse_transform_vector(direction);

@@ -23,15 +23,15 @@ use crate::recording::REFERENCE_TEMPERATURE_DEGC;
 /// Number of internal time steps in a block. The sampling interval is divided into one or more internal time steps, so
 /// that filters and averaging can be simulated. The buffers of a block of this size fit into the processor's cache.
 const BLOCK_STEPS: usize = 32_768;
-/// Number of internal time steps in a piece of a block. The true states of a piece are computed by one thread, and the
-/// 32 pieces of a block are distributed among the threads.
+/// Number of internal time steps in a piece of a block. The true states of a piece are computed by one thread. A block
+/// has about 32 pieces, which are distributed among the threads.
 const PIECE_STEPS: usize = 1024;
 
 /// Inputs of a run, which all threads read.
 pub(super) struct Plan<'a> {
     pub(super) setup: &'a Setup<'a>,
     pub(super) truth: Truth<'a>,
-    /// The stand whose encoders are read; `None` without a stand.
+    /// The stand whose encoders are read; `None` if the unit is not on a stand.
     pub(super) stand: Option<&'a Stand>,
     /// Number of internal time steps per sample.
     pub(super) steps: usize,
@@ -68,8 +68,8 @@ struct Buffers {
     true_time_s: Vec<f64>,
     encoder_noise: Vec<Vector3<f64>>,
     encoders: Option<Generators>,
-    /// Filters that compute the temperature history, and the instant of the last temperature that they received, s;
-    /// `None` if no effect depends on the temperature history.
+    /// Filters that compute the temperature history, and the time of their last input, s. The time is `None` before the
+    /// first input. `memory` is `None` if no effect depends on the temperature history.
     memory: Option<(TemperatureMemory<f64>, Option<f64>)>,
     /// Temperature history (lag, rate and direction of the temperature) at the sample before the block and at each
     /// sample of the block; empty if no effect depends on the temperature history.
@@ -92,7 +92,8 @@ impl Buffers {
         }
     }
 
-    /// Draws the random numbers that the pieces of the block need, in the order of the samples.
+    /// Computes the true instants of the samples of the block, including clock jitter, and draws the encoder noise. The
+    /// random numbers are drawn in the order of the samples, so they do not depend on the number of threads.
     fn draw(&mut self, stamps_s: &[f64], clock: &mut Clock) {
         self.true_time_s.clear();
         self.true_time_s.extend(stamps_s.iter().map(|stamp_s| clock.next(*stamp_s)));
@@ -154,7 +155,8 @@ fn pieces<'r>(
     let mut temperature_degc = run.temperature_degc[first..end].chunks_mut(samples);
     let mut stand_rad = stand_rad.chunks_mut(samples);
     let times = buffers.true_time_s.chunks(samples).enumerate();
-    // All arrays have one row per sample. Only `stand_rad` is empty if there is no stand.
+    // `stand_rad` is empty without a stand, and `history` is empty if no effect depends on the temperature history. All
+    // other arrays have rows for every sample, so only these two arrays use the empty default.
     times
         .map(|(k, true_time_s)| Piece {
             first: first + k * samples,
@@ -206,14 +208,16 @@ impl Piece<'_> {
     }
 }
 
-/// Interpolates the temperature history linearly, from the sample before `sample` (`share` 0) to `sample` (`share` 1).
+/// Computes the temperature history between two samples of a piece by linear interpolation. `share` is 0 at the sample
+/// before `sample`, and 1 at `sample`. `rows` are the rows of [`Piece::history`], so the row with the index `sample`
+/// belongs to the sample before `sample`.
 #[inline]
 fn history(rows: &[TemperatureHistory<f64>], sample: usize, share: f64) -> Option<TemperatureHistory<f64>> {
     Some(rows.get(sample)?.between(rows.get(sample + 1)?, share))
 }
 
-/// Returns the rate and force that the setup adds to the true rate and force of the motion. They are interpolated
-/// linearly from the previous sample (`share` 0) to `sample` (`share` 1).
+/// Returns the rate and force that the setup adds to the true rate and force of the motion. The added rate and force
+/// are interpolated linearly between samples: `share` is 0 at the sample before `sample`, and 1 at `sample`.
 #[inline]
 fn added(added: Option<&Added>, sample: usize, share: f64) -> (Vector3<f64>, Vector3<f64>) {
     let at = |rows: Option<&[[f64; 3]]>| match rows {

@@ -8,8 +8,8 @@
 //! The second formula is the free-air correction to second order. g_e is the gravity on the equator, k the constant of
 //! Somigliana's formula, and s the sine of the geodetic latitude. e, a and f are the eccentricity, the semi-major axis
 //! and the flattening of the ellipsoid. m is the ratio of centrifugal acceleration to gravity on the equator, and h is
-//! the height. Normal gravity is the gravity of the reference ellipsoid. Actual gravity usually differs from it by less
-//! than 1e-3 m/s^2.
+//! the height above the ellipsoid. Normal gravity is the gravity of the reference ellipsoid. Actual gravity usually
+//! differs from normal gravity by less than 1e-3 m/s^2.
 
 use imucal_core::EARTH_RATE_RADPS;
 use nalgebra::Vector3;
@@ -38,15 +38,15 @@ pub fn gravity_mps2(latitude_rad: f64, height_m: f64) -> f64 {
 }
 
 /// Standard deviation of the difference between actual and normal gravity, m/s^2 (50 mGal). The rms of the gravity
-/// anomalies in the model EGM2008 is about 35 mGal (Pavlis and others, J. Geophys. Res. 117, B04406, 2012). In
-/// mountains, the rms is larger.
+/// anomalies in the model EGM2008 is about 35 mGal (Pavlis and others, J. Geophys. Res. 117, B04406, 2012). The
+/// standard deviation is set to a larger value, because gravity anomalies are larger in mountains.
 const ANOMALY_MPS2: f64 = 5e-4;
 /// Assumed standard deviation of the height above the ellipsoid, m, for a location on land whose height is unknown.
 const UNKNOWN_HEIGHT_M: f64 = 500.0;
 
-/// Standard deviation of the difference between actual and normal gravity, m/s^2. Normal gravity is computed for the
-/// known height. For an unknown height, it is computed for the height 0, and the standard deviation includes the
-/// uncertainty of the height.
+/// Standard deviation of the difference between actual and normal gravity, m/s^2. If the height is known, normal
+/// gravity is the value at this height. If the height is unknown, normal gravity is the value at height 0, and the
+/// standard deviation includes the uncertainty of the height.
 pub fn normal_gravity_sigma_mps2(height_is_known: bool) -> f64 {
     let by_height = gravity_mps2(0.0, 0.0) - gravity_mps2(0.0, UNKNOWN_HEIGHT_M);
     if height_is_known { ANOMALY_MPS2 } else { ANOMALY_MPS2.hypot(by_height) }
@@ -66,16 +66,17 @@ mod tests {
 
     #[test]
     fn gravity_is_that_of_the_published_tables() {
-        // Gravity at the poles is from TR8350.2, table 3.4. Gravity at 45 deg is from the ellipsoid GRS 80 (Moritz,
-        // 2000), on which it is larger than on the ellipsoid WGS 84 by 1.4e-6 m/s^2.
+        // Gravity at the poles is from TR8350.2, table 3.4. Gravity at 45 deg is that of the ellipsoid GRS 80 (Moritz,
+        // 2000). At this latitude, gravity of GRS 80 is larger than gravity of WGS 84 by 1.4e-6 m/s^2.
         assert!((gravity_mps2(FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 1e-10);
         assert!((gravity_mps2(-FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 1e-10);
         assert!((gravity_mps2(0.0, 0.0) - 9.780_325_335_9).abs() < 1e-12);
         assert!((gravity_mps2(FRAC_PI_4, 0.0) + 1.4e-6 - 9.806_199_2).abs() < 1e-7);
     }
 
-    /// On the polar axis, gravity has a closed form: `GM / (z^2 + E^2)` plus the quadrupole term of the ellipsoid. z is
-    /// the distance from the centre of the Earth, and E the linear eccentricity of the ellipsoid.
+    /// On the polar axis, gravity has a closed form: `GM / (z^2 + E^2)` plus a term for the flattening of the ellipsoid
+    /// (`flattened`). z is the distance from the centre of the Earth, E the linear eccentricity of the ellipsoid, and
+    /// GM the gravitational constant of the Earth.
     #[test]
     fn gravity_falls_with_height_as_on_the_axis_of_the_ellipsoid() {
         // TR8350.2, chapter 4, gives the exact gravity in ellipsoidal coordinates u and beta. On the polar axis, u is

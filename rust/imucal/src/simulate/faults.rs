@@ -21,12 +21,12 @@ pub struct Faults {
     /// Share of lost samples. Samples are lost independently of each other, and the recording has no rows for lost
     /// samples. The first sample is never lost.
     pub missing_share: f64,
-    /// Share of samples that have a new time stamp but the measured values of the previous sample. Such samples occur
-    /// if a sensor is read before its next sample is available.
+    /// Share of samples that have a new time stamp but the measured force and rate of the previous sample. Such samples
+    /// occur if a sensor is read before its next sample is available.
     pub duplicated_share: f64,
     /// Relative rate error of the unit's clock; positive if the clock is fast.
     pub clock_rate_error: f64,
-    /// Standard deviation of the difference between the true sampling instant and the time stamp, s.
+    /// Standard deviation of the random error (jitter) of the sampling instants, s.
     pub clock_jitter_s: f64,
 }
 
@@ -53,14 +53,15 @@ impl Faults {
         Ok(())
     }
 
-    /// For each sample, whether it is lost; `None` if no sample is lost.
+    /// Returns one flag per sample, which is true if the sample is lost; `None` if `missing_share` is zero.
     pub(super) fn missing(&self, samples: usize, seed: u64) -> Option<Vec<bool>> {
         let mut missing = chosen(self.missing_share, samples, Stream::Missing.generator(seed))?;
         missing[0] = false;
         Some(missing)
     }
 
-    /// For each sample, whether it repeats the previous sample; `None` if no sample is repeated.
+    /// Returns one flag per sample, which is true if the sample repeats the previous sample; `None` if
+    /// `duplicated_share` is zero.
     pub(super) fn duplicated(&self, samples: usize, seed: u64) -> Option<Vec<bool>> {
         let mut duplicated = chosen(self.duplicated_share, samples, Stream::Duplicated.generator(seed))?;
         duplicated[0] = false;
@@ -68,7 +69,8 @@ impl Faults {
     }
 }
 
-/// Selects each sample with the probability `share`; `None` if the share is zero. There must be at least one sample.
+/// Selects each sample with the probability `share`; `None` if the share is zero. `samples` must be at least 1, because
+/// the callers change the first element of the result.
 fn chosen(share: f64, samples: usize, mut generator: ChaCha8Rng) -> Option<Vec<bool>> {
     (share > 0.0).then(|| (0..samples).map(|_| generator.random_bool(share)).collect())
 }

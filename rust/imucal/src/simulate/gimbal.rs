@@ -5,10 +5,11 @@
 //! w    = R_z^T R_y^T e_x q1' + R_z^T e_y q2' + e_z q3'    body rate, in the body frame
 //! ```
 //!
-//! R_wb is the attitude (world from body). R_x(q1) is the rotation about the x axis by the angle q1 of motor 1, and e_x
-//! is the unit vector along this axis. R_y, R_z, e_y and e_z are defined likewise. If all motor angles are zero, the
-//! body frame equals the world frame, z up. Motors 2 and 3 can produce any direction of gravity in the body frame, so
-//! the accelerometer program (`Program::grid`) does not use motor 1.
+//! R_wb is the attitude (world from body). R_x(q1) is the rotation about the x axis by the angle q1 of motor 1, q1' is
+//! the rate of motor 1, and e_x is the unit vector along the x axis. R_y, R_z, e_y and e_z are defined likewise for
+//! motors 2 and 3. If all motor angles are zero, the body frame equals the world frame, z up. Motors 2 and 3 can
+//! produce any direction of gravity in the body frame, so the accelerometer program (`Program::grid`) does not use
+//! motor 1.
 //!
 //! On a stand with non-orthogonal axes, the directions of the axes are as follows if all motor angles are zero:
 //!
@@ -16,7 +17,8 @@
 //! axis 1 = e_x,   axis 2 = R_z(n1) e_y,   axis 3 = R_z(n1) R_x(n2) e_z
 //! ```
 //!
-//! The angle between axes 1 and 2 is therefore 90 deg + n1, and the angle between axes 2 and 3 is 90 deg + n2.
+//! n1 and n2 are the two values of `Stand::non_orthogonality_rad`. The angle between axes 1 and 2 is 90 deg + n1, and
+//! the angle between axes 2 and 3 is 90 deg + n2.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -5,9 +5,9 @@
 //! ```
 //!
 //! R_wb is the attitude (world from body), w the angular rate in the body frame, and x the position in the world frame.
-//! vee maps the matrix of the cross product with a vector to this vector. Attitude and derivatives have closed forms.
-//! The rate is therefore the derivative of the attitude up to rounding errors, and the motion does not depend on the
-//! sampling rate.
+//! x'' is the second time derivative of x. The operator vee maps a skew-symmetric matrix to its vector: vee(M) is the
+//! vector u for which `M v = u x v` for all vectors v. Attitude and derivatives have closed forms. The rate is
+//! therefore the derivative of the attitude up to rounding errors, and the motion does not depend on the sampling rate.
 
 use imucal_core::effects::{Effect, EffectSet};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -60,7 +60,7 @@ impl Motion {
     }
 
     /// Motion at a time, s. A time before the start gives the motion at the start, and a time after the end gives the
-    /// motion at the end.
+    /// motion at the end. Tremor and slip are exceptions, because both also act before the start and after the end.
     pub fn at(&self, time_s: f64) -> Moment {
         match self {
             Self::Stand { program, stand } => {
@@ -122,7 +122,8 @@ impl Motion {
     }
 }
 
-/// Start, s, of the interval of length `delay_s` that ends at `time_s`. It is at least 0, the start of the motion.
+/// Start, s, of the interval of length `delay_s` that ends at `time_s`. A start before the start of the motion is
+/// replaced by 0, the start of the motion.
 pub(super) fn delay_start_s(time_s: f64, delay_s: f64) -> f64 {
     (time_s - delay_s).max(0.0)
 }
@@ -152,7 +153,7 @@ mod tests {
         Motion::Tumble(Tumble::random(&HandMoves { poses: 5, ..moves }, 3).unwrap())
     }
 
-    /// A stand with all errors of the mechanics: mount, tilt, non-orthogonality, flexure and vibration.
+    /// A stand with all mechanical errors: mount rotation, base tilt, non-orthogonality, flexure and vibration.
     fn bad() -> Stand {
         Stand {
             mount_rotation_rad: Vector3::new(0.02, -0.03, 0.05),
@@ -226,9 +227,9 @@ mod tests {
         products / points.iter().map(|point| (point.0 - x).powi(2)).sum::<f64>()
     }
 
-    /// The integrator assumes a linear rate between samples, so its error is of second order. Corners in the
-    /// acceleration of the motors do not change the order: each corner affects a single step, with an error of third
-    /// order.
+    /// The integrator assumes a linear rate between samples, so its error is of second order in the sampling interval.
+    /// Corners in the acceleration of the motors do not change this order, because each corner affects only one
+    /// integration step, and the additional error of this step is of third order.
     #[test]
     fn integrating_the_rate_converges_to_the_attitude_with_the_integrators_order() {
         for (number, motion) in motions().iter().enumerate() {

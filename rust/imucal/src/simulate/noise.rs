@@ -14,9 +14,10 @@
 //!
 //! # Flicker noise
 //!
-//! h_n are the coefficients of z^-n in the power series of `(1 - z^-1)^(-1/2)`, an integrator of order one half. The
-//! power gain of this filter is `1 / (2 sin(pi f / r))`, which approaches `r / (2 pi f)` for frequencies f far below
-//! the rate r. Each h_n is an integral over poles p. A sum of first-order filters approximates this integral:
+//! h_n are the coefficients of z^-n in the power series of `(1 - z^-1)^(-1/2)`. This is the transfer function of an
+//! integrator of order one half. The power gain of this filter is `1 / (2 sin(pi f / r))`, which approaches
+//! `r / (2 pi f)` for frequencies f far below the rate r. Each h_n is an integral over the poles p of first-order
+//! filters. A finite sum of such filters, with the poles p_k and the coefficients c_k, approximates this integral:
 //!
 //! ```text
 //! h_n = (1 / pi) * integral from 0 to 1 of p^n / sqrt(p (1 - p)) dp
@@ -24,10 +25,10 @@
 //! c_k = (ln(2.5) / pi) d_k exp(-d_k / 2) / sqrt(1 - p_k)
 //! ```
 //!
-//! The sum approximates the integral by the trapezoidal rule in the variable ln d, where p = exp(-d). The error of the
-//! sum is proportional to exp(-pi^2 / spacing), where `spacing` is the spacing of ln d. With the spacing ln(2.5), the
-//! relative error of the power is 0.05 %. The time constant of the slowest pole is longer than the record. This pole
-//! also represents all slower poles.
+//! The sum approximates the integral by the trapezoidal rule in the variable ln d, where p = exp(-d). d_0 is the
+//! largest decay, 64 (`FASTEST`). The error of the sum is proportional to exp(-pi^2 / spacing), where `spacing` is the
+//! spacing of ln d. With the spacing ln(2.5), the relative error of the power is 0.05 %. The time constant of the
+//! slowest pole is longer than the record. This pole also represents all slower poles.
 
 use std::f64::consts::{PI, TAU};
 
@@ -183,8 +184,8 @@ impl Flicker {
     }
 }
 
-/// Draws random states of the filters of all poles, for each axis. As in the steady state, the states of poles j and k
-/// have the covariance `1 / (1 - p_j p_k)`.
+/// Draws random steady states of the filters of all poles, for each axis. If the input is white noise with a variance
+/// of one, the steady states of the filters with the poles p_j and p_k have the covariance `1 / (1 - p_j p_k)`.
 fn steady_states(poles: &[Pole], generators: &mut Generators) -> Vec<Lanes> {
     let n = poles.len();
     let covariance = DMatrix::from_fn(n, n, |j, k| -(-(poles[j].decay + poles[k].decay)).exp_m1().recip());
@@ -262,9 +263,11 @@ mod tests {
     #[test]
     fn allan_deviation_of_the_bias_instability_is_flat() {
         let sensor = Sensor { bias_instability: 0.2, ..Sensor::ideal() };
-        // For means over few samples, the Allan variance is larger. The reason is that the power of the samples is
-        // proportional to `1 / sin(pi f / r)` instead of 1 / f, where f is the frequency and r the sampling rate. Near
-        // the Nyquist frequency, this power is larger than that of 1/f noise. Above it, the spectrum repeats.
+        // The comparison starts at means over 16 samples, because the Allan variance of means over fewer samples is
+        // larger than the expected constant. The reason is that the power of the samples is proportional to
+        // `1 / sin(pi f / r)` instead of `r / (pi f)`, where f is the frequency and r the sampling rate. Near the
+        // Nyquist frequency, this power is larger than the power of 1/f noise. Above the Nyquist frequency, the
+        // spectrum repeats.
         check_allan(&sensor, 16, |_| 2.0 * 2_f64.ln() / PI * 0.04);
     }
 
@@ -298,8 +301,8 @@ mod tests {
         assert_eq!(squares.y, 0.0);
     }
 
-    /// The power gain of the filter is tested without random numbers, at all frequencies of a record of one hour at 1
-    /// kHz.
+    /// The power gain of the filter is tested without random numbers, for a record of one hour at 1 kHz. The tested
+    /// frequencies range from one period per record to the Nyquist frequency.
     #[test]
     fn power_of_flicker_noise_is_that_of_half_an_integration() {
         let steps = 3_600_000;

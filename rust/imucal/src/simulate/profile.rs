@@ -5,15 +5,16 @@
 //! ```
 //!
 //! During the first quarter of the duration `T`, a motor accelerates. It turns at a constant rate during half of `T`,
-//! and decelerates during the last quarter. Each of the two ramps has three parts of equal length. The acceleration
-//! changes with constant jerk in the first part, is constant in the second, and returns to zero with the opposite jerk
-//! in the third. The first three derivatives are therefore bounded. For an angle `turn`, the peak rate is
+//! and decelerates during the last quarter. The first and the last quarter each have three parts of equal length. The
+//! acceleration changes with constant jerk in the first part, is constant in the second, and returns to zero with the
+//! opposite jerk in the third. The first three derivatives are therefore bounded. For an angle `turn`, the peak rate is
 //! (4/3) turn / T, the peak acceleration is 8 turn / T^2, and the magnitude of the jerk is 96 turn / T^3. All motors
 //! have the same `T`, so they start and stop together.
 //!
-//! The jerk has steps, so the acceleration has corners. An integrator of second order, such as the integrator of
-//! `imucal_core`, nevertheless remains of second order: a corner affects only the step that contains it, and the
-//! additional error of this step is of third order.
+//! The jerk has steps, so the acceleration has corners. The attitude error of an integrator of second order, such as
+//! the integrator of `imucal_core`, nevertheless remains of second order in the step length. The reason is that a
+//! corner affects only the integration step that contains the corner, and the additional error of this step is of third
+//! order.
 
 use std::iter::Sum;
 use std::ops::Mul;
@@ -30,7 +31,7 @@ pub const JERK: f64 = 96.0;
 /// Angles, rates and accelerations of the three motors, outermost motor first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotorState {
-    /// Motor angles, rad. They are not reduced to one revolution.
+    /// Motor angles, rad. The angles are not wrapped to one revolution.
     pub angle_rad: Vector3<f64>,
     /// Motor rates, rad/s.
     pub rate_radps: Vector3<f64>,
@@ -226,7 +227,7 @@ mod tests {
         assert_eq!(state(-1.0), MotorState::still(start));
         assert_eq!(state(DURATION_S), MotorState::still(start + turn()));
         assert_eq!(state(3.0), MotorState::still(start + turn()));
-        // Rate and acceleration just before the end of the turn must equal the values after the turn.
+        // Just before the end of the turn, angle, rate and acceleration must be close to their values after the turn.
         let last = state(DURATION_S * (1.0 - 1e-9));
         assert!((last.angle_rad - start - turn()).norm() < 1e-15);
         assert!(last.rate_radps.norm() < 1e-15);
@@ -296,7 +297,8 @@ mod tests {
         }
         assert_eq!(Course::smooth_step(1.0) * 1.0, Course { value: 1.0, ..zero });
         assert_eq!(Course::swell(0.5).value, 1.0);
-        // The third derivative is also zero at the start, so the acceleration is quadratic in time there.
+        // The third derivative of the smooth step is also zero at the start. Near the start, the acceleration is
+        // therefore proportional to the square of the time, and doubling the time must multiply it by four.
         let ratio = Course::smooth_step(2e-3).acceleration / Course::smooth_step(1e-3).acceleration;
         assert!((ratio - 4.0).abs() < 0.1, "{ratio}");
     }

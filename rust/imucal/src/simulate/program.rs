@@ -35,8 +35,9 @@ impl Step {
         self.turn_rad != [0.0; 3]
     }
 
-    /// Returns, for each motor, the sign of its last turn up to the end of this step; 0 if it has not turned yet.
-    /// `before` contains the signs before this step. If a motor does not turn in this step, its sign is not changed.
+    /// Returns, for each motor, the sign of its last turn up to the end of this step; 0 if the motor has not turned
+    /// yet. `before` contains the signs before this step. If a motor does not turn in this step, its sign is not
+    /// changed.
     fn direction_after(&self, before: &Vector3<f64>) -> Vector3<f64> {
         before.zip_map(&self.turn_rad.into(), |before, turn: f64| if turn == 0.0 { before } else { turn.signum() })
     }
@@ -112,7 +113,7 @@ pub struct Program {
 struct Start {
     time_s: f64,
     angle_rad: Vector3<f64>,
-    /// Sign of each motor's last turn before this step; 0 if it has not turned yet.
+    /// Sign of each motor's last turn before this step; 0 if the motor has not turned yet.
     direction: Vector3<f64>,
 }
 
@@ -120,7 +121,7 @@ struct Start {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Phase {
     pub(super) motors: MotorState,
-    /// Sign of each motor's current or last turn; 0 if it has not turned yet.
+    /// Sign of each motor's current or last turn; 0 if the motor has not turned yet.
     pub(super) direction: Vector3<f64>,
     /// Time since the start of the present turn, and duration of this turn, s; `None` if no motor turns.
     pub(super) turn: Option<(f64, f64)>,
@@ -233,7 +234,8 @@ impl Program {
         }
     }
 
-    /// Returns the latest time, s, until which no motor moves; infinite after the last turn, and `None` during a turn.
+    /// Returns the time, s, until which all motors stay at rest. This is the start of the next turn; infinity after the
+    /// last turn, and `None` during a turn.
     pub(super) fn still_until(&self, time_s: f64) -> Option<f64> {
         let started = self.started(time_s);
         if let Some(index) = started.checked_sub(1)
@@ -294,7 +296,7 @@ mod tests {
         let mut furthest_deg = 0.0_f64;
         for i in 0..2000 {
             let z = 1.0 - (2.0 * f64::from(i) + 1.0) / 2000.0;
-            let azimuth = f64::from(i) * 2.399_963_229_728_653; // golden angle: evenly spread directions
+            let azimuth = f64::from(i) * 2.399_963_229_728_653; // golden angle, rad, for evenly spread directions
             let direction = Vector3::new(azimuth.cos(), azimuth.sin(), 0.0) * (1.0 - z * z).sqrt() + Vector3::z() * z;
             let nearest = ups.iter().map(|up| up.angle(&direction)).fold(f64::INFINITY, f64::min);
             furthest_deg = furthest_deg.max(nearest.to_degrees());

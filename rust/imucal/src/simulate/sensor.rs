@@ -22,7 +22,8 @@ use super::unit::Sensor;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Seen {
     pub(super) value: [f64; 3],
-    /// Whether the unit moves at this step. In motion, the white noise is multiplied by `noise_in_motion`.
+    /// Whether this step is outside the rests of the motion. During moves, the white noise is multiplied by
+    /// `noise_in_motion`.
     pub(super) moving: bool,
 }
 
@@ -105,14 +106,14 @@ impl Analogue {
 }
 
 impl Memory {
-    /// Creates the state before the first sample, as if the input had been constant at its first value, plus noise, for
-    /// a long time. Noise is passed through the filter before the first sample, because the first samples would
+    /// Creates the state before the first sample. The input before the first sample is assumed to be constant and equal
+    /// to the first input. This constant is passed through the filter with noise, because the first samples would
     /// otherwise have less noise than later samples.
     fn settled(sensor: &Sensor, noise: &mut Noise, rate_hz: f64, first: &Vector3<f64>) -> Self {
         let filter = sensor.low_pass.map(|low_pass| {
             let mut filter = Filter::new(&low_pass, rate_hz, first);
-            // After three periods of the bandwidth frequency, the start value of the filter has decayed to exp(-13)
-            // of its size.
+            // After three periods of the bandwidth frequency, the influence of the initial state of the filter has
+            // decayed by the factor exp(-13).
             for _ in 0..(3.0 * rate_hz / low_pass.bandwidth_hz).min(1e6) as usize {
                 let mut value = *first;
                 noise.add_to(&mut value, false);
@@ -165,8 +166,9 @@ mod tests {
             let low_pass = LowPass { bandwidth_hz };
             let sensor = Sensor { noise_density: 0.1, low_pass: Some(low_pass), ..Sensor::ideal() };
             let expected = filtered_power(0.1, bandwidth_hz, RATE_HZ * low_pass.steps(RATE_HZ) as f64);
-            // The noise bandwidth of the analogue filter is pi / (2 sqrt(2)) times its bandwidth, and the bilinear
-            // transform changes it slightly. The first factor 2 in `analogue` includes negative frequencies.
+            // The noise bandwidth of the analogue filter is pi / (2 sqrt(2)) times its bandwidth. The bilinear
+            // transform changes the noise bandwidth slightly. `analogue` is the noise power N^2 = 0.01 times the noise
+            // bandwidth. The factor 2.0 before `PI` includes negative frequencies.
             let analogue = 0.01 * 2.0 * PI / (2.0 * SQRT_2) * bandwidth_hz;
             assert!((expected / analogue - 1.0).abs() < 0.04, "{bandwidth_hz} Hz");
             // Samples are correlated over about one period of the bandwidth frequency.

@@ -1,5 +1,5 @@
 //! Slip of the unit on its mount: a single change of the attitude of the unit relative to the stand. The encoders of
-//! the stand do not measure it.
+//! the stand do not measure the slip.
 //!
 //! ```text
 //! R_wb(t) = (R_wb without the slip) * exp(turn * s((t - time) / 50 ms))
@@ -38,8 +38,8 @@ impl Slip {
         moment.turned(&Attitude::along(&self.turn_rad, course))
     }
 
-    /// Returns the time, s, until which the unit does not move after `time_s`; `None` during the slip. `until_s` is
-    /// this time for the motion without the slip.
+    /// Returns the time, s, until which a unit that is at rest at `time_s` stays at rest; `None` during the slip.
+    /// `until_s` is the same time for the motion without the slip.
     pub(super) fn still_until(&self, time_s: f64, until_s: f64) -> Option<f64> {
         if time_s <= self.time_s {
             return Some(until_s.min(self.time_s));

@@ -140,10 +140,11 @@ impl Stand {
         }
     }
 
-    /// Computes the bending of the innermost ring from the up vector in the frame of the ring and the first two
-    /// derivatives of this vector.
+    /// Computes the bending of the innermost ring. `up` is the up vector in the frame of the ring, and `rate` and
+    /// `acceleration` are the first and second time derivative of `up`.
     fn flexure(&self, [up, rate, acceleration]: &[Vector3<f64>; 3]) -> Attitude {
-        // Axis 3 is e_z in the frame of the ring. up x e_z = (up_y, -up_x, 0), and the derivatives have the same form.
+        // In the frame of the ring, axis 3 is taken as e_z. On a stand with non-orthogonal axes, the small angle
+        // between e_z and axis 3 is neglected. up x e_z = (up_y, -up_x, 0), and the derivatives have the same form.
         let course = |axis: usize| Course { value: up[axis], rate: rate[axis], acceleration: acceleration[axis] };
         let level = Course { value: 0.0, rate: 0.0, acceleration: 0.0 };
         Attitude::small(&[course(1) * self.flexure_rad, course(0) * -self.flexure_rad, level])
@@ -222,7 +223,7 @@ mod tests {
             assert!((straight.angle(&bent) - 0.01).abs() < 1e-6);
             assert!((bent.z - straight.z + 0.01).abs() < 1e-6, "it goes down: {bent:?}");
         }
-        // If the axis is vertical, upright or upside down, the weight has no lever arm.
+        // If axis 3 is vertical, upright or upside down, the weight has no lever arm, so the ring does not bend.
         for angle in [0.0, 2.0 * FRAC_PI_2] {
             let angles = Vector3::new(angle, 0.0, 0.7);
             assert!(resting(&soft, angles).angle_to(&resting(&Stand::perfect(), angles)) < 1e-15);
@@ -298,8 +299,9 @@ mod tests {
                 direction: phase.direction,
             };
             let read = Stand::perfect().read_encoders(&state, &early, Vector3::zeros());
-            // The effect adds the rate times tau_s. The reading therefore differs from the later angle by half the
-            // acceleration times tau_s squared. The acceleration of a motor is at most 8.4 rad/s^2.
+            // The effect adds the rate times tau_s to the angle at `time_s`. The reading therefore differs from the
+            // angle at `time_s + tau_s` by about half the acceleration times tau_s squared. The acceleration of a motor
+            // is at most 8.4 rad/s^2.
             assert!((read - program.motors(time_s + tau_s).angle_rad).amax() < 8.4 * tau_s * tau_s, "{time_s} s");
         }
     }

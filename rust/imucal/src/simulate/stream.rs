@@ -13,7 +13,7 @@ pub(super) enum Triad {
     Gyroscope,
 }
 
-/// Purpose of a random stream. The stream numbers determine every simulated recording, so they must stay the same.
+/// Purpose of a random stream. The stream numbers determine every simulated recording, so they must not be changed.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Stream {
     /// Turns of a random program.

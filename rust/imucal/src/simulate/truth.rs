@@ -31,9 +31,9 @@ pub(super) struct Truth<'a> {
     rests: Vec<(f64, f64)>,
     /// Delay of the gyroscope (`gyro_time_offset`), s.
     delay_s: f64,
-    /// Effects that are constant while the unit is at rest.
+    /// Effects whose errors are constant while the unit is at rest.
     steady: EffectSet<f64>,
-    /// Effects that can change during a rest, because they depend on time or on a varying temperature.
+    /// Effects whose errors can change during a rest, because they depend on time or on a varying temperature.
     changing: EffectSet<f64>,
 }
 
@@ -66,7 +66,8 @@ impl<'a> Truth<'a> {
         self.constant_degc.unwrap_or_else(|| self.temperature.at(time_s))
     }
 
-    /// A cursor that computes the state at any instant. It is fastest if the requested instants increase.
+    /// A cursor that computes the state at any instant. The cursor is fastest if the requested instants increase,
+    /// because the motion is then not computed again during a rest.
     pub(super) fn cursor(&self) -> Cursor<'_> {
         Cursor {
             truth: self,
@@ -100,7 +101,8 @@ pub(super) struct Cursor<'a> {
     pub(super) temperature_degc: f64,
     /// Sum of the errors that the effects in `Truth::steady` add to the rate, rad/s, and to the force, m/s^2.
     steady: (Vector3<f64>, Vector3<f64>),
-    /// Whether the unit moves at this instant.
+    /// Whether this instant is outside the rests of the motion. A tremor or a slip during a rest does not count as
+    /// motion.
     pub(super) moving: bool,
 }
 

@@ -60,7 +60,7 @@ pub struct Tumble {
     tremor: Tremor,
 }
 
-/// A pose, and the move from it to the next pose.
+/// Attitude of a pose, and the move from this pose to the next pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pose {
     rotation: UnitQuaternion<f64>,
@@ -142,8 +142,8 @@ impl Tumble {
         (turned, pose.carry_m * step.acceleration)
     }
 
-    /// Index of the last pose that the unit has reached, and the elapsed share of the move to the next pose. The share
-    /// is `None` if the unit is at rest.
+    /// Index of the last pose that the unit has reached, and the elapsed share of the duration of the move to the next
+    /// pose. The share is `None` during a rest.
     fn place_in_time(&self, time_s: f64) -> (usize, Option<f64>) {
         let last = self.poses.len() - 1;
         let k = ((time_s / (self.moves.hold_s + self.moves.move_s)).max(0.0) as usize).min(last);
@@ -160,8 +160,8 @@ impl Tumble {
     }
 }
 
-/// Draws a random attitude, uniformly distributed over all attitudes. A normalised vector of four normal numbers is
-/// uniformly distributed on the unit sphere.
+/// Draws a random attitude, uniformly distributed over all attitudes. A normalised vector of four independent standard
+/// normal numbers is a unit quaternion that is uniformly distributed on the unit sphere.
 fn attitude(generator: &mut ChaCha8Rng) -> UnitQuaternion<f64> {
     let [w, x, y, z] = [(); 4].map(|()| generator.sample::<f64, _>(StandardNormal));
     UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))

@@ -25,7 +25,8 @@ pub struct Unit {
 /// `docs/model.md` (22).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensor {
-    /// Sensitivity (the product M S in the paper cited in docs/model.md); the identity for a sensor without errors.
+    /// Sensitivity matrix; the identity for a sensor without errors. In the paper cited in docs/model.md, it is the
+    /// product M S of the misalignment matrix M and the scale matrix S.
     pub sensitivity: Matrix3<f64>,
     /// Bias at the start of the run, SI unit.
     pub bias: Vector3<f64>,
@@ -51,8 +52,8 @@ pub struct Sensor {
     pub converter: Option<Converter>,
 }
 
-/// An analogue-to-digital converter with two's complement output: integer multiples of `lsb` from `-2^(bits-1)` to
-/// `2^(bits-1) - 1`.
+/// An analogue-to-digital converter with two's complement output. The output is an integer number of counts, from
+/// `-2^(bits-1)` to `2^(bits-1) - 1`, times the size `lsb` of one count.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Converter {
     /// Size of one count, SI unit.
@@ -153,8 +154,9 @@ impl Unit {
         Self { accelerometer: Sensor::ideal(), gyroscope: Sensor::ideal(), effects: EffectSet::none() }
     }
 
-    /// The unit of the paper cited in docs/model.md (Tables 1 and 2 of the paper), NXP FXOS8700CQ and FXAS21002CQ,
-    /// with noise and resolution from the datasheets.
+    /// The unit of the paper cited in docs/model.md, with the accelerometer NXP FXOS8700CQ and the gyroscope NXP
+    /// FXAS21002CQ. Sensitivity and bias are from Tables 1 and 2 of the paper, and noise and resolution are from the
+    /// datasheets.
     ///
     /// Densities in datasheets are one-sided, so they are divided by sqrt(2) (`docs/model.md` (22)).
     ///
@@ -163,8 +165,8 @@ impl Unit {
     ///   The paper does not state the range. With +-250 deg/s the random program would clip, because it reaches up to
     ///   358 deg/s.
     pub fn paper() -> Self {
-        // In Table 2 of the paper, the gyroscope's misalignment matrix is labelled as scale, and its scale matrix as
-        // misalignment.
+        // Table 2 of the paper interchanges the labels of the gyroscope's misalignment matrix and scale matrix. The
+        // variables here have the correct names.
         let misalignment = Matrix3::new(1.0, 0.0094, -0.0060, -0.0086, 1.0, -0.0031, 0.0089, 0.0035, 1.0);
         let scale = Matrix3::from_diagonal(&Vector3::new(0.9771, 1.0309, 1.0030));
         Self {
@@ -211,7 +213,8 @@ mod tests {
     fn the_papers_unit_has_the_printed_figures() {
         let unit = Unit::paper();
         assert_eq!(unit.accelerometer.sensitivity, unit.accelerometer.sensitivity.transpose());
-        // Entries of rows 1 and 2 of Table 2: each misalignment is multiplied by the scale of its column.
+        // The expected sensitivities are misalignments from rows 1 and 2 of Table 2, each multiplied by the scale of
+        // its column.
         assert!((unit.gyroscope.sensitivity[(0, 1)] - 0.0094 * 1.0309).abs() < 1e-15);
         assert!((unit.gyroscope.sensitivity[(1, 0)] + 0.0086 * 0.9771).abs() < 1e-15);
         // The paper states a bias of -0.0427 g.

@@ -5,10 +5,10 @@
 //! with f = T^-1 (a - b), u = f / |f|, v = T^-T u:   d|f|/db = -v,   d|f|/dT = -v f^T
 //! ```
 //!
-//! r_k is the residual of rest k, a_k its mean reading, and sigma_k the standard deviation of the residual. T is the
-//! sensitivity, b the bias, and g local gravity.
+//! r_k is the residual of rest k, and a_k is the mean reading of this rest. sigma_k is the standard deviation of the
+//! norm |T^-1 (a_k - b)| due to the noise and rounding of a_k. T is the sensitivity, b the bias, and g local gravity.
 //!
-//! The fit uses the symmetric frame, which is the body frame in which T is a symmetric matrix. It has nine parameters:
+//! The fit uses the symmetric frame, which is the body frame in which T is a symmetric matrix. The nine parameters are
 //! `[b_x, b_y, b_z, T_xx, T_yy, T_zz, T_xy, T_xz, T_yz]`.
 
 use faer::Mat;
@@ -27,9 +27,11 @@ use crate::rests::rest::{Rest, sigma_norm};
 use crate::two_stage::ellipsoid::{self, Start};
 use crate::two_stage::observability::{self, LARGEST_SHIFT, REST_ERROR_MPS2};
 
-/// The ellipsoid through the mean readings is valid only if the ratio of their noise to the size of the ellipsoid is
-/// below this limit. The ratio is `noise |T^-1| / g` with the Frobenius norm. Even for a noisy sensor, it is 0.001. If
-/// all rests have one pose, the ellipsoid is fitted to the noise of their means, and the ratio is about 0.5.
+/// The ellipsoid (or sphere) through the mean readings is used as the start value only if the ratio of the noise of the
+/// mean readings to the size of the ellipsoid is below this limit. The ratio is `noise |T^-1| / g`. `noise` is the
+/// median standard deviation of a mean reading, |T^-1| is the Frobenius norm of the inverse sensitivity, and g is local
+/// gravity. Even for a noisy sensor, the ratio is only about 0.001. If all rests have the same pose, the ellipsoid is
+/// fitted to the noise of the mean readings, and the ratio is about 0.5.
 const NOISE_OVER_SIZE: f64 = 0.02;
 
 /// Result of the accelerometer fit.
@@ -39,14 +41,15 @@ pub(crate) struct AccelerometerFit {
     pub(crate) triad: Triad<f64>,
     /// For each rest, whether the fit uses it. The other rests were excluded as outliers.
     pub(crate) used: Vec<bool>,
-    /// Derivatives of the nine parameters (rows) with respect to the errors of |f| at the rests (columns), per m/s^2.
-    /// |f| is the norm of the mean force at a rest. The columns of rests that are not used are zero.
+    /// Gain of the fit: the negative derivatives of the nine parameters (rows) with respect to the errors of |f| at the
+    /// rests (columns), per m/s^2. |f| is the norm of the mean force at a rest. The columns of rests that are not used
+    /// are zero.
     pub(crate) gain: Mat<f64>,
-    /// Derivatives of the nine parameters (rows) with respect to the errors of the priors (columns). Each error is in
-    /// standard deviations of its prior.
+    /// Derivatives of the nine parameters (rows) with respect to the errors of the means of the priors (columns). The
+    /// unit of each error is the standard deviation of its prior.
     pub(crate) prior_gain: Mat<f64>,
-    /// Mean of the product e e^T, 9 x 9, where e are the second-order errors of the parameters that are due to the
-    /// priors.
+    /// Expected value of e e^T, 9 x 9, where the vector e contains the second-order errors of the nine parameters that
+    /// the errors of the priors cause.
     pub(crate) second_order: Mat<f64>,
     pub(crate) report: FitReport,
     /// Whether the rests alone determine all parameters for which no prior was given. If it is false ([`fit_near`]),
@@ -56,9 +59,11 @@ pub(crate) struct AccelerometerFit {
 
 /// Fits the nine parameters. Rests that contradict all others are excluded one by one (model.md (14)).
 ///
-/// If the rests do not determine an ellipsoid, the fit starts from `nominal`. If `nominal` is then `None`, the start
-/// value for recordings in SI units (`raw_is_si`) is the identity matrix as sensitivity and zero bias. For other
-/// recordings, an error is returned. Parameters in `held` have a prior, so the rests need not determine them.
+/// The start value is an ellipsoid or a sphere that is fitted to the mean readings. If the rests determine neither an
+/// ellipsoid nor a sphere, or if the ellipsoid or sphere is not much larger than the noise of the mean readings, the
+/// fit starts from `nominal`. If `nominal` is `None` in this case, the start value for recordings in SI units
+/// (`raw_is_si`) is the identity matrix as sensitivity and zero bias. For other recordings, an error is returned. The
+/// parameters in `held` have a prior, so the rests need not determine these parameters.
 ///
 /// # Errors
 /// * [`Error::NotEnoughMotion`] if the rests do not determine the parameters.
@@ -71,8 +76,8 @@ pub(crate) fn fit(
     held: &StageRows<'_>,
 ) -> Result<AccelerometerFit, Error> {
     let means: Vec<Vector3<f64>> = rests.iter().map(|rest| rest.specific_force.mean).collect();
-    // If there are priors, a sphere is fitted instead of an ellipsoid. The poses may not determine all parameters, and
-    // an ellipsoid through the means may then be far from the truth.
+    // With priors, the poses need not determine all parameters. An ellipsoid through the means may then be far from the
+    // true ellipsoid, so a sphere is fitted instead.
     let found = if held.count() == 0 {
         ellipsoid::fit(&means, gravity_mps2)?
     } else {
@@ -95,13 +100,13 @@ pub(crate) fn fit(
     fit_from(rests, gravity_mps2, &start, held, true)
 }
 
-/// Fits the accelerometer to rests that do not determine some of its parameters. These parameters stay at the values of
-/// `start`, and all others are fitted. For this purpose, every parameter has a prior around its start value, with a
+/// Fits the accelerometer to rests that do not determine some of its parameters. These parameters stay near the values
+/// of `start`, and all others are fitted. For this purpose, every parameter has a prior around its start value, with a
 /// standard deviation of 1 % of its size (the reading at 1 g for a bias, the mean scale for an entry of the
 /// sensitivity). This prior hardly changes a parameter that the rests determine.
 ///
-/// All rests are used. With only a few rests on the faces of a box-shaped unit, a wrong rest cannot be detected. The
-/// joint fit excludes outliers.
+/// No rest is excluded as an outlier, because the residuals of a few rests on the faces of a box-shaped unit do not
+/// show which rest is wrong. The joint fit, which follows, excludes outliers.
 ///
 /// # Errors
 /// [`Error::Fit`] if the result is not finite.
@@ -143,8 +148,8 @@ fn fit_from(
     }
 }
 
-/// Whether the ellipsoid is much larger than the noise of the means. If all rests have one pose, the means also
-/// determine an ellipsoid, but it is only as large as the noise.
+/// Whether the ellipsoid is much larger than the noise of the means (see [`NOISE_OVER_SIZE`]). If all rests have the
+/// same pose, an ellipsoid can also be fitted to the means, but this ellipsoid is only as large as the noise.
 fn exceeds_noise(start: &Start, rests: &[&Rest], gravity_mps2: f64) -> bool {
     let mut noise: Vec<f64> = rests.iter().map(|rest| rest.specific_force.whole_variance().max().sqrt()).collect();
     let noise = stats::median(&mut noise);
@@ -156,7 +161,8 @@ fn check_design(means: &[Vector3<f64>], start: &Start, gravity_mps2: f64, held: 
     let parameters = parameters_of(start);
     let triad = triad_of(&parameters)?;
     let gradients: Vec<_> = means.iter().map(|mean| norm_and_gradient(&triad, mean).1).collect();
-    // Entries of the sensitivity are in units of the mean scale, and biases in units of the reading at 1 g.
+    // The columns of the design matrix are derivatives with respect to dimensionless parameters: a bias divided by the
+    // reading at 1 g, or an entry of the sensitivity divided by the mean scale.
     let scale = start.sensitivity.trace() / 3.0;
     let unit = |j: usize| if j < 3 { gravity_mps2 * scale } else { scale };
     let (mut residuals, mut priors) = (Mat::zeros(held.count(), 1), Mat::zeros(held.count(), 9));
@@ -194,8 +200,8 @@ fn finish(
     let second_order = second_order::mean_square(solution, &row_gain, first..problem.count(), residuals_at)?;
     let mut report = FitReport::of(solution);
     if !is_determined {
-        // Priors also determine parameters, but the degrees of freedom count only the residuals of the rests. The
-        // degrees of freedom are the number of rests minus the sum of the leverages of their residuals. This sum is the
+        // The degrees of freedom include only the residuals of the rests, and not the residuals of the priors. They are
+        // the number of used rests minus the sum of the leverages of the residuals of these rests. This sum is the
         // number of parameters that the rests determine.
         let of_rests: f64 = lsq::leverages(&solution.jacobian)[..problem.means.len()].iter().sum();
         report.degrees_of_freedom = problem.means.len().saturating_sub(of_rests.round() as usize);
@@ -234,7 +240,8 @@ pub(crate) fn norm_and_gradient(triad: &Triad<f64>, mean: &Vector3<f64>) -> (f64
     (norm, gradient)
 }
 
-/// The residuals of the rests that the fit uses. Their weights are computed from the start value and stay fixed.
+/// The residuals of the rests that the fit uses, followed by the residuals of the priors. The weights of the rests are
+/// computed from the start value of each minimisation and stay fixed during this minimisation.
 struct Norms<'a> {
     means: Vec<Vector3<f64>>,
     sigma: Vec<f64>,

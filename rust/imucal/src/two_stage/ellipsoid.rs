@@ -1,15 +1,16 @@
 //! Fits an ellipsoid to the mean readings of the accelerometer at the rests. The fit is algebraic and gives the start
 //! values of the accelerometer parameters (model.md (3), (4)).
 //!
-//! A mean reading a satisfies |T^-1 (a - b)| = g. The mean readings therefore lie on an ellipsoid, whose equation is
-//! linear in ten unknowns:
+//! Without noise, a mean reading a satisfies |T^-1 (a - b)| = g. The mean readings therefore lie on an ellipsoid, whose
+//! equation is linear in the ten unknowns alpha:
 //!
 //! ```text
 //! [ax^2, ay^2, az^2, 2 ax ay, 2 ax az, 2 ay az, ax, ay, az, 1] . alpha = 0
 //! alpha = [W11, W22, W33, W12, W13, W23, -2 W b, b^T W b - g^2],   W = (T T^T)^-1
 //! ```
 //!
-//! T is the sensitivity, b the bias, and g local gravity. ax, ay and az are the components of a.
+//! T is the sensitivity, b the bias, and g local gravity. ax, ay and az are the components of a. The vector -2 W b
+//! gives three of the ten unknowns.
 
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
@@ -27,15 +28,17 @@ pub(crate) struct Start {
     pub(crate) bias: Vector3<f64>,
 }
 
-/// The mean readings determine a sphere only if the smallest singular value of the design matrix is at least this
-/// fraction of the largest singular value. If all mean readings are in one plane, the smallest singular value is zero
-/// without noise, and below this limit with noise.
+/// The mean readings determine a sphere only if the smallest singular value of the design matrix of the sphere is at
+/// least this fraction of the largest singular value. If all mean readings are in one plane, the smallest singular
+/// value is zero without noise, and below this limit with typical noise. [`smallest_sphere`] omits all directions whose
+/// singular value is below this limit.
 const LEAST_SINGULAR: f64 = 1e-3;
 
-/// Fits an ellipsoid to the mean readings `means` (one for each rest, in any raw unit), or a sphere if they determine
-/// no ellipsoid.
+/// Fits an ellipsoid to the mean readings `means` (one for each rest, in any raw unit), or a sphere if the mean
+/// readings do not determine an ellipsoid.
 ///
-/// Returns `None` if the means are in one plane, because they then determine no sphere.
+/// Returns `None` if there are fewer than four means, or if all means are in one plane, because they then do not
+/// determine a sphere.
 ///
 /// # Errors
 /// [`Error::Fit`] if the singular value decomposition fails.
@@ -54,9 +57,10 @@ pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<St
     }))
 }
 
-/// Fits a sphere to the mean readings `means`. The unknowns are relative to the midpoint of the means. If the poses do
-/// not determine a unique sphere, the least-squares solution with the smallest norm of the unknowns is returned, so the
-/// centre of the sphere is near this midpoint. Returns `None` for a single pose.
+/// Fits a sphere to the mean readings `means`. The unknowns are those of [`sphere`], with the midpoint of the means as
+/// the origin. If the poses do not determine a unique sphere, the least-squares solution with the smallest norm of the
+/// unknowns is returned, so the centre of the sphere is near this midpoint. Returns `None` if all means are equal, or
+/// if the fitted radius is zero.
 pub(crate) fn smallest_sphere(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
     let Some((centre, size)) = extent(means) else { return Ok(None) };
     let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();
@@ -87,7 +91,8 @@ fn extent(means: &[Vector3<f64>]) -> Option<(Vector3<f64>, f64)> {
     (size > 0.0).then(|| ((low + high) / 2.0, size))
 }
 
-/// The ellipsoid |T^-1 (a - b)| = 1 through the points a; `None` if the fitted quadric is not an ellipsoid.
+/// Fits the ellipsoid |T^-1 (a - b)| = 1 to the points a. Returns `None` if there are fewer than nine points, if more
+/// than one quadric passes through the points, or if the fitted quadric is not an ellipsoid.
 fn ellipsoid(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     if points.len() < 9 {
         return Ok(None);
@@ -119,7 +124,9 @@ fn ellipsoid(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     Ok(square_root(&(w_inverse * scale)).map(|sensitivity| Start { sensitivity, bias }))
 }
 
-/// The sphere through points, from |a|^2 = 2 a . b + (r^2 - |b|^2). This equation is linear in b and in r^2 - |b|^2.
+/// Fits a sphere to the points a by the equation |a|^2 = 2 a . b + (r^2 - |b|^2), where b is the centre and r the
+/// radius of the sphere. The equation is linear in the unknowns b and r^2 - |b|^2. Returns `None` if the points are
+/// nearly in one plane.
 fn sphere(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     let design = Mat::from_fn(points.len(), 4, |k, j| if j < 3 { 2.0 * points[k][j] } else { 1.0 });
     let (values, _) = lsq::singular(&design)?;

@@ -5,10 +5,11 @@
 //! r_k = E_k (R_k^T u_k - u_(k+1)) / sigma_k
 //! ```
 //!
-//! u_k and u_(k+1) are the gravity directions at the rests before and after move k. R_k is the rotation over the move,
-//! integrated from the gyroscope rates. The two rows of E_k span the plane perpendicular to u_(k+1). sigma_k is the
-//! standard deviation of each component of the residual. The component along u_(k+1) is omitted, because a rotation
-//! about gravity is not observable. The nine entries of the sensitivity T are ordered by rows, `T_xx, T_xy, ... T_zz`.
+//! r_k is the residual of move k. u_k and u_(k+1) are the gravity directions in the body frame at the rests before and
+//! after move k. R_k is the rotation over the move, integrated from the gyroscope rates. The two rows of E_k span the
+//! plane perpendicular to u_(k+1). sigma_k is the standard deviation, rad, of each of the two components of
+//! `E_k (R_k^T u_k - u_(k+1))`. The component along u_(k+1) is omitted, because a rotation about gravity is not
+//! observable. The nine entries of the sensitivity T are ordered by rows, `T_xx, T_xy, ... T_zz`.
 
 mod bias;
 
@@ -45,19 +46,19 @@ pub(crate) struct GyroscopeFit {
     /// Preintegration of each move with the fitted gyroscope: the rotation over the move, and the integrals from which
     /// the derivatives of this rotation are computed.
     pub(crate) preintegrated: Vec<Preintegrated>,
-    /// Derivatives of the nine entries of T (rows) with respect to the direction residuals in rad (columns, two per
-    /// move). The columns of moves that are not used are zero.
+    /// Gain of the fit: the negative derivatives of the nine entries of T (rows) with respect to errors of the
+    /// direction residuals in rad (columns, two per move). The columns of moves that are not used are zero.
     pub(crate) gain: Mat<f64>,
     pub(crate) report: FitReport,
 }
 
 /// The moves to which the gyroscope is fitted, with the result of their most recent preintegration.
 pub(crate) struct PreintegratedMoves<'a> {
-    /// Rates of each move.
+    /// Raw gyroscope samples of each move.
     segments: Vec<RateSegment<'a>>,
     bias: Vector3<f64>,
     held: &'a StageRows<'a>,
-    /// Result of the most recent preintegration.
+    /// Result of the most recent preintegration; `None` before the first preintegration.
     last: RefCell<Option<Rc<Linearised>>>,
 }
 
@@ -67,12 +68,13 @@ struct Linearised {
     preintegrated: Vec<Preintegrated>,
 }
 
-/// If the rms of the direction errors of a first fit is below this limit, rad, the fit is assumed to be close to the
-/// global minimum. No further start values are then tried.
+/// If the rms direction error over the moves, rad, of a start value or of a first fit is below this limit, this start
+/// value or fit is assumed to be close to the global minimum. No further start values are then tried.
 const CLOSE_RAD: f64 = 0.05;
-/// A preintegration is corrected to first order for a slightly different sensitivity if, for each move, the neglected
-/// second-order term is at most this value times the standard deviation of the direction residual. Otherwise, the
-/// samples are integrated again.
+/// For a slightly different sensitivity, a preintegration is corrected to first order instead of integrating the
+/// samples again. This is done if, for each move, the squared angle of the correction (rad^2) is at most this value
+/// times the standard deviation of the direction residual (rad). The squared angle is the size of the neglected
+/// second-order term.
 const MAX_SECOND_ORDER: f64 = 1e-9;
 
 impl<'a> PreintegratedMoves<'a> {
@@ -90,7 +92,7 @@ impl<'a> PreintegratedMoves<'a> {
     /// error. If the direction errors of this fit are large, fits from the other start values are also tried.
     ///
     /// # Errors
-    /// [`Error::Fit`] if no start value leads to a finite result.
+    /// [`Error::Fit`] if `starts` is empty, or if the fitted sensitivity is singular or not finite.
     pub(crate) fn first_estimate(&self, ends: &[Ends], starts: &[Matrix3<f64>]) -> Result<Triad<f64>, Error> {
         let problem = self.weighed(ends);
         let mut candidates: Vec<(f64, Vec<f64>)> = Vec::new();
@@ -114,15 +116,15 @@ impl<'a> PreintegratedMoves<'a> {
             }
         }
         let best = best.ok_or_else(|| Error::Fit("the fit of the gyroscope has no start value".into()))?;
-        // Observability is not tested here, because the scale may be wrong by a large factor. The final fit tests
-        // whether the moves determine all entries.
+        // Observability is not tested here, because the scale of this first estimate may still be wrong by a large
+        // factor. The final fit tests whether the moves determine all entries of the sensitivity.
         triad_of(&best.parameters, self.bias)
     }
 
     /// Fits the nine entries of the gyroscope's sensitivity matrix, starting from the estimate `first`. Moves that
-    /// contradict all other moves are excluded one by one (model.md (14)). If `is_start` is set, the calibration of the
-    /// accelerometer is only a start value, and the residuals contain its errors. Then no move is excluded here, and
-    /// the joint fit excludes outliers instead.
+    /// contradict all other moves are excluded one by one (model.md (14)). If `is_start` is true, the result is only
+    /// the start value of the joint fit. The residuals then contain errors of the accelerometer's start value, so no
+    /// move is excluded here, and the joint fit excludes outliers instead.
     ///
     /// # Errors
     /// * [`Error::NotEnoughMotion`] if the moves do not determine all entries.
@@ -174,8 +176,9 @@ impl Linearised {
         if self.triad == *triad {
             return Some(self);
         }
-        // These moves were preintegrated with the sensitivity T_old, and T_new is the sensitivity of `triad`. T_new^-1
-        // = (I + `change`) T_old^-1, and the bias is the same. The corrected rate w therefore changes by `change` * w.
+        // T_old is the sensitivity with which these moves were preintegrated, and T_new is the sensitivity of `triad`.
+        // The inverse of T_new is (I + `change`) T_old^-1, and both gyroscopes have the same bias b. The angular rate
+        // w = T^-1 (measured rate - b) therefore changes by `change` * w.
         let change = triad.inverse() * self.triad.sensitivity() - Matrix3::identity();
         let mut preintegrated = self.preintegrated.clone();
         for (preintegrated, ends) in preintegrated.iter_mut().zip(ends) {
@@ -201,9 +204,10 @@ pub(crate) fn triad_with(sensitivity: &Matrix3<f64>, bias: Vector3<f64>) -> Resu
 /// and the three biases; a 2 x 12 matrix.
 pub(crate) fn residual_gradient(ends: &Ends, preintegrated: &Preintegrated, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
     let propagated_up = preintegrated.rotation.tr_mul(&ends.before);
-    // A small rotation `delta` of the attitude at the end of the move, given in the body frame at this time, changes
-    // the propagated gravity direction R^T u by [R^T u]x delta. R is the rotation over the move, and u is the gravity
-    // direction before the move.
+    // R is the rotation over the move, and u is the gravity direction before the move. An attitude error `delta` at the
+    // end of the move (a small rotation vector in the body frame at the end) changes the propagated gravity direction
+    // R^T u by [R^T u]x delta. A change of an entry T_ij changes the attitude by delta = -R^T G_j T^-1 e_i, see
+    // `preintegration.rs`.
     let by_turn = -(ends.across() * hat(&propagated_up) * preintegrated.rotation.transpose());
     std::array::from_fn(|p| match p {
         0..9 => by_turn * (preintegrated.sensitivity_sums[p % 3] * triad.inverse().column(p / 3)),
@@ -229,8 +233,8 @@ impl Weighed<'_> {
         rms(self.rows.iter().map(|&k| self.ends[k].residual(&at.preintegrated[k].rotation).norm()))
     }
 
-    /// Rms over the moves of the direction error, rad, computed from residuals that are divided by their standard
-    /// deviations.
+    /// Rms over the moves of the direction error, rad. The argument `residuals` contains the direction residuals
+    /// divided by their standard deviations.
     fn misfit_rad(&self, residuals: &Mat<f64>) -> f64 {
         let norm = |row: usize| residuals[(2 * row, 0)].hypot(residuals[(2 * row + 1, 0)]);
         rms(self.rows.iter().enumerate().map(|(row, &k)| norm(row) * self.ends[k].sigma_rad))
@@ -250,7 +254,8 @@ impl Weighed<'_> {
         GyroscopeFit { preintegrated, triad, used, gain, report: FitReport::of(&solution) }
     }
 
-    /// Returns an error if the moves do not determine all nine entries of the sensitivity.
+    /// Returns an error if a residual is not finite, or if the moves do not determine all entries of the sensitivity
+    /// that have no prior.
     fn check(&self, triad: &Triad<f64>, solution: &Solution) -> Result<(), Error> {
         if solution.termination == Termination::NotFinite {
             return Err(Error::Fit(

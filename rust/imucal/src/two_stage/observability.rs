@@ -1,15 +1,18 @@
 //! Finds the parameters that the poses and rotations of a recording do not determine (model.md (12)).
 //!
 //! ```text
-//! C = (J^T J + 1 / 10^2)^-1,     undetermined: C_jj > 1
+//! C = (J^T J + I / 10^2)^-1,     parameter j is undetermined if C_jj > 1
 //! ```
 //!
-//! J is the design matrix. Its rows are divided by model errors that every real unit has: half a mg at a rest, and 0.2
-//! deg in a move. Each of its columns is multiplied by 1 % of the size of its parameter. The size of an accelerometer
-//! bias is the reading at 1 g, and the size of an entry of a sensitivity is the mean scale. The rows are not divided by
-//! sensor noise, because with small noise, three nearly equal poses would seem sufficient. The term 1 / 10^2 is a prior
-//! of each parameter about its nominal value. The standard deviation of the prior is a tenth of the size of the
-//! parameter, which is 10 in units of 1 % of this size.
+//! C is the covariance of the parameters that model errors cause, in units of 1 % of the size of each parameter. A
+//! parameter is therefore undetermined if model errors change it by more than 1 % of its size. J is the design matrix.
+//! The rows of J are divided by the model errors that every real unit has: half a mg at a rest, and 0.2 deg in a move.
+//! Each column of J is multiplied by 1 % of the size of its parameter. The size of an accelerometer bias is the reading
+//! at 1 g, and the size of an entry of a sensitivity is the mean scale. The rows are not divided by sensor noise,
+//! because if the noise is small, three nearly equal poses would seem sufficient.
+//!
+//! I is the identity matrix. The term I / 10^2 is a prior of each parameter about its nominal value. The standard
+//! deviation of the prior is a tenth of the size of the parameter, which is 10 in units of 1 % of this size.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -19,29 +22,30 @@ use crate::finding::counted;
 use crate::numerics::lsq;
 use crate::parameters::{self, ACCELEROMETER, WORDS};
 
-/// Model error of |f| at a rest of a real unit, m/s^2 (half a mg).
+/// Model error of the norm |f| of the mean specific force at a rest of a real unit, m/s^2 (half a mg).
 pub(crate) const REST_ERROR_MPS2: f64 = 0.005;
 /// Model error of the gravity direction after a move of a real unit, rad (0.2 deg).
 pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
-/// A parameter is determined if the model errors above change it by at most this fraction of its size.
+/// A parameter is determined if the model errors [`REST_ERROR_MPS2`] and [`MOVE_ERROR_RAD`] change it by at most this
+/// fraction of its size.
 pub(crate) const LARGEST_SHIFT: f64 = 0.01;
 /// Standard deviation of the prior of a parameter about its nominal value, as a fraction of its size.
 pub(crate) const FARTHEST: f64 = 0.1;
-/// The unit vector along an undetermined parameter is projected onto the unobservable directions. If the squared length
-/// of this projection is at least this value, the parameter is unobservable by itself. Otherwise, it may belong to a
-/// group of parameters of which only linear combinations are observable.
+/// The unit vector along an undetermined parameter is projected onto the unobservable subspace of the parameter space.
+/// If the squared length of this projection is at least this value, the parameter is unobservable by itself. Otherwise,
+/// the parameter may belong to a group of parameters of which only linear combinations are observable.
 const OWN_SHARE: f64 = 0.95;
-/// Two undetermined parameters belong to the same group if the magnitude of their correlation exceeds this value. Only
-/// linear combinations of the parameters of a group are observable. The correlation is computed from the unobservable
-/// directions only.
+/// Two undetermined parameters i and j belong to the same group if the magnitude of their correlation exceeds this
+/// value. Only linear combinations of the parameters of a group are observable. The correlation is
+/// `P_ij / sqrt(P_ii P_jj)`, where P is the projection matrix onto the unobservable subspace.
 const TRADED: f64 = 0.1;
-/// In a pose, an axis is up or down if the angle between the axis and the vertical is at most this limit, deg.
+/// In a pose, an axis counts as up or down if the angle between the axis and the vertical is at most this limit, deg.
 const FACE_LIMIT_DEG: f64 = 40.0;
-/// Recommendation if each of the six faces was up at some rest, but poses between the faces are missing.
+/// Recommendation if each of the six faces was up at some rest, but poses with an edge or a corner up are missing.
 pub(crate) const EDGES_AND_CORNERS: &str = "add rests with edges and corners up";
 /// Alternative recommendation for a unit with a gyroscope, which measures the rotations between the faces. Four turns
-/// about each axis while this axis is horizontal bring every face up, and they separate the misalignment of the
-/// gyroscope from its scale.
+/// about each axis while this axis is horizontal bring every face up. They also separate the misalignment of the
+/// accelerometer from the scale of the gyroscope (model.md (5)).
 pub(crate) const OR_ROLL: &str = ", or roll the unit over its faces: four turns of 90 deg about each axis while that \
                                   axis is level, with a rest after each";
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -68,14 +72,15 @@ impl Open {
             (0..n).map(part).sum::<f64>()
         };
         let columns: Vec<usize> = (0..n).filter(|&j| shift(j) > 1.0).collect();
-        // Projection onto the unobservable directions.
+        // Directions in parameter space whose singular value is below one are unobservable. `projection` returns an
+        // entry of the projection matrix onto these directions.
         let open: Vec<usize> = (0..n).filter(|&k| values[k] < 1.0).collect();
         let projection = |i: usize, j: usize| open.iter().map(|&k| vectors[(i, k)] * vectors[(j, k)]).sum::<f64>();
         Ok(Self { traded: traded(&columns, projection), columns })
     }
 
-    /// Removes the parameters with the columns `held` from the undetermined parameters, because they have priors with
-    /// known standard deviations. Groups that contain such a parameter are also removed.
+    /// Removes the parameters with the columns `held` from the undetermined parameters, because these parameters have
+    /// priors. Groups that contain a parameter with a prior are also removed.
     pub(crate) fn without(self, held: &[usize]) -> Self {
         let is_left = |j: &usize| !held.contains(j);
         let columns: Vec<usize> = self.columns.into_iter().filter(is_left).collect();
@@ -134,8 +139,9 @@ impl Open {
     }
 }
 
-/// Groups the undetermined parameters (columns) that are correlated with each other within the unobservable directions.
-/// Each group is returned with the number of linear combinations of its parameters that are determined.
+/// Groups the undetermined parameters `columns` that are correlated with each other ([`TRADED`]). `projection` returns
+/// the entries of the projection matrix onto the unobservable directions. Each group is returned with the number of
+/// linear combinations of its parameters that are determined.
 fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(Vec<usize>, usize)> {
     let mut left: Vec<usize> = columns.iter().copied().filter(|&j| projection(j, j) < OWN_SHARE).collect();
     let mut groups = Vec::new();
@@ -162,11 +168,12 @@ fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(V
     groups
 }
 
-/// Returns an error if the rests do not determine the accelerometer.
+/// Returns an error if the rests do not determine all accelerometer parameters that have no prior.
 ///
-/// `design` is the Jacobian of |f| at the rests, m/s^2, with respect to the nine parameters. Biases are in units of the
-/// reading at 1 g, and entries of the sensitivity in units of the mean scale. `up` contains the gravity directions at
-/// the rests. `held` contains the columns of parameters with a prior.
+/// `design` is the Jacobian of |f| at the rests, m/s^2, with respect to the nine parameters. |f| is the norm of the
+/// mean specific force. In the Jacobian, the unit of a bias is the reading at 1 g, and the unit of an entry of the
+/// sensitivity is the mean scale. `up` contains the gravity directions at the rests. `held` contains the columns of
+/// parameters with a prior.
 ///
 /// # Errors
 /// [`Error::NotEnoughMotion`] names the parameters and the poses to add.
@@ -178,11 +185,12 @@ pub(crate) fn check_accelerometer(design: &Mat<f64>, up: &[Vector3<f64>], held: 
     }
 }
 
-/// Returns an error if the moves do not determine all entries of the gyroscope sensitivity. The accelerometer is
-/// assumed to be known.
+/// Returns an error if the moves do not determine all entries of the gyroscope sensitivity that have no prior. The
+/// accelerometer is assumed to be known.
 ///
-/// `design` is the Jacobian of the move residuals in rad, with respect to entries in units of the mean scale. `held`
-/// contains the columns of entries with a prior.
+/// `design` is the Jacobian of the direction residuals of the moves, rad, with respect to the entries of the
+/// sensitivity. In the Jacobian, the unit of an entry is the mean scale. `held` contains the columns of entries with a
+/// prior.
 ///
 /// # Errors
 /// [`Error::NotEnoughMotion`] names the entries and the moves to add.
@@ -212,15 +220,15 @@ pub(crate) fn no_start(rests: usize) -> String {
     )
 }
 
-/// Recommendation for an accelerometer in counts if its rests do not determine any scale.
+/// Recommendation for an accelerometer with readings in counts if the rests do not determine its scale.
 pub(crate) fn too_few_poses() -> String {
     "at least 9 different poses are needed; hold the unit still with each axis up and down, and in some poses in \
      between"
         .into()
 }
 
-/// Recommends poses to add, so that each of the six directions along the body axes is near the vertical at some rest.
-/// `up` contains the gravity directions at the rests.
+/// Recommends poses to add, so that each body axis points up at one rest and down at another (within
+/// [`FACE_LIMIT_DEG`]). `up` contains the gravity directions at the rests.
 pub(crate) fn missing_poses(up: &[Vector3<f64>]) -> String {
     let closest = |axis: usize, sign: f64| {
         let cosine = up.iter().map(|u| sign * u[axis]).fold(-1.0, f64::max);
@@ -259,8 +267,8 @@ pub(crate) fn missing_turns(open: &[usize], turned_rad: &Vector3<f64>) -> String
     if largest < 0.3 {
         return "the unit hardly rotates: add moves of 90 deg or more about each axis".into();
     }
-    // Only rotation about axis j determines entry (i, j). Without rotation about an axis, no entry in the column of
-    // this axis is determined.
+    // Only a rotation about axis j determines entry (i, j) of the sensitivity. If the unit does not rotate about axis
+    // j, no entry in column j is determined.
     let column_open = |j: usize| open.iter().filter(|&&p| p % 3 == j).count() >= 2;
     let idle: Vec<&str> =
         (0..3).filter(|&j| column_open(j) && turned_rad[j] < 0.3 * largest).map(|j| AXES[j]).collect();

@@ -4,9 +4,8 @@
 //! gravity directions, through the parameters of the accelerometer, and through the gyroscope bias. To first order, the
 //! error of every parameter is a linear function of independent errors: three errors of each mean force (one per axis),
 //! three of each mean rate, and two of each move (one per direction residual). The covariance is computed from the
-//! variances of these errors. If an accelerometer is calibrated without a gyroscope, some parameters may be held by
-//! priors. The covariance then includes the effect of the uncertainty of these priors on all parameters, to second
-//! order.
+//! variances of these errors. If an accelerometer is calibrated without a gyroscope, some parameters may have priors.
+//! The covariance then includes the effect of the uncertainty of these priors on all parameters, to second order.
 
 use faer::Mat;
 use nalgebra::{Matrix2x3, Matrix3, SMatrix, SVector, Vector3};
@@ -33,7 +32,8 @@ pub(crate) fn covariance(
     random_walk_rad: &[f64],
 ) -> Mat<f64> {
     let (k, m) = (rests.len(), moves.len());
-    // Columns of the matrix: errors of the mean forces (3 k), of the mean rates (3 k), and of the moves (2 m).
+    // Derivatives of the parameters (rows) with respect to the errors (columns). The columns are the errors of the mean
+    // forces (3 k), of the mean rates (3 k), and of the moves (2 m).
     let mut map = Mat::<f64>::zeros(21, 6 * k + 2 * m);
     accelerometer_rows(&mut map, rests, accelerometer);
     for (rest, weight) in bias.weights.iter().enumerate() {
@@ -43,8 +43,9 @@ pub(crate) fn covariance(
     }
     gyroscope_rows(&mut map, rests, moves, ends, accelerometer, gyroscope);
 
-    // The inflation factor of a stage is above 1 if its residuals are significantly larger than noise. It multiplies
-    // the standard deviations of the errors in this stage.
+    // The inflation factor of a stage is above 1 if its residuals are significantly larger than noise. The factor of
+    // the accelerometer stage multiplies the standard deviations of the mean forces. The factor of the gyroscope stage
+    // multiplies the standard deviations of the moves.
     let (widen_rests, widen_moves) = (accelerometer.report.inflation, gyroscope.report.inflation);
     let deviation = |column: usize| {
         let (item, axis) = (column / 3, column % 3);
@@ -93,7 +94,7 @@ pub(crate) fn accelerometer_covariance(rests: &[&Rest], fit: &AccelerometerFit) 
     covariance
 }
 
-/// Writes the derivatives of the nine accelerometer parameters with respect to the errors of the mean forces.
+/// Writes the derivatives of the nine accelerometer parameters with respect to the errors of the mean forces to `map`.
 fn accelerometer_rows(map: &mut Mat<f64>, rests: &[&Rest], fit: &AccelerometerFit) {
     for (rest, r) in rests.iter().enumerate() {
         let up = fit.triad.correct(r.specific_force.mean).normalize();
@@ -107,11 +108,12 @@ fn accelerometer_rows(map: &mut Mat<f64>, rests: &[&Rest], fit: &AccelerometerFi
 }
 
 /// Writes the derivatives of the nine entries of the gyroscope sensitivity with respect to all errors of rests and
-/// moves. These derivatives are the negative product of the gain of the fit (the derivatives of the entries with
-/// respect to the residuals) and the derivatives of the residuals with respect to the errors.
+/// moves to `map`. These derivatives are the negative product of two matrices: the gain of the fit, which is
+/// `(J^T J)^-1 J^T / sigma` for the whitened Jacobian J and the standard deviations sigma of the residuals, and the
+/// derivatives of the residuals with respect to the errors.
 ///
-/// The influence of the accelerometer parameters and of the bias is first summed over the moves. The computing time is
-/// then proportional to the number of moves instead of its square.
+/// The derivatives with respect to the accelerometer parameters and the gyroscope bias are first summed over the moves.
+/// The computing time is then proportional to the number of moves instead of its square.
 fn gyroscope_rows(
     map: &mut Mat<f64>,
     rests: &[&Rest],
@@ -133,8 +135,9 @@ fn gyroscope_rows(
         for (rest, by_direction) in [(m.from, before), (m.to, after)] {
             let (by_mean, direction_by_parameters) = &directions[rest];
             by_parameters += by_direction * direction_by_parameters;
-            // At a hand-held rest, the gravity direction is computed from a part of the samples. The variance of the
-            // move already contains the noise of these samples, so nothing is added for the mean force of the rest.
+            // At a hand-held rest, the gravity direction is not computed from the mean force of the rest, but from the
+            // samples near the move. The variance of the move already contains the noise of these samples, so the
+            // derivative with respect to the mean force is not added.
             if rests[rest].is_steady() {
                 subtract(map, 3 * rest, &(by_direction * by_mean));
             }
@@ -151,7 +154,8 @@ fn gyroscope_rows(
     }
 }
 
-/// Subtracts `change` from the nine rows of the gyroscope sensitivity, beginning at column `column`.
+/// Subtracts `change` from the nine rows of `map` that belong to the gyroscope sensitivity, beginning at column
+/// `column`.
 fn subtract<const C: usize>(map: &mut Mat<f64>, column: usize, change: &SMatrix<f64, 9, C>) {
     for i in 0..9 {
         for c in 0..C {

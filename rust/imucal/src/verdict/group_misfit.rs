@@ -5,9 +5,10 @@
 //! ratio = sqrt(chi2 / dof),   p = P(X > chi2),   X: chi-square variable with dof degrees of freedom
 //! ```
 //!
-//! With few residuals, noise often causes a ratio above two. With many residuals, even a negligible imperfection gives
-//! a small p-value. Residuals are therefore reported as larger than their noise only if the ratio is above two and the
-//! p-value is small.
+//! chi2 is the sum of the squared residuals, each divided by the standard deviation of its noise. dof is the number of
+//! degrees of freedom, and p is the p-value. With few residuals, noise alone can cause a ratio above two. With many
+//! residuals, even a negligible model error gives a small p-value. Residuals are therefore reported as larger than
+//! their noise only if the ratio is above two and the p-value is below 1e-5.
 
 use std::fmt;
 
@@ -16,9 +17,9 @@ use imucal_core::STANDARD_GRAVITY_MPS2;
 use crate::finding::general;
 use crate::numerics::stats::p_value_of;
 
-/// Ratio of the residuals to their expected size from noise, dimensionless. Above this ratio, errors other than noise
-/// dominate the residuals, because noise explains less than a quarter of their variance. An inaccurate noise estimate
-/// cannot cause this ratio, because sensor noise is estimated far more accurately than to a factor of two.
+/// Limit of the ratio of the residuals to their expected size from noise, dimensionless. Above this limit, errors other
+/// than noise dominate the residuals, because noise explains less than a quarter of their variance. An inaccurate noise
+/// estimate cannot cause such a ratio, because sensor noise is estimated far more accurately than to a factor of two.
 const EXCESS_RATIO: f64 = 2.0;
 /// Residuals exceed their noise significantly if their p-value is below this limit. A calibration with control
 /// recordings contains seven tests: five kinds of residuals on the calibration recordings, and two kinds on the control
@@ -45,7 +46,7 @@ pub enum ResidualGroup {
 
 impl ResidualGroup {
     /// Name of the kind in JSON documents. The factor by which the fit increases the standard deviations of residuals
-    /// of this kind has the same name.
+    /// of this kind has the same name. For the mean rates, there is no such factor.
     pub fn name(self) -> &'static str {
         match self {
             Self::RestNorms => "norms",
@@ -92,15 +93,18 @@ pub struct GroupMisfit {
     pub group: ResidualGroup,
     /// RMS of the residuals in SI units: m/s^2, rad, or rad/s.
     pub rms: f64,
-    /// Sum of the squared residuals. Each residual is divided by the standard deviation of its noise.
+    /// Sum of the squared residuals. Each residual is divided by the standard deviation of its noise. If noise alone
+    /// does not explain the residuals of control recordings, the part of this sum that the uncertainty of the
+    /// calibration explains is subtracted.
     pub chi2: f64,
-    /// Number of residuals minus the number of parameters that they determine. It is not an integer: a parameter that
-    /// several kinds of residuals determine together counts as a fraction in each of these kinds.
+    /// Number of residuals minus the number of parameters that they determine. This number may have a fractional part,
+    /// because a parameter that several kinds of residuals determine together counts as a fraction in each of these
+    /// kinds. For control recordings, it is the number of residuals, because no parameter is fitted to them.
     pub degrees_of_freedom: f64,
 }
 
 impl GroupMisfit {
-    /// Ratio of the residuals to their expected size from noise. It is 1 if noise explains the residuals.
+    /// Ratio of the residuals to their expected size from noise. The ratio is about 1 if noise explains the residuals.
     pub fn ratio(&self) -> f64 {
         (self.chi2 / self.degrees_of_freedom).sqrt()
     }
@@ -151,7 +155,7 @@ mod tests {
     #[test]
     fn an_excess_is_large_and_significant() {
         assert!(misfit(90.0, 20.0).exceeds_noise());
-        // Noise alone gives four residuals a ratio of 2.2 or more in one of two thousand runs.
+        // If noise is the only error, the ratio of four residuals is 2.2 or more in one of two thousand runs.
         assert!(!misfit(20.0, 4.0).exceeds_noise());
         // In a long recording, an excess of only 10 % over noise is significant.
         let long = misfit(12_100.0, 10_000.0);

@@ -11,8 +11,8 @@ use crate::finding::{Finding, general};
 use crate::held::PriorCost;
 use crate::numerics::fit_report::FitReport;
 
-/// For irregular time stamps to be the cause of large residuals, they must affect at least this number of samples per
-/// residual. A move has two residuals, so the limit is one affected sample in ten moves.
+/// Irregular time stamps are regarded as the cause of large residuals only if they affect at least this number of
+/// samples per residual. A move has two residuals, so the limit is one affected sample in ten moves.
 const FEW_OF_RESIDUALS: f64 = 0.05;
 
 /// Reason for a verdict other than `good`. Messages contain it as a sentence with numbers.
@@ -43,7 +43,7 @@ pub enum Reason {
     NotTested {
         /// Number of rests that the fit uses.
         rests: usize,
-        /// Number of fitted parameters.
+        /// Number of fitted parameters that have no prior.
         parameters: usize,
         /// Standard deviation of the norm of the specific force at a rest, m/s^2, that was estimated from the
         /// residuals; `None` if the rests determine the parameters exactly.
@@ -53,7 +53,7 @@ pub enum Reason {
     NotCorrected {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
-        /// The samples without a correction, by recording; empty if they are not known.
+        /// The samples without a correction, one entry for each recording; empty if these samples are not known.
         samples: Vec<UncorrectedSamples>,
     },
     /// Residuals are far larger than sensor noise explains.
@@ -82,7 +82,7 @@ pub enum Reason {
         /// Range of the fastest MEMS gyroscopes, deg/s.
         limit_degps: f64,
     },
-    /// Residuals exceed their noise, and are larger than the residuals of the uncalibrated unit.
+    /// Residuals exceed their noise significantly, and are larger than the residuals of the uncalibrated unit.
     WorseThanUncalibrated {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
@@ -91,23 +91,23 @@ pub enum Reason {
         /// Goodness of fit of the residuals of the uncalibrated unit.
         before: GroupMisfit,
     },
-    /// Many rests contradict the other rests.
+    /// Many rests are outliers: their residuals contradict the other rests.
     ContradictingRests {
         /// Number of rests that contradict the other rests.
         count: usize,
         /// Number of all rests.
         all: usize,
     },
-    /// Many moves contradict the other moves.
+    /// Many moves are outliers: their residuals contradict the other moves.
     ContradictingMoves {
         /// Number of moves that contradict the other moves.
         count: usize,
         /// Number of all moves.
         all: usize,
     },
-    /// At many rests, the mean angular rate is far from the mean rates at the other rests.
+    /// Many rests are excluded because their mean angular rate is far from the median of the mean rates at all rests.
     MovingRests {
-        /// Number of rests with such a mean angular rate.
+        /// Number of rests that are excluded for this reason.
         count: usize,
         /// Number of all rests.
         all: usize,
@@ -152,17 +152,17 @@ pub enum Reason {
         /// Names of the axes, such as `gyro_x`.
         axes: Vec<&'static str>,
     },
-    /// Some kinds of residuals exceed their noise, so the model lacks an error of the unit. The verdict is
-    /// `incomplete`.
+    /// Some kinds of residuals exceed their noise. The unit or its motion therefore has an error that the model does
+    /// not contain, or the unit has changed since its calibration. The verdict is `incomplete`.
     ResidualsAboveNoise {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
         /// The kinds of residuals that exceed their noise; there is at least one.
         groups: Vec<GroupMisfit>,
     },
-    /// Residuals of moves exceed their noise, residuals of rests do not, and the time stamps of a recording are
-    /// irregular. The clock is the probable cause, because wrong time stamps change the integral of the angular rate
-    /// over a move. The verdict is `incomplete`.
+    /// Residuals of moves exceed their noise, but residuals of rests do not. In addition, the time stamps of a
+    /// recording are irregular. The clock is the probable cause, because wrong time stamps change the integral of the
+    /// angular rate over a move. The verdict is `incomplete`.
     IrregularClock {
         /// Set of recordings that the verdict refers to.
         set: RecordingSet,
@@ -242,7 +242,7 @@ impl Reason {
     /// Returns a reason if the residuals of any kind in `groups` exceed their noise, otherwise `None`. The reason is
     /// [`Self::IrregularClock`] if two conditions hold, otherwise [`Self::ResidualsAboveNoise`]. First, only residuals
     /// of moves exceed their noise. Second, a finding about time stamps, or about missing or repeated samples, concerns
-    /// more than a few samples.
+    /// enough samples to be the cause ([`FEW_OF_RESIDUALS`]).
     pub(crate) fn above_noise(set: RecordingSet, groups: &[GroupMisfit], findings: &[Finding]) -> Option<Self> {
         let groups: Vec<GroupMisfit> = groups.iter().filter(|group| group.exceeds_noise()).copied().collect();
         let is_of_move = |misfit: &GroupMisfit| {
@@ -251,8 +251,8 @@ impl Reason {
                 ResidualGroup::MoveDirections | ResidualGroup::MoveForces | ResidualGroup::StandAttitudes
             )
         };
-        // A finding that concerns few samples also concerns few moves. Errors in so few moves cannot cause a large rms
-        // over all moves.
+        // A finding that concerns only a few samples also concerns only a few moves. Errors in a few moves cannot cause
+        // a large rms over all moves.
         let residuals = groups.iter().map(|misfit| misfit.degrees_of_freedom).fold(0.0, f64::max);
         let is_of_few = |finding: &&Finding| (finding.count as f64) < FEW_OF_RESIDUALS * residuals;
         let clock = findings

@@ -1,5 +1,6 @@
 //! Searches for steps and drifts of the mean (components). Each iteration adds the component with the largest penalised
-//! increase of the likelihood to the model, until no further component is significant.
+//! increase of the likelihood to the model. The search ends if no further component is significant, or if the maximum
+//! number of components is reached.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -177,8 +178,8 @@ impl Search<'_> {
 
     /// Number of elements z_j of the cosine transform, from the lowest frequency on, that are used to score a
     /// component. These elements contain 99 % of the information about a step. The information of z_j about a step is
-    /// (power of the step in z_j) / (power of the noise in z_j). The power of the step is proportional to 1 / j^2, but
-    /// the power of white noise does not decrease with j, so high frequencies contribute little.
+    /// (power of the step in z_j) / (power of the noise in z_j). The power of the step is proportional to 1 / j^2,
+    /// whereas the power of white noise does not decrease with j. High frequencies therefore contribute little.
     fn used(&self, weights: &[f64]) -> usize {
         const FEWEST: usize = 128;
         let mut total: f64 = (0..weights.len()).map(|k| weights[k] / ((k + 1) as f64).powi(2)).sum();
@@ -246,8 +247,8 @@ impl Search<'_> {
         residual
     }
 
-    /// Fits the noise parameters to `residual`, the cosine transform of the block means minus that of the components.
-    /// Returns the parameters, and -2 ln L of the fit up to a constant.
+    /// Fits the noise parameters to `residual`, which is the cosine transform of the block means minus the cosine
+    /// transforms of the components. Returns the noise parameters, and -2 ln L of the fit up to a constant.
     fn fit(&self, residual: &[f64], kinds: [bool; KINDS]) -> (PerKind, f64) {
         let squares: Vec<f64> = residual.iter().map(|z| z * z).collect();
         let mut powers = pooled(&squares, &self.blocks.expected, self.blocks.samples as f64);

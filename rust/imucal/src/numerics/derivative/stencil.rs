@@ -21,15 +21,16 @@ const AGREE: f64 = 2.0;
 const STRETCH_S: f64 = 1.0;
 /// Minimum length of the segments in which two derivatives are compared, in widths of the wider boxes.
 const STRETCH_BOXES: usize = 20;
-/// Maximum number of samples at which two derivatives are compared in a segment.
+/// Approximate number of samples at which two derivatives are compared in a segment. Fewer samples are compared if they
+/// would be less than half a box width apart.
 const MOST_LOOKS: usize = 100;
 /// Time steps are treated as equal if each of them deviates from their mean by at most this share of the mean. The
 /// limit permits rounding errors.
 const EVEN: f64 = 1e-9;
 
-/// Cumulative sums of the values. The first value is subtracted from all values, because a large bias would cause
-/// rounding errors. The fourth component is the number of missing values so far. A vector of four components also suits
-/// SIMD addition.
+/// Cumulative sums of the values. The first value that is not missing is subtracted from all values, because a large
+/// bias would cause rounding errors. The fourth component is the number of missing values so far. Vectors of four
+/// components are also suitable for addition by SIMD instructions.
 pub(super) struct Sums(Vec<Vector4<f64>>);
 
 impl Sums {
@@ -80,19 +81,21 @@ pub(super) struct Stencil {
 /// Weights of a stencil for equal time steps. These weights are the same at all samples.
 #[derive(Clone)]
 struct Even {
-    /// Weights that give the coefficients of the polynomial from the means over the boxes.
+    /// Weights of the means over the boxes in each coefficient of the polynomial.
     polynomial: Polynomial,
     /// Weights of the means over the boxes. The weighted sum of the means is the slope at the middle sample.
     weights: [f64; BOXES],
-    /// Weights of the cumulative sums at the edges of the boxes. The weighted sum of these sums is the same slope.
+    /// Weights of the cumulative sums at the edges of the boxes. The weighted sum of the cumulative sums is also the
+    /// slope at the middle sample.
     edges: Edges,
 }
 
-/// Weights that give the coefficients of the polynomial (columns) from the means over the boxes (rows). The variable of
-/// the polynomial is time in box widths. This time is zero at the middle sample of the stencil if the time steps are
-/// equal, otherwise at the sample at which the derivative is computed.
+/// Matrix with the weights of the means over the boxes (rows) in each coefficient of the polynomial (columns). The
+/// variable of the polynomial is time in box widths. This time is zero at the middle sample of the stencil if the time
+/// steps are equal, otherwise at the sample at which the derivative is computed.
 type Polynomial = SMatrix<f64, BOXES, BOXES>;
-/// Weights of the cumulative sums at the edges of consecutive boxes. The weighted sum is a slope.
+/// Weights of the cumulative sums at the edges of consecutive boxes. The weighted sum of the cumulative sums is the
+/// slope of the polynomial.
 type Edges = [f64; BOXES + 1];
 
 /// Converts weights of the means over the boxes to weights of the cumulative sums at the edges of the boxes.
@@ -122,7 +125,8 @@ impl Stencil {
         stencil
     }
 
-    /// Number of samples from the start of the stencil to the sample at which the derivative is computed.
+    /// Number of samples from the start of the stencil to its middle sample. The derivative is computed at the middle
+    /// sample, except near the ends of the data.
     fn before(&self) -> usize {
         self.stride / 2 + self.boxes / 2 * self.stride
     }
@@ -254,8 +258,8 @@ struct Run {
 }
 
 /// Computation of the differences between the slopes of a wide and of a narrow stencil at the samples `places`. The
-/// first result is the sum of the squared differences for each axis. The second result is the number of differences;
-/// samples at which a value is missing are omitted.
+/// first result is the sum of the squared differences for each axis. The second result is the number of differences. A
+/// sample is omitted if a value in the boxes of the wide stencil is missing.
 struct Squares<'a> {
     sums: &'a Sums,
     runs: &'a [Run; 2],

@@ -50,7 +50,7 @@ fn covariance_is_the_inverse_of_the_normal_matrix() {
 
 #[test]
 fn leverages_are_the_diagonal_of_the_projection() {
-    // The third column is zero: a parameter without effect on the residuals.
+    // The third column is zero, because the third parameter has no effect on the residuals.
     let j =
         Mat::from_fn(
             9,

@@ -13,8 +13,8 @@ use crate::recording::{Recording, SIDE_BY_SIDE, each_step};
 /// force x, y, z.
 pub(super) type Block = BlockSums<f64>;
 
-/// Number of means into which the samples of a block are averaged at high sampling rates. Each mean then covers about 5
-/// ms. At low sampling rates, samples are not averaged.
+/// At high sampling rates, the samples of a block are averaged into at least this number of means. Each mean then
+/// covers 3.5 to 5 ms. At low sampling rates, samples are not averaged.
 const MEANS: usize = 10;
 
 /// Number of samples that are processed together. Their data fit into the processor's cache.
@@ -23,16 +23,16 @@ const PART: usize = 256;
 const JOB: usize = 1 << 16;
 
 /// Number of consecutive blocks (together 0.25 s) that form one mean. The Allan variance in [`Colour`] is computed from
-/// such means, because averaging removes the noise at high frequencies, which hardly affects the mean over a rest.
+/// such means, because averaging removes the noise at high frequencies. This noise hardly affects the mean over a rest.
 const GROUP_BLOCKS: usize = 5;
 
 /// The blocks of a recording, and further statistics that are computed in the same pass over the samples.
 pub(super) struct Blocks {
     /// Sums over the samples of each block.
     pub(super) samples: Vec<Block>,
-    /// Variance of each channel in each window. Each window starts one block after the previous one. The variance is
-    /// that of means over `averaged` samples. The variance of single samples is not used, because their noise increases
-    /// with the sampling rate and would mask slow motion.
+    /// Variance of each channel in each window. Each window starts one block after the previous window. The values
+    /// whose variance is computed are means over `averaged` samples. Single samples are not used, because their noise
+    /// increases with the sampling rate and would mask slow motion.
     pub(super) variances: [Vec<f64>; 6],
     /// Number of consecutive samples that are averaged before the variances are computed; 1 below 400 Hz.
     pub(super) averaged: usize,
@@ -130,8 +130,8 @@ impl WithSimd for Summing<'_> {
 /// Computes the variance of each channel in each window, with the widest vector instructions of the processor.
 ///
 /// The blocks are divided into groups of ten. A window is the last k blocks of one group and the first 10 - k blocks of
-/// the next group. Both partial sums are accumulated step by step with k, so each window needs three additions of block
-/// sums instead of ten.
+/// the next group. Each of these two partial sums is computed from the partial sum with one block less. Each window
+/// therefore needs three additions of block sums instead of ten.
 struct Windows<'a> {
     blocks: &'a [Block],
     /// Output: for each channel, the variance in each window.
@@ -253,7 +253,8 @@ impl Colour {
     /// Low-pass filtered noise is correlated across the boundary of two consecutive means, so their difference, and
     /// with it `factor`, is too small: `factor = c (1 - 1.5 / (pi^2 tau B))` with `1 / B = 2 c dt`. tau is the
     /// averaging time of 0.25 s, dt is the sampling interval, and B is the noise bandwidth. The equation is solved for
-    /// c (model.md (10)). Factors of nearly white noise are not changed.
+    /// c (model.md (10)). If `factor` is below [`FILTERED`], the noise may be white, and `factor` is returned
+    /// unchanged.
     fn without_edges(&self, factor: f64) -> f64 {
         let edges = 3.0 / (std::f64::consts::PI.powi(2) * self.samples);
         if factor < FILTERED {

@@ -75,12 +75,12 @@ fn square(v: Vector3<f64>) -> Vector3<f64> {
     v.component_mul(&v)
 }
 
-/// Removes those ends of a rest in which the unit still rotates, but so slowly that the variance within a window does
-/// not increase.
+/// Removes the parts at the ends of a rest in which the unit still rotates, but so slowly that the variance within a
+/// window does not increase.
 ///
 /// Up to half a second at each end is compared with the inner part of the rest. The blocks at an end are assigned to
-/// the move if a rotation as large as the measured one has a probability below 1e-5 under the null hypothesis of no
-/// rotation.
+/// the move if their rotation is significant: under the null hypothesis of no rotation, a rotation of at least this
+/// size has a probability below 1e-5.
 pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6<f64>) -> Range<usize> {
     const EDGE: usize = WINDOW_BLOCKS;
     // Value that chi2 with three degrees of freedom exceeds with a probability of 1e-5.
@@ -113,10 +113,11 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block], coarse: &Vector6
 /// moves are so slow that the noise of the rest masks them in the window statistic. Blocks outside `within` are not
 /// used.
 ///
-/// The rotation angle is summed outwards over the blocks, starting 0.2 s inside the rest. If a slow move began more
-/// than 0.2 s inside the rest, the sum is started again from twice as far inside. The distance is doubled up to a third
-/// of the rest and at most [`FARTHEST`] blocks. Nothing is removed in two cases: the angle does not increase (for
-/// example, after a jolt), or the move began farther inside than the innermost start of the sum.
+/// The rotation angle is summed outwards over the blocks, starting 0.2 s inside the rest, until the angle reaches ten
+/// times its noise. If a slow move began farther inside the rest than the start of the sum, the sum is started again
+/// from twice as far inside. The distance is doubled up to a third of the rest and at most [`FARTHEST`] blocks. Nothing
+/// is removed in three cases: the angle does not reach ten times its noise, the angle does not increase when it reaches
+/// this limit (for example, after a jolt), or the move began farther inside than the innermost start of the sum.
 pub(super) fn onset(
     range: Range<usize>,
     within: &Range<usize>,
@@ -138,8 +139,8 @@ pub(super) fn onset(
                 return inside.saturating_sub((seen.at - assigned * seen.angle_over_rate) as usize);
             }
             inside *= 2;
-            // At least 20 blocks must remain between the starts of the sums at both ends: 1 s, the usual minimum
-            // duration of a rest.
+            // At least 20 blocks must remain between the starts of the sums at both ends. 20 blocks last 1 s, the
+            // default minimum duration of a rest.
             if inside > FARTHEST || range.len() < (3 * inside).max(2 * inside + 2 * WINDOW_BLOCKS) {
                 return 0;
             }
@@ -175,7 +176,7 @@ const QUARTIC: f64 = 4.0;
 
 /// Detection of a move: the instant at which the rotation angle reaches ten times the noise of the angle.
 struct SeenMove {
-    /// Number of blocks up to this instant.
+    /// Number of blocks from the start of the sum to this instant.
     at: f64,
     /// Rotation angle divided by the rate at this instant. This quotient is a time, in blocks.
     angle_over_rate: f64,
@@ -232,7 +233,7 @@ mod tests {
 
     #[test]
     fn a_move_that_begins_softly_is_given_back_its_beginning() {
-        // The rate is c t^2. With these values of c, it reaches the noise of a block after 0.45 to 4.5 blocks.
+        // The rate is c t^2 with c = `strength`. It reaches the noise of a block after 0.45 to 4.5 blocks.
         for strength in [0.05, 0.005, 0.0005] {
             for begin in [-2.2, -1.7, -0.9, 0.0, 0.3] {
                 let blocks = blocks(|time| strength * (time - begin).max(0.0).powi(2));

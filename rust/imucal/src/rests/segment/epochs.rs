@@ -43,7 +43,7 @@ pub(super) fn cut(
     }
     let most = ((duration_s / MIN_EPOCH_S) as usize).min(MAX_EPOCHS).min(blocks.len());
     // The temperature may rise and fall again, so the absolute changes between consecutive parts of the rest are
-    // summed. The changes are those of means, in which the noise of the thermometer is averaged out.
+    // summed. Each change is a difference of mean temperatures, because averaging reduces the noise of the thermometer.
     let temperatures: Vec<f64> = parts(blocks, most).into_iter().filter_map(temperature_degc).collect();
     let change_k: f64 = temperatures.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
     let count = (duration_s / EPOCH_S).max(change_k / EPOCH_K).ceil() as usize;

@@ -24,8 +24,8 @@ pub(super) struct Stretch {
     /// Sums from which the factor c of model.md (10) is computed: the factor by which the correlation of the noise
     /// increases the variance of a mean.
     colour: Colour,
-    /// Variance of the rounding error of a mean, squared raw units. It is zero for channels whose noise is not below
-    /// the quantisation step.
+    /// Upper bound of the variance of the rounding error of a mean: step^2 / 12, squared raw units. It is zero for
+    /// channels whose noise is not below the quantisation step.
     rounding: Vector6<f64>,
 }
 
@@ -51,9 +51,9 @@ impl Stretch {
     }
 
     /// Drift statistic of a rest: chi2 / 15. chi2 is the squared change of the mean force from the first to the last
-    /// third of the rest, divided by the variance that noise gives this change, and summed over the axes. With the
-    /// divisor 15, the limit of 2 for the unsteadiness corresponds to chi2 = 30. If a rest contains only noise, chi2
-    /// exceeds 30 with a probability of 1e-6.
+    /// third of the rest, divided by the variance that noise and rounding give this change, and summed over the axes.
+    /// With the divisor 15, the limit of 2 for the unsteadiness corresponds to chi2 = 30. If a rest contains only
+    /// noise, chi2 exceeds 30 with a probability of 1e-6.
     fn drift(&self, colour: &Vector6<f64>) -> f64 {
         let Some([first, last]) = &self.thirds else { return 0.0 };
         let change = last.mean() - first.mean();
@@ -131,9 +131,9 @@ pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
 /// deg). `size` is the magnitude of gravity. This check prevents a uniform tumble from being detected as a rest. The
 /// window statistic of a uniform tumble is low if the recording contains no quieter windows.
 ///
-/// In a rest of more than `long` blocks, accelerometer drift may reach the same limit. Each part of `long` blocks is
-/// therefore compared with its own mean. Over the whole rest, three times this deviation (15 % of gravity) is
-/// permitted.
+/// In a rest of more than `long` blocks, accelerometer drift may exceed this limit. Each part of `long` blocks is
+/// therefore compared with its own mean. Over the whole rest, a deviation of three times this limit (15 % of gravity)
+/// is permitted.
 pub(super) fn gravity_wanders(blocks: &[Block], size: f64, long: usize) -> bool {
     let force = |blocks: &[Block]| -> Vector3<f64> { mean(blocks).fixed_rows::<3>(3).into() };
     let exceeds = |blocks: &[Block], share: f64| {

@@ -15,8 +15,8 @@ fn a_wrong_clock_samples_at_other_instants_and_does_not_say_so() {
     }
     assert!((fast.rests[1].0 - 1.01 * motion.rests()[1].0).abs() < 1e-12);
 
-    // If a sample is taken late by the time dt, its angular rate changes by dt times the angular acceleration. The
-    // ratio of dt to the jitter is a standard normal number.
+    // If a sample is taken late by the time dt, its angular rate changes by dt times the angular acceleration. `late`
+    // is the ratio of dt to its standard deviation `jitter_s`, so it must be a standard normal number.
     let jitter_s = 1e-5;
     let shaken = run(&Setup { faults: Faults { clock_jitter_s: jitter_s, ..Faults::none() }, ..setup }).unwrap();
     let steady = run(&setup).unwrap();

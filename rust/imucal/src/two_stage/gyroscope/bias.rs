@@ -15,8 +15,8 @@ const LIMIT: f64 = 6.0;
 pub(crate) struct GyroscopeBias {
     /// Bias, raw units.
     pub(crate) bias: Vector3<f64>,
-    /// Weight of each rest for each axis. The weights of an axis have the sum one, and an excluded rest has the weight
-    /// zero.
+    /// Weight of each rest for each axis. For each axis, the sum of the weights over the rests is one. An excluded rest
+    /// has the weight zero.
     pub(crate) weights: Vec<Vector3<f64>>,
     /// Variance of the bias from rest to rest, squared raw units; tau^2 of model.md (7). It is estimated from the
     /// scatter of the mean rates in excess of their noise.
@@ -24,17 +24,20 @@ pub(crate) struct GyroscopeBias {
 }
 
 impl GyroscopeBias {
-    /// Result for a recording without a gyroscope: the bias is NaN, and no rest is excluded.
+    /// Result for a recording without a gyroscope. The bias is NaN, and all rests have equal weights, so no rest is
+    /// excluded.
     pub(crate) fn absent(rests: usize) -> Self {
         let none = Vector3::repeat(f64::NAN);
         Self { bias: none, weights: vec![Vector3::repeat(1.0 / rests as f64); rests], between: none }
     }
 }
 
-/// Estimates the bias. The weights are computed from the noise of each rest and the scatter from rest to rest. At least
-/// one rest is required. An epoch is a part of a long rest with its own mean. For each rest, `wander` is the variance
-/// of the mean rate from epoch to epoch, squared raw units; zero for a rest without epochs. `wander` is added to the
-/// variance from noise, because the bias may change from rest to rest by as much as within a rest.
+/// Estimates the bias as a weighted mean of the mean rates at the rests. The weights are computed from the noise of
+/// each mean rate and the scatter of the mean rates from rest to rest. At least one rest is required.
+///
+/// A long rest is divided into epochs, each with its own mean. For each rest, `wander` is the variance of the mean rate
+/// from epoch to epoch, squared raw units; zero for a rest without epochs. `wander` is added to the variance from
+/// noise, because the bias may change from rest to rest by as much as within a rest.
 pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> GyroscopeBias {
     let mut result = GyroscopeBias {
         bias: Vector3::zeros(),
@@ -43,8 +46,8 @@ pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> Gyros
     };
     for axis in 0..3 {
         let means: Vec<f64> = rests.iter().map(|rest| rest.angular_rate.mean[axis]).collect();
-        // Lower bound of the variance. In simulated data without noise, the variance would be zero and the weights
-        // infinite.
+        // The variance has a lower bound of 1e-30 squared raw units. Without this bound, the variance would be zero and
+        // the weights infinite in simulated data without noise.
         let variance = |(rest, wander): (&&Rest, &Vector3<f64>)| {
             (rest.angular_rate.whole_variance()[axis] + wander[axis]).max(1e-30)
         };
@@ -70,8 +73,8 @@ pub(crate) fn bias_from_rests(rests: &[&Rest], wander: &[Vector3<f64>]) -> Gyros
 fn kept(means: &[f64], variances: &[f64]) -> Vec<usize> {
     let centre = median(&mut means.to_vec());
     let squares: Vec<f64> = means.iter().map(|mean| (mean - centre).powi(2)).collect();
-    // Robust estimate of the variance from rest to rest. With this value, half of the mean rates deviate from their
-    // median by less than `MEDIAN_SIZE` standard deviations, as is expected for normal variables.
+    // Robust estimate of the variance from rest to rest, in addition to noise. With this value, half of the mean rates
+    // deviate from their median by less than `MEDIAN_SIZE` standard deviations, as is expected for normal variables.
     let excess = |(square, variance): (&f64, &f64)| square / MEDIAN_SIZE.powi(2) - variance;
     let between = median(&mut squares.iter().zip(variances).map(excess).collect::<Vec<f64>>()).max(0.0);
     let typical = median(&mut variances.to_vec()) + between;
@@ -85,8 +88,8 @@ fn kept(means: &[f64], variances: &[f64]) -> Vec<usize> {
 mod tests {
     use super::*;
 
-    /// Mean rates about x of the rests of an MPU-6050 and the standard deviations of their noise, counts. The first
-    /// rest lasts 37 s on a table, and the others are hand-held.
+    /// Mean rate about x at each of ten rests of an MPU-6050, and the standard deviation of its noise, both in counts.
+    /// The first rest lasts 37 s on a table, and the others are hand-held.
     const HELD: [(f64, f64); 10] = [
         (-427.4, 0.1),
         (-379.6, 10.0),
@@ -111,8 +114,9 @@ mod tests {
             let rests: Vec<_> = [(-427.4, std)].into_iter().chain(HELD[1..].iter().copied()).collect();
             assert_eq!(kept_of(&rests), Vec::from_iter(0..10), "{std}");
         }
-        // The noise of the first twelve rests explains their scatter. The last rest has little noise, but the median
-        // with which it is compared is less accurate. The last rest must therefore not be excluded.
+        // The noise of the first twelve rests explains the scatter of their mean rates. The last rest has little noise,
+        // but the median with which its mean rate is compared is less accurate. Therefore, the last rest must not be
+        // excluded.
         let noisy: Vec<_> = (0..12).map(|k| (f64::from(k) - 2.5, 5.0)).chain([(0.0, 0.01)]).collect();
         assert_eq!(kept_of(&noisy), Vec::from_iter(0..13));
     }
