@@ -1,10 +1,13 @@
 """Tables in which each row holds the sample of one sensor: named in a column, or with empty cells."""
 
 import numpy as np
+import pyarrow as pa
 import pytest
+from pyarrow import csv as pa_csv, parquet
 
 import imucal
 from export_files import FORCE, NS, RATE, ROWS, TIME_S, lines, write
+from imucal.cli import main
 
 EMPTY = [",,"] * ROWS
 HEADER = "time_s," + ",".join([f"accel_{a}_mps2" for a in "xyz"] + [f"gyro_{a}_radps" for a in "xyz"])
@@ -119,3 +122,41 @@ def check(recording):
     np.testing.assert_allclose(recording.time_s, TIME_S, atol=1e-9)
     np.testing.assert_allclose(recording.specific_force, FORCE, atol=1e-12)
     np.testing.assert_allclose(recording.angular_rate, RATE, atol=1e-12)
+
+
+def test_columns_without_a_sensor_that_an_outer_join_loses_are_named(tmp_path):
+    for late_s in (0.0, 0.004):
+        rows = [f"{row},1013.2,7" for row in outer_join(late_s)]
+        recording = imucal.read(write(tmp_path, "run.csv", f"{HEADER},pressure_hpa,state", rows))
+        assert not recording.auxiliary
+        said = [own.message for own in recording.findings]
+        assert any(own.startswith("the columns pressure_hpa, state were left out") for own in said)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+@pytest.mark.parametrize("complete", [0, 60, 1500])
+def test_an_outer_join_in_a_large_file_is_resampled_by_the_commands_too(tmp_path, ending, complete):
+    """The first rows may be complete, so that only a later piece shows the separate rows."""
+    count = 2_000 if ending == ".csv" else 70_000
+    time_s = np.arange(count) / 100.0
+    force, rate = np.resize(FORCE, (count, 3)), np.resize(RATE, (count, 3))
+    rows = np.full((2 * count, 7), np.nan)
+    rows[::2, 0], rows[1::2, 0] = time_s, time_s + 0.004
+    rows[::2, 1:4], rows[1::2, 4:] = force, rate
+    rows[: 2 * complete : 2, 4:] = rate[:complete]
+    rows = np.delete(rows, np.s_[1 : 2 * complete : 2], axis=0)
+    path, output = tmp_path / f"run{ending}", tmp_path / "out.parquet"
+    table = pa.table(list(rows.T), names=HEADER.split(","))
+    if ending == ".csv":
+        pa_csv.write_csv(table, path)
+        path.write_text(path.read_text().replace("nan", ""))
+        assert path.stat().st_size > 1 << 16
+    else:
+        parquet.write_table(table, path)
+    whole = imucal.read(path)
+    assert whole.findings[-1].code == "resampled" and count - 2 <= len(whole) <= count
+    assert main(["convert", str(path), "-o", str(output)]) == 0
+    converted = imucal.read(output)
+    np.testing.assert_array_equal(converted.time_s, whole.time_s)
+    np.testing.assert_array_equal(converted.specific_force, whole.specific_force)
+    np.testing.assert_array_equal(converted.angular_rate, whole.angular_rate)

@@ -142,10 +142,8 @@ def _parsed(layout: Layout, used: list[bool], blocks: Iterator[bytes]) -> list[A
 class NotInPartsError(FormatError):
     """The text can only be read as a whole, for example because column types change in a later part."""
 
-    def __init__(self, file: str) -> None:
-        super().__init__(
-            f"{file} cannot be read in pieces because its column types change: read it as a whole"
-        )
+    def __init__(self, file: str, reason: str = "its column types change") -> None:
+        super().__init__(f"{file} cannot be read in pieces because {reason}: read it as a whole")
 
 
 def content_of(file: File) -> bytes:
