@@ -60,6 +60,66 @@ def test_rows_of_two_units_in_one_file_are_refused(tmp_path):
         imucal.read(write(tmp_path, "run.csv", "device,timestamp,sensor,x,y,z", rows), gyro_unit="rad/s")
 
 
+@pytest.mark.parametrize("name", ["device", "meta.deviceId", "IMU no", "ble_mac"])
+@pytest.mark.parametrize("times", [1, 20])
+def test_two_units_one_after_the_other_are_refused(tmp_path, name, times):
+    """With 20 times as many rows, the first rows have those of one unit only."""
+    rows = lines(np.resize(FORCE, (ROWS * times, 3)), np.resize(RATE, (ROWS * times, 3)))
+    rows = [f"{at / 100},{row}" for at, row in enumerate(rows)]
+    path = write(
+        tmp_path,
+        "run.csv",
+        f"{HEADER},{name}",
+        [f"{row},{unit}" for unit in ("left", "right") for row in rows],
+    )
+    message = f"one of 2 units, named in the column '{name}' .left, right.: write the rows of each unit to"
+    with pytest.raises(imucal.FormatError, match=message):
+        imucal.read(path)
+    assert main(["convert", str(path), "-o", str(tmp_path / "out.csv")]) == 1
+    one = write(tmp_path, "one.csv", f"{HEADER},{name}", [f"{row},left" for row in rows])
+    assert len(imucal.read(one)) == len(rows)
+
+
+def test_units_that_are_written_in_packets_are_refused_whatever_the_name_of_their_column(tmp_path):
+    rows = [f"{t},{row}" for t, row in zip(TIME_S, lines(FORCE, RATE), strict=True)]
+    packets = [
+        f"{row},{who}" for at in range(0, ROWS, 50) for who in ("a", "b") for row in rows[at : at + 50]
+    ]
+    with pytest.raises(imucal.FormatError, match=r"one of 2 units, named in the column 'who' \(a, b\)"):
+        imucal.read(write(tmp_path, "run.csv", f"{HEADER},who", packets))
+    poses = [f"{row},{'ab'[at // 50 % 2]}" for at, row in enumerate(rows)]
+    assert len(imucal.read(write(tmp_path, "run.csv", f"{HEADER},pose", poses))) == ROWS
+
+
+def test_a_column_that_does_not_name_known_sensors_is_refused(tmp_path):
+    rows = [row.replace("ACC", "1").replace("GYRO", "4") for row in named_rows()]
+    path = write(tmp_path, "accel.csv", "timestamp,type,ax (m/s^2),ay (m/s^2),az (m/s^2)", rows)
+    with pytest.raises(imucal.FormatError, match=r"one of 2 sensors, named in the column 'type' \(1, 4\)"):
+        imucal.read(path)
+
+
+@pytest.mark.parametrize("cut", [4, 25, 40])
+def test_a_last_row_that_was_cut_off_is_left_out(tmp_path, cut):
+    rows = [
+        f"{ns},{sensor},{x:.6f},{y:.6f},{z:.6f}"
+        for ns, *both in zip(NS, FORCE, RATE, strict=True)
+        for sensor, (x, y, z) in zip(("accelerometer", "gyroscope"), both, strict=True)
+    ]
+    path = write(tmp_path, "run.csv", "timestamp,sensor,x,y,z", rows)
+    path.write_bytes(path.read_bytes()[: -1 - cut])
+    recording = imucal.read(path, gyro_unit="rad/s")
+    np.testing.assert_allclose(recording.time_s, TIME_S[:-1], atol=1e-9)
+    np.testing.assert_allclose(recording.angular_rate, RATE[:-1], atol=1e-6)
+    assert any("an incomplete last line" in own.message for own in recording.findings)
+
+
+def test_rows_of_which_none_has_enough_numbers_are_refused(tmp_path):
+    rows = [f"{t},{row},{','.join(['text'] * 8)}" for t, row in zip(TIME_S, lines(FORCE, RATE), strict=True)]
+    header = f"{HEADER},{','.join(f'note{i}' for i in range(8))}"
+    with pytest.raises(imucal.FormatError, match="no line below the header is a row of numbers"):
+        imucal.read(write(tmp_path, "run.csv", header, rows))
+
+
 def outer_join(late_s=0.0, step=1, gyro=RATE):
     """A table with the samples of both sensors; only every `step`-th accelerometer sample was written."""
     rows = [(t, f"{row},,,") for t, row in list(zip(TIME_S, lines(FORCE), strict=True))[::step]]

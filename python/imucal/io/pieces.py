@@ -12,12 +12,13 @@ from imucal.errors import FormatError, InputError
 from imucal.io.canonical import chosen, parquet_table, read_csv, read_parquet
 from imucal.io.copies import has_equal_stamps
 from imucal.io.headed import names_given
+from imucal.io.interleaved import refuse_interleaved
 from imucal.io.layout import Layout
 from imucal.io.names import is_canonical
 from imucal.io.requested_columns import Clock
 from imucal.io.separate_rows import has_separate_rows
 from imucal.io.table import Table, parts
-from imucal.io.text import NotInPartsError, headed_parts
+from imucal.io.text import NotInPartsError, headed_parts, open_path
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 
@@ -96,6 +97,7 @@ def _names(path: str | os.PathLike[str], layout: Layout, columns: str | Sequence
         names = names_given(name, layout, columns)
     except InputError:
         raise NotInPartsError(name) from None
+    refuse_interleaved(open_path(path), names)
     return names
 
 
