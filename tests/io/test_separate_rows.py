@@ -178,6 +178,15 @@ def test_other_empty_cells_stay_and_are_refused(tmp_path, kind):
         imucal.calibrate(recording)
 
 
+def test_convert_counts_the_samples_that_lack_a_sensor(tmp_path, capsys):
+    rate = [row if at % 25 == 0 else ",," for at, row in enumerate(lines(RATE))]
+    rows = [f"{t},{f},{w}" for t, f, w in zip(TIME_S, lines(FORCE), rate, strict=True)]
+    path, output = write(tmp_path, "run.csv", HEADER, rows), tmp_path / "out.csv"
+    assert main(["convert", str(path), "-o", str(output)]) == 0
+    expected = f"{ROWS - ROWS // 25} of {ROWS} samples lack a number for the force or the rate [non_finite]"
+    assert expected in capsys.readouterr().out
+
+
 def check(recording):
     np.testing.assert_allclose(recording.time_s, TIME_S, atol=1e-9)
     np.testing.assert_allclose(recording.specific_force, FORCE, atol=1e-12)

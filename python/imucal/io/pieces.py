@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from imucal.document.source import Source, open_large
 from imucal.errors import FormatError, InputError
 from imucal.io.canonical import chosen, parquet_table, read_csv, read_parquet
@@ -126,18 +128,26 @@ def _refuse_in_parts(piece: Recording) -> None:
 
 
 class Whole:
-    """Iterator over the pieces of a recording that also counts its samples and determines its duration."""
+    """Iterator over the pieces of a recording that also counts its samples and determines its duration.
+
+    samples  number of samples
+    lacking  number of samples of which a component of the force or the rate is not a finite number
+    """
 
     def __init__(self, pieces: Iterable[Recording]) -> None:
         self._pieces = pieces
         self._first: Recording | None = None
         self._last_s = 0.0
         self.samples = 0
+        self.lacking = 0
 
     def __iter__(self) -> Iterator[Recording]:
         for piece in self._pieces:
             self._first = self._first or piece
             self.samples += len(piece)
+            there = [own for own in (piece.specific_force, piece.angular_rate) if own is not None]
+            is_complete = np.logical_and.reduce([np.isfinite(samples).all(axis=1) for samples in there])
+            self.lacking += len(piece) - int(np.count_nonzero(is_complete))
             if len(piece):
                 self._last_s = float(piece.time_s[-1])
             yield piece
