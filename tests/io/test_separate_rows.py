@@ -225,6 +225,8 @@ def test_an_outer_join_in_a_large_file_is_resampled_by_the_commands_too(tmp_path
     whole = imucal.read(path)
     assert whole.findings[-1].code == "resampled" and count - 2 <= len(whole) <= count
     assert main(["convert", str(path), "-o", str(output)]) == 0
+    # Separate rows in the output would only be joined when it is read.
+    assert parquet.read_metadata(output).num_rows == len(whole)
     converted = imucal.read(output)
     np.testing.assert_array_equal(converted.time_s, whole.time_s)
     np.testing.assert_array_equal(converted.specific_force, whole.specific_force)
