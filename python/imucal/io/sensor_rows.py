@@ -14,18 +14,20 @@ import io
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from imucal.errors import FormatError
-from imucal.io.head import Head
-from imucal.io.header import sensor_column
-from imucal.io.layout import layout_of, split_line
+from imucal.finding import Finding
+from imucal.io.header import MOST_SENSORS, sensor_column
+from imucal.io.last_line import LastLine
+from imucal.io.layout import Layout, layout_of, split_line
 from imucal.io.remarks import lines_left_out
 from imucal.io.sensor import units_given
 from imucal.io.sensor_files import recording_of_texts
 from imucal.io.text import Text, open_path
 from imucal.recording.recording import Recording
 
-__all__ = ["read_sensor_rows", "texts_of_rows"]
+__all__ = ["SensorRows", "read_sensor_rows", "rows_by_sensor", "texts_of_rows"]
 
 
 def read_sensor_rows(
@@ -39,33 +41,70 @@ def read_sensor_rows(
     """Read a text table with the sample of one sensor in each row; arguments as for `read_pair`."""
     units = units_given(time_unit, accel_unit, gyro_unit, rate_hz)
     text = open_path(path)
-    names = text.layout.names or []
-    column = sensor_column(Head(text).cells)
-    if column is None:
+    layout = text.layout
+    last = LastLine(text.content, layout)
+    lines = text.content[layout.start : last.end].decode(errors="replace").split("\n")
+    rows = [split_line(line, layout.separator) for line in lines if line.strip()]
+    apart = rows_by_sensor(layout.described, rows)
+    if apart is None:
         raise FormatError(
             f"{text.name}: no column names the sensor of each row, such as accelerometer and gyroscope; "
-            f"found: {', '.join(names)}"
+            f"found: {', '.join(layout.names or [])}"
         )
-    layout, at = text.layout, names.index(column)
-    lines = text.content[layout.start :].decode(errors="replace").split("\n")
-    fields = [split_line(line, layout.separator) for line in lines if line.strip()]
-    rows: dict[str, list[list[str]]] = {}
-    for row in fields:
-        if len(row) > at and row[at]:
-            rows.setdefault(row[at], []).append(row[:at] + row[at + 1 :])
-    heads = [each[:at] + each[at + 1 :] for each in (names, layout.units) if each]
-    recording = recording_of_texts(
-        texts_of_rows(text, {sensor: [*heads, *own] for sensor, own in rows.items()}, layout.separator),
-        text.name,
-        None,
-        rate_hz,
-        units,
-    )
-    out = len(fields) - sum(map(len, rows.values()))
-    if not out:
-        return recording
-    warning = lines_left_out(text.name, [f"{out} rows without the name of a sensor"], out)
-    return replace(recording, findings=(*recording.findings, warning))
+    texts = texts_of_rows(text, apart.tables, layout.separator)
+    recording = recording_of_texts(texts, text.name, None, rate_hz, units)
+    findings = (*recording.findings, *last.findings(text.name), *apart.findings(text.name))
+    return replace(recording, findings=findings)
+
+
+class SensorRows(NamedTuple):
+    """A table that was split by the names of sensors in one of its columns.
+
+    tables   the header and the rows of each sensor, without the column that names it
+    without  number of rows that do not name a sensor; they are in no table
+    """
+
+    tables: dict[str, list[Sequence[object]]]
+    without: int
+
+    def findings(self, file: str) -> tuple[Finding, ...]:
+        """A warning if rows do not name a sensor."""
+        left = [f"{self.without} rows without the name of a sensor"]
+        return (lines_left_out(file, left, self.without),) if self.without else ()
+
+
+def rows_by_sensor(names: Sequence[str], rows: Sequence[Sequence[object]]) -> SensorRows | None:
+    """The rows of each sensor if a column names the sensor of each row; otherwise None.
+
+    A sensor has only those columns in which it has a value.
+    """
+    column = sensor_column({name: _words(rows, at) for at, name in enumerate(names)})
+    if column is None:
+        return None
+    at = list(names).index(column)
+    of_sensor: dict[str, list[Sequence[object]]] = {}
+    for row in rows:
+        if len(row) > at and isinstance(row[at], str) and row[at]:
+            of_sensor.setdefault(str(row[at]), []).append(row)
+    tables: dict[str, list[Sequence[object]]] = {}
+    for sensor, own in of_sensor.items():
+        used = {i for row in own for i, cell in enumerate(row) if cell not in (None, "")} - {at}
+        kept = [i for i in range(len(names)) if i in used]
+        # A row with too many or too few cells stays so, because the reader of texts reports its line.
+        tables[sensor] = [[names[i] for i in kept]]
+        tables[sensor] += [[row[i] for i in kept if i < len(row)] + list(row[len(names) :]) for row in own]
+    return SensorRows(tables, len(rows) - sum(map(len, of_sensor.values())))
+
+
+def _words(rows: Sequence[Sequence[object]], at: int) -> list[str]:
+    """The different texts in a column, up to a number that is too large for names of sensors."""
+    words: dict[str, None] = {}
+    for row in rows:
+        if len(row) > at and isinstance(word := row[at], str) and word:
+            words[word] = None
+            if len(words) > MOST_SENSORS:
+                break
+    return list(words)
 
 
 def texts_of_rows(
@@ -75,8 +114,27 @@ def texts_of_rows(
     texts = []
     for sensor, table in tables.items():
         written = io.StringIO()
-        csv.writer(written, delimiter=separator, lineterminator="\n").writerows(table)
-        content = written.getvalue().encode()
+        writer = csv.writer(written, delimiter=separator, lineterminator="\n")
+        rows = ([_in_one_line(cell) for cell in row] for row in table)
+        names = [str(name) for name in next(rows)]
+        writer.writerow(names)
+        start = len(written.getvalue().encode(errors="replace"))
+        writer.writerows(rows)
+        content = written.getvalue().encode(errors="replace")
         name = f"{whole.name} ({sensor})" if sensor else whole.name
-        texts.append(Text(name, content, layout_of(name, content), whole.sources, label=sensor or None))
+        # The position of the header is known, and only the decimal mark must be found. A search for the first
+        # row would skip rows with many texts.
+        decimal = layout_of(name, content, width=len(names)).decimal
+        first = (
+            split_line(content[start:].partition(b"\n")[0].decode(), separator)
+            if start < len(content)
+            else []
+        )
+        layout = Layout(names, None, [], separator, decimal, start, 2, len(names), first)
+        texts.append(Text(name, content, layout, whole.sources, label=sensor or None))
     return texts
+
+
+def _in_one_line(cell: object) -> object:
+    """The cell without line breaks, because a line of the text is a row."""
+    return " ".join(cell.split()) if isinstance(cell, str) and ("\n" in cell or "\r" in cell) else cell

@@ -10,15 +10,18 @@ without a sample empty.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
+from imucal.finding import Finding
+from imucal.io.remarks import remark
 from imucal.io.streams import LARGEST_RATIO, Stream, recording_from_streams
 from imucal.recording.recording import Recording
 
-__all__ = ["on_one_clock"]
+__all__ = ["has_separate_rows", "on_one_clock"]
 
 # Minimum share of the rows with samples that contain a sample of one sensor only. A smaller share is more
 # likely caused by lost samples.
@@ -31,10 +34,7 @@ LONGEST_RUN: Final = 2 * int(LARGEST_RATIO)
 def on_one_clock(recording: Recording) -> Recording:
     """The recording on one clock if its sensors have separate rows; any other recording unchanged."""
     force, rate = recording.specific_force, recording.angular_rate
-    if force is None or rate is None:
-        return recording
-    # In almost all tables the first rows are complete, and the other rows need not be examined.
-    if np.isfinite(force[: 2 * LONGEST_RUN]).all() and np.isfinite(rate[: 2 * LONGEST_RUN]).all():
+    if force is None or rate is None or not has_separate_rows(recording):
         return recording
     accel, gyro = np.isfinite(force), np.isfinite(rate)
     has_accel, has_gyro = accel.all(axis=1), gyro.all(axis=1)
@@ -58,7 +58,34 @@ def on_one_clock(recording: Recording) -> Recording:
         accel_unit=recording.accel_unit,
         gyro_unit=recording.gyro_unit,
     )
-    return replace(joined, column_units=recording.column_units)
+    findings = joined.findings
+    if recording.auxiliary:
+        findings = (*findings, _left_out(recording.name, list(recording.auxiliary)))
+    return replace(joined, column_units=recording.column_units, findings=findings)
+
+
+def has_separate_rows(recording: Recording) -> bool:
+    """Whether any row has samples of one sensor only. A part of a table suffices for this test."""
+    force, rate = recording.specific_force, recording.angular_rate
+    # A sum over all rows needs no memory and is finite in almost all tables. In a table with infinite
+    # samples or an overflow of the sum, the rows are examined.
+    if force is None or rate is None or (_is_finite(force) and _is_finite(rate)):
+        return False
+    return bool((np.isfinite(force).all(axis=1) ^ np.isfinite(rate).all(axis=1)).any())
+
+
+def _is_finite(samples: Any) -> bool:
+    with np.errstate(all="ignore"):
+        return bool(np.isfinite(samples.sum(dtype=np.float64)))
+
+
+def _left_out(file: str, columns: Sequence[str]) -> Finding:
+    return remark(
+        file,
+        "resampled",
+        f"the columns {', '.join(columns)} were left out, because the rows of both sensors were joined",
+        "if a calibration needs them, write each row with the samples of both sensors",
+    )
 
 
 def _longest_run(of: Any, without: Any) -> int:

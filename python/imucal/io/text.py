@@ -79,6 +79,10 @@ class Text:
         part = self.content[self.layout.start : self.layout.start + size]
         return part, self.layout.start + len(part) == len(self.content)
 
+    def last_rows(self, size: int) -> bytes:
+        """The end of the rows, at most `size` bytes. The first line of this part may be incomplete."""
+        return self.content[max(self.layout.start, len(self.content) - size) :]
+
     def numbers(self, used: list[bool]) -> list[Any] | None:
         """The used columns as arrays if all rows consist of plain numbers; otherwise None."""
         start = self.layout.start
@@ -111,8 +115,13 @@ class _StoredText(Text):
             part = file.read(size)
             return part, not file.read(1)
 
+    def last_rows(self, size: int) -> bytes:
+        with Path(self._path).open("rb") as file:
+            file.seek(max(self.layout.start, file.seek(0, os.SEEK_END) - size))
+            return file.read()
+
     def numbers(self, used: list[bool]) -> list[Any] | None:
-        if self._is_cut():
+        if LastLine(self.last_rows(TAIL), self.layout._replace(start=0)).cut:
             return None
         sources: list[Source] = []
         blocks = hashed_blocks(self._path, self.layout.start, BLOCK, sources)
@@ -122,13 +131,6 @@ class _StoredText(Text):
         if columns is not None:
             self._sources = tuple(sources)
         return columns
-
-    def _is_cut(self) -> bool:
-        """Whether the last line of the file is incomplete."""
-        with Path(self._path).open("rb") as file:
-            size = file.seek(0, os.SEEK_END)
-            file.seek(max(self.layout.start, size - TAIL))
-            return bool(LastLine(file.read(), self.layout._replace(start=0)).cut)
 
 
 def _parsed(layout: Layout, used: list[bool], blocks: Iterator[bytes]) -> list[Any] | None:
@@ -142,10 +144,8 @@ def _parsed(layout: Layout, used: list[bool], blocks: Iterator[bytes]) -> list[A
 class NotInPartsError(FormatError):
     """The text can only be read as a whole, for example because column types change in a later part."""
 
-    def __init__(self, file: str) -> None:
-        super().__init__(
-            f"{file} cannot be read in pieces because its column types change: read it as a whole"
-        )
+    def __init__(self, file: str, reason: str = "its column types change") -> None:
+        super().__init__(f"{file} cannot be read in pieces because {reason}: read it as a whole")
 
 
 def content_of(file: File) -> bytes:
@@ -254,6 +254,12 @@ def read_rows(text: Text, names: Sequence[str]) -> Table:
     from imucal.io.rows import cleaned_columns, without_blank_rows
 
     if not layout.first:
+        if below := text.content[layout.start :].strip():
+            line = below.partition(b"\n")[0].decode(errors="replace")
+            raise FormatError(
+                f"{text.name}: no line below the header is a row of numbers (the first: {line[:60]!r}): at "
+                "least half of the cells of a row must be numbers or dates: leave out columns of text"
+            )
         empty = pa.chunked_array([pa.array([], pa.float64())])
         return Table(text.name, kept, [empty] * len(kept), place)
 

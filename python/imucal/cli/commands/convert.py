@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +17,8 @@ from imucal.cli.working import working
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
+    from imucal.finding import Finding
+    from imucal.io.pieces import Whole
     from imucal.recording.recording import Recording
 
 __all__ = ["convert"]
@@ -40,6 +42,22 @@ def _without_rotation(pieces: Iterator[Recording], output: Path) -> Iterator[Rec
                 "itself, or give the axes of the output (--axes; x,y,z for the axes of the vehicle)"
             )
         yield piece
+
+
+def _lacking(whole: Whole) -> list[Finding]:
+    """The warning that samples of the written recording are not numbers, if there are any."""
+    from imucal.io.remarks import remark
+
+    if not whole.lacking:
+        return []
+    warning = remark(
+        whole.first.name,
+        "non_finite",
+        f"{whole.lacking} of {whole.samples} samples lack a number for the force or the rate",
+        "a calibration needs both in every sample: leave these rows out, or record both sensors at similar "
+        "rates",
+    )
+    return [replace(warning, count=whole.lacking)]
 
 
 @reading_options
@@ -87,6 +105,7 @@ def convert(
     with working("converting"):
         whole = reading.by_pieces(files, written)
     recording = whole.first
+    findings = [*recording.findings, *_lacking(whole)]
     out = Output(json)
     out.document(
         {
@@ -97,8 +116,8 @@ def convert(
             "accel_unit": recording.accel_unit,
             "gyro_unit": recording.gyro_unit,
             "sources": [asdict(source) for source in recording.sources],
-            "findings": [finding.to_dict() for finding in recording.findings],
+            "findings": [finding.to_dict() for finding in findings],
         }
     )
     out.line(f"{output}: {whole!r}")
-    out.findings(recording.findings)
+    out.findings(findings)
