@@ -201,8 +201,9 @@ CODES: Final[dict[str, dict[str, Code]]] = {
                 "sensor is noisy because of vibration, its supply or its wiring."
             ),
             cure=(
-                "Use the unit that the message names. If `gyro_units` or `accel_units` is reported with this "
-                "unit, the unit was right before, and the sensor is noisy: look for the source of the noise."
+                "Change the columns to the unit that the message names. If imucal then reports `gyro_units` or "
+                "`accel_units`, the former unit was correct: change it back, and look for the source of the "
+                "noise."
             ),
         ),
         "bias_implausible": Code(

@@ -43,6 +43,7 @@ def on_one_clock(recording: Recording) -> Recording:
     if (
         is_alone.sum() < LEAST_ALONE * (has_accel | has_gyro).sum()
         or not is_alone.any()
+        or not (has_accel.any() and has_gyro.any())
         or is_partial.any()
         or recording.stand_rad is not None
         or not np.isfinite(recording.time_s).all()

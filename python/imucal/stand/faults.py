@@ -30,7 +30,7 @@ FAULTS: Final = ("slip", "loose-mount", "clipping", "dead-axis")
 # Range of the angle of a slip, deg, and range of its time as a share of the run's duration.
 SLIP_DEG: Final = (1.0, 3.0)
 SLIP_SHARE: Final = (0.15, 0.85)
-# Standard deviation of the attitude error that play in the mount causes, deg about the axis of each motor.
+# Standard deviation of the attitude error due to a loose mount, deg about the axis of each motor.
 PLAY_DEG: Final = 0.5
 # The measurement range of a clipping gyroscope is drawn between these shares of the highest rate of the run.
 RANGE_SHARE: Final = (0.4, 0.8)

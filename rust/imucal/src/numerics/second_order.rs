@@ -21,9 +21,10 @@ use faer::Mat;
 use crate::error::Error;
 use crate::numerics::lsq::Solution;
 
-/// Computes the matrix of second moments of the second-order errors, for independent normal errors e of the priors. The
-/// matrix is `2 sum c c^T + (sum c) (sum c)^T`, where the sums run over the priors. `priors` contains the indices of
-/// the residuals of the priors, and `gain` is G. `residuals_at` returns all whitened residuals at given parameters.
+/// Computes the matrix of second moments of the second-order errors c e^2, for independent normal errors e of the
+/// priors. The matrix is `2 sum c c^T + (sum c) (sum c)^T`, where the sums run over the priors and c is the vector in
+/// the formulas at the top of this file. `priors` contains the indices of the residuals of the priors. `gain` is the
+/// matrix G in these formulas. `residuals_at` returns all whitened residuals at given parameters.
 pub(crate) fn mean_square(
     found: &Solution,
     gain: &Mat<f64>,
