@@ -132,7 +132,7 @@ def _places(written: Mapping[str, Any], frame: Frame) -> dict[str, tuple[str, st
 
 
 def require_covariance(node: Node, parameters: Sequence[str]) -> None:
-    """Raise FormatError unless `node` holds a covariance matrix whose rows have the order of `parameters`.
+    """Raise FormatError unless `node` contains a covariance matrix whose rows have the order of `parameters`.
 
     node         the field `covariance` of the file, which is not null
     parameters   names of all parameters in their order

@@ -26,8 +26,8 @@ LARGEST: Final = {"gravity_norm_rms_mps2": 9.9, "gravity_direction_rms_deg": 180
 COUNTS: Final = ("rests", "moves")
 FITS: Final = ("accelerometer", "gyroscope", "joint")
 # Groups of fields of the section `fit`. If one field of a group occurs, all fields of the group must occur.
-# Every calibration has the fields of the first group. A calibration from a joint fit also has the fields of
-# the second group.
+# A calibration that was estimated from recordings has the fields of the first group. A calibration from a
+# joint fit also has the fields of the second group.
 TOGETHER: Final = (
     ("accelerometer", "gyroscope", "rest_thresholds"),
     ("joint", "noise_alone", "bias_instability_radps", "tremor_deg", "effects"),

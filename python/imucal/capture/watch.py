@@ -42,9 +42,9 @@ SHAKEN_SHARE: Final = 0.35
 # An axis is reported as clipped at rest if at least this share of its samples in the last `SHAKES_S` equal
 # its smallest or its largest value.
 CLIPPED_SHARE: Final = 0.3
-# An axis is not reported as clipped if more than this share of its samples between these two values equal the
-# previous sample. The step of its converter then exceeds the noise, so that samples are equal without
-# clipping.
+# An axis is not reported as clipped if, of its samples between its smallest and its largest value, more than
+# this share equal the previous sample. The step of its converter then exceeds the noise, so that samples are
+# equal without clipping.
 EQUAL_SHARE: Final = 0.1
 # A rotation is too fast above this angular rate, deg/s. It is the smallest measurement range of common
 # gyroscopes.
@@ -226,7 +226,7 @@ def _text(finding: Finding, before: int) -> str:
         return (
             f"{' and '.join(finding.columns)} saturated at {finding.value:.4g} {finding.unit}, the end of "
             "the range: rotate "
-            "more slowly, or choose a larger range; drop the pose (u), or this rotation is excluded"
+            "more slowly, or choose a larger range; drop the pose (u), otherwise this rotation is not used"
         )
     return f"{finding.message}: {finding.way_out}"
 

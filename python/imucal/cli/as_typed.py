@@ -48,7 +48,7 @@ ARGUMENTS: Final = (
     "topic",
 )
 # Matches the value of an argument in a message: a value in quotes or brackets, or a plain value. It does not
-# match `...`, which stands for a value that the user chooses.
+# match `...`, the placeholder of a value that the user chooses.
 VALUE: Final = r"'[^']*'|\"[^\"]*\"|\[[^]]*\]|(?!\.\.\.)[\w+-][\w.+/^-]*(?<!\.)"
 ASSIGNED: Final = re.compile(rf"(?<![\w.-])({'|'.join(ARGUMENTS)})( = |=)({VALUE})")
 # Names of the fields that contain messages in JSON documents.

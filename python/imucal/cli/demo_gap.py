@@ -81,7 +81,7 @@ def gap(
 
 
 def _hidden(seed: int) -> EffectValues:
-    """The effect to hide. The seed determines which effect of `HIDDEN` it is, and its random size."""
+    """The effect to hide. The seed determines which of nine possible effects it is, and its random size."""
     import numpy as np
 
     from imucal.document.whole import check_seed

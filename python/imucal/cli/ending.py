@@ -76,10 +76,11 @@ def as_interrupts() -> Iterator[Ended]:
 
 @contextmanager
 def _discarded_again() -> Iterator[None]:
-    """Inside this block, KeyboardInterrupt is raised again after `AGAIN_S` if Python discards it.
+    """Inside this block, KeyboardInterrupt is raised again after 0.05 s (`AGAIN_S`) if Python discards it.
 
     Python prints and discards exceptions of destructors and of callbacks of weak references, such as those of
-    its import system. Without this block, a command would go on if an interrupt arrived inside one of them.
+    its import system. Without this block, a command would go on if an interrupt arrived inside such a
+    destructor or callback.
     """
     # Windows has no timers that raise a signal.
     if sys.platform == "win32" or signal.getsignal(signal.SIGALRM) != signal.SIG_DFL:

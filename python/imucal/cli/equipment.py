@@ -112,7 +112,7 @@ class Equipment:
     unwind: Annotated[bool, _option("--unwind", "Turn the motors back to zero first.", START)] = False
     resume_hold: Annotated[
         bool,
-        _option("--resume-hold", "grbl: go on after a feed hold or a closed door without cycle start.", GRBL),
+        _option("--resume-hold", "grbl: end a feed hold, or the hold after a closed door, by itself.", GRBL),
     ] = False
     ids: Annotated[str, _option("--ids", "Numbers of the three motors, outermost first.", DYNAMIXEL)] = (
         "1,2,3"

@@ -13,7 +13,8 @@ __all__ = ["pasteable"]
 EXAMPLE: Final = "Example: "
 # The library click does not re-wrap a paragraph of the help that starts with this mark.
 KEPT_AS_IT_IS: Final = "\b\n"
-# Maximum line length of an example, characters. The help has 80 columns, and its text is indented by two.
+# Maximum line length of an example, characters. The help has 80 columns, and its text is indented by two
+# columns.
 WIDTH: Final = 76
 INDENT: Final = "    "
 # Matches a word of a shell command. A quoted word may contain spaces.

@@ -41,8 +41,8 @@ class LivePage:
             self._next_s = self._started_s + max(RELOAD_S, (now_s - self._started_s) / SHARE)
         if self._process is None and now_s >= self._next_s:
             self._started_s = now_s
-            # The output of this process is discarded, because it is only an error message as long as the
-            # store contains no calibration.
+            # The output of this process is discarded. Until the store contains a calibration, the process
+            # prints an error message, which is expected.
             self._process = subprocess.Popen(
                 [*self._words, "--reload", f"{RELOAD_S:g}"],
                 stdin=subprocess.DEVNULL,

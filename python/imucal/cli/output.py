@@ -61,7 +61,7 @@ STYLES = {
 def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str | Path | None]) -> None:
     """Raises InputError if an output file is also an input or another output, or cannot be written.
 
-    It is called before any work is done.
+    Commands call this function before any work is done.
 
     inputs    input files of the command; may include names of built-in units and stands
     outputs   the output file that each option names; "-" is standard output

@@ -33,7 +33,7 @@ def show_completion(context: click.Context, complete: str) -> None:
 def install_completion(context: click.Context, complete: str) -> None:
     """Write the script for the current shell, and add a line that loads it to the start file if necessary.
 
-    Raises InputError for a shell that is not in `PLACES`, or if a file cannot be written.
+    Raises InputError for a shell other than bash, zsh and fish, or if a file cannot be written.
 
     complete   environment variable that the script sets when it calls `imucal`
     """

@@ -67,7 +67,7 @@ class Stage:
 
 @contextmanager
 def working(stage: str, steps: int | None = None) -> Iterator[Stage]:
-    """Show a progress display on standard error while the work takes longer than `DELAY_S`.
+    """Show a progress display on standard error if the work takes longer than `DELAY_S` (1 s).
 
     The display shows the stage and the elapsed time, and with `steps` also the number of steps done and the
     remaining time. Nothing is shown without a terminal.

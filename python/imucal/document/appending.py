@@ -17,7 +17,8 @@ def write_all(file: int, data: bytes) -> None:
 def lock(file: int) -> None:
     """Lock an open file until it is closed.
 
-    Raises BlockingIOError if another process holds the lock, and OSError if the file system has no locks.
+    Raises BlockingIOError if another process has locked the file, and OSError if the file system does not
+    support locks.
     """
     try:
         import fcntl

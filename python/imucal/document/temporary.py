@@ -16,7 +16,7 @@ from typing import BinaryIO, Final
 
 try:
     import fcntl
-except ImportError:  # Windows has no fcntl; users remove left files by hand.
+except ImportError:  # Windows has no fcntl; users delete remaining files by hand.
     fcntl = None  # type: ignore[assignment]
 
 __all__ = ["TemporaryFile"]

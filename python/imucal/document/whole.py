@@ -19,13 +19,13 @@ def is_whole(value: Any) -> bool:
 
 
 def check_seed(seed: int) -> None:
-    """Raise InputError unless `seed` is an integer from 0 to `LARGEST_SEED`."""
+    """Raise InputError unless `seed` is an integer from 0 to 2^64 - 1."""
     if not is_whole(seed) or not 0 <= seed <= LARGEST_SEED:
         raise InputError(f"seed is {seed!r}: a whole number from 0 to 2^64 - 1 is needed")
 
 
 def check_count(count: int, what: str) -> None:
-    """Raise InputError, which names `what`, unless `count` is an integer from 1 to `LARGEST_COUNT`."""
+    """Raise InputError, which names `what`, unless `count` is an integer from 1 to 2^31 - 1."""
     if not is_whole(count) or not 1 <= count <= LARGEST_COUNT:
         raise InputError(f"{what} is {count!r}: a whole number, one or more, is needed")
 

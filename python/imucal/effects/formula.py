@@ -4,8 +4,8 @@
 
 The effect adds the value of the expression to the true rate (rad/s) or force (m/s^2). The parameters are the
 names that are neither inputs (such as temp_degc), constants, functions nor columns of the recordings. The
-expression must be linear in the parameters, and each of its terms must contain one. Without an axis, the
-effect acts on all three axes, each of which has separate parameters.
+expression must be linear in the parameters, and each of its terms must contain a parameter. Without an axis,
+the effect acts on all three axes, each of which has separate parameters.
 
 The text is parsed but never executed. The syntax tree may contain only numbers, names, the operations in
 `OPERATORS`, comparisons, and calls of `FUNCTIONS`.
@@ -57,7 +57,8 @@ INPUTS: Final[Mapping[str, str]] = {
     "rest_s": "time since the rate last exceeded 0.1 rad/s, or since the first sample if it never did, s",
     **{f"stand_{k}_rad": f"measured angle of motor {k} of the stand, rad" for k in (1, 2, 3)},
 }
-# Inputs that cannot be computed from a single sample. Exported code takes them as arguments.
+# Inputs that cannot be computed from a single sample. The C and Rust functions that `imucal export` writes
+# have these inputs as arguments.
 ARGUMENTS: Final = ("rest_s", "stand_1_rad", "stand_2_rad", "stand_3_rad")
 CONSTANTS: Final[Mapping[str, float]] = {"pi": 3.141592653589793, "g": STANDARD_GRAVITY_MPS2}
 # Permitted functions, each with its number of arguments.
@@ -102,7 +103,7 @@ class Formula:
 
     @property
     def prefix(self) -> str:
-        """The prefix that stands for the sensor in names of effects and parameters."""
+        """The abbreviation of the sensor with which names of effects and parameters begin."""
         return "gyro" if self.sensor == "gyroscope" else "accel"
 
     @functools.cached_property
@@ -213,7 +214,7 @@ class _Reader:
     def terms(self, node: ast.expr) -> dict[str | None, ast.expr]:
         """The factor of each parameter in an expression that is linear in the parameters.
 
-        The key None stands for terms without a parameter.
+        The factor of the terms without a parameter has the key None.
         """
         match node:
             case ast.Name() if self._is_parameter(node.id):

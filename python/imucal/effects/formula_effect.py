@@ -242,10 +242,11 @@ def _typical_sizes(effect: FormulaEffect, states: Sequence[State]) -> list[float
 
 
 def sizes_of(effect: FormulaEffect, fields: Sequence[FloatArray]) -> list[float]:
-    """The size of each parameter that gives its term the standard deviation `TYPICAL` over the recordings.
+    """The size of each parameter for which its term has a typical standard deviation.
 
-    The term is the parameter times the expression that multiplies it. `fields` contains, for each recording,
-    the field (the derivatives with respect to the parameters) at its samples, (N, 3, p).
+    The term is the parameter times the expression that multiplies it. The typical standard deviation over the
+    recordings is `TYPICAL`: 0.05 deg/s for a gyroscope and 1 mg for an accelerometer. `fields` contains, for
+    each recording, the field (the derivatives with respect to the parameters) at its samples, (N, 3, p).
 
     Raises InputError if the factor of a parameter is constant.
     """
@@ -265,7 +266,7 @@ def sizes_of(effect: FormulaEffect, fields: Sequence[FloatArray]) -> list[float]
 def _rough_state(recording: Recording) -> State:
     """Approximate the true state by uncorrected samples.
 
-    Counts are scaled such that the median force is standard gravity and the largest rate is `TURN_RADPS`.
+    Counts are scaled such that the median force is standard gravity and the largest rate is 1 rad/s.
     """
     require_sensors(recording, "accelerometer", "gyroscope")
     force, rate = np.asarray(recording.specific_force, float), np.asarray(recording.angular_rate, float)

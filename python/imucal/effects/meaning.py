@@ -52,7 +52,7 @@ _DRIFT_REMEDY: Final = (
 )
 _ENCODER_REMEDY: Final = (
     "It is an error of the stand, not of the unit, so the calibration of the sensors does not contain it. "
-    "Repair the stand, or keep the effect in its model."
+    "Repair the stand, or keep the effect in the model of the stand."
 )
 
 MEANINGS: Final[dict[str, Meaning]] = {
@@ -265,8 +265,8 @@ MEANINGS: Final[dict[str, Meaning]] = {
         remedy=_ENCODER_REMEDY,
     ),
     "encoder_backlash": Meaning(
-        what="A motor stops at a different angle when it comes from the other side.",
-        cause="Play of the gears between the encoder and the platform.",
+        what="A motor stops at a different angle if it reaches the position from the other direction.",
+        cause="Looseness (play) of the gears between the encoder and the platform.",
         remedy=_ENCODER_REMEDY,
     ),
     **{

@@ -111,7 +111,7 @@ class State:
 
 
 def _rest_s(time_s: FloatArray, rate: FloatArray) -> FloatArray:
-    """Time since the rate last exceeded `MOVING_RADPS`, or since the first sample."""
+    """Time since the rate last exceeded 0.1 rad/s (`MOVING_RADPS`), or since the first sample."""
     is_moving = np.einsum("ij,ij->i", rate, rate) > MOVING_RADPS**2
     last = np.maximum.accumulate(np.where(is_moving, np.arange(len(is_moving)), 0))
     rest_s: FloatArray = time_s - time_s[last]

@@ -208,7 +208,7 @@ def _covariance(calibration: Calibration) -> FloatArray | None:
 
 
 def require_judges(model: SensorModel, judges: Sequence[Recording]) -> None:
-    """Raise InputError if `judges` is empty, has equal recordings, or has other raw units than `model`."""
+    """Raise InputError unless `judges` are one or more different recordings in the raw units of `model`."""
     if not judges:
         raise InputError("there is no recording for the evaluation: give at least one")
     require_different(judges)

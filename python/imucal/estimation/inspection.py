@@ -121,7 +121,7 @@ def inspect(
 ) -> Inspection:
     """Check a recording, detect its rests, and report which parameters it determines.
 
-    Faults of the recording are findings, not errors.
+    Faults of the recording are reported as findings and do not raise an exception.
     """
     recording = as_recording(recording).without_copies()
     seen = _core.inspect(recording, gravity_mps2, min_rest_s)
@@ -207,7 +207,7 @@ def _predicted(
 ) -> tuple[tuple[PredictedSigma, ...], tuple[str, ...]]:
     """Predict the standard deviations, and find the parameters that only the moves determine.
 
-    Both results are empty for a recording with faults.
+    Both returned tuples are empty for a recording with faults.
 
     A parameter in `not_determined` has no standard deviation, even if the data determine it in theory,
     because the calibration may lack a start value for it.

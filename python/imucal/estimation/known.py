@@ -69,8 +69,8 @@ def require_other_files(
 ) -> None:
     """Raise InputError if the given calibration was made from the file of one of the recordings.
 
-    The calibration file contains the hashes of its recordings but not their samples, so only the same file is
-    recognised, also under another name.
+    The calibration file contains the hashes of its recordings but not their samples, so a recording
+    is recognised only if it was read from the same file. The file may have another name.
     """
     for recording in unit_data:
         _refuse_files(

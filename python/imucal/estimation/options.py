@@ -45,6 +45,8 @@ class Options:
     hold         names of held parameters or groups, each with the mean and standard deviation of its prior
     profile      spread of the parameters between units (standard deviation), by group of parameters, from the
                  profile of the unit
+    wander       bias instability and random walk of the accelerometer and of the gyroscope, from the profile
+                 of the unit
     The other fields are the arguments of `calibrate`.
     """
 

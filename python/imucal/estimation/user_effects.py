@@ -118,7 +118,7 @@ def _corrected(calibration: Calibration, recordings: Sequence[Recording]) -> lis
 
 
 def _brief(recording: Recording) -> Recording:
-    """Average a recording over intervals of `BRIEF_S`; an incomplete interval at the end is dropped."""
+    """Average a recording over intervals of 0.1 s (`BRIEF_S`); an incomplete last interval is dropped."""
     step_s = float(recording.time_s[-1] - recording.time_s[0]) / max(len(recording) - 1, 1)
     count = max(round(BRIEF_S / step_s), 1) if step_s > 0.0 else 1
     rows = len(recording) // count

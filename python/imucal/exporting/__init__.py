@@ -177,8 +177,8 @@ def export(
 ) -> Export:
     """Write the calibration in `format`, one of the names in `FORMATS`.
 
-    noise   noise figures of a recording at rest, corrected by this calibration; required by kalibr-imu and
-            gazebo, included by openvins, ignored by the other formats
+    noise   noise figures of a recording at rest, corrected by this calibration; the formats kalibr-imu and
+            gazebo require them, openvins contains them if given, and the other formats ignore them
     name    prefix of all C names in the formats c-header (default "imucal") and fusion (default: no prefix).
             Two units in one program need two prefixes.
     board_orientation   ardupilot: AHRS_ORIENTATION of the log that was calibrated, a number or the angles
@@ -231,7 +231,8 @@ def export(
         written = form.write(along_columns(calibration), noise)
     except InputError:
         # A format without a field for a rotation cannot represent the axis remapping of the recordings. Its
-        # body frame must then be along the axes before the remapping, which must not differ between sensors.
+        # body frame must then be along the axes before the remapping. This is only possible if the remapping
+        # is the same for both sensors.
         axes = Axes.parse(calibration.axes)
         if calibration.axes == UNCHANGED or not axes.are_alike:
             raise

@@ -4,7 +4,8 @@
     gyro  =  raw - p(T) + p(CALTEMP) - GYROFFS
     p(T)  = (c1 + (c2 + c3 x) x) x 1e-6,  x = T - 35,  T and CALTEMP clamped to [TMIN, TMAX]
 
-T is the temperature, degC, and c1, c2 and c3 are the coefficients of the axis in INS_TCAL.
+T is the temperature, degC, CALTEMP the temperature at which the offsets are valid, and c1, c2 and c3 are the
+coefficients of the axis in INS_TCAL.
 
 Sources in ArduPilot: AP_InertialSensor_Backend.cpp (_rotate_and_correct_accel, _rotate_and_correct_gyro) and
 AP_InertialSensor_tempcal.cpp (correct_sensor, polynomial_eval).
@@ -90,7 +91,7 @@ def write(calibration: Calibration, noise: NoiseResult | None, rotation: FloatAr
         notes=(
             *notes,
             *model.thermal_notes,
-            *(["ArduPilot clamps CALTEMP to [TMIN, TMAX], so they enclose it."] if model.thermal else []),
+            *(["CALTEMP is in [TMIN, TMAX], because ArduPilot clamps it."] if model.thermal else []),
         ),
     )
 

@@ -85,8 +85,8 @@ def _warnings(calibration: Calibration, kept: Sequence[EffectValues], lost: Sequ
         notes.append(f"The firmware must give: {', '.join(needs).replace('_', ' ')}")
     if lost:
         notes.append(
-            "The errors of omitted effects stay in the data. omitted_effects is their number, so that a "
-            "firmware can refuse the calibration"
+            "The errors of omitted effects stay in the data. omitted_effects is the number of these effects, "
+            "so that a firmware can refuse the calibration"
         )
     return notes
 

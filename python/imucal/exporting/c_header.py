@@ -157,8 +157,8 @@ def _notes(
     notes += [explained[need] for need in needs]
     if any(values.name == DELAY for values in effects):
         notes.append(
-            f"For {DELAY}, the mean of the derivatives of the measured and of the corrected rate is more "
-            "accurate."
+            f"For {DELAY}, it is more accurate to pass the mean of the derivatives of the measured and of "
+            "the corrected rate."
         )
     notes += [f"{own.name} is the formula {own.text}" for own in formulas]
     notes += [argument_note(column) for column in columns]
@@ -345,7 +345,7 @@ def _removal(
 
 
 def _largest(size: str, of: str, indent: str = "") -> list[str]:
-    """C code that sets size_w and size_f to |component i| of the rate and force vector `of`, if larger."""
+    """C code that increases size_w and size_f to |of_w[i]| and |of_f[i]| if these values are larger."""
     return [
         line
         for v in "wf"

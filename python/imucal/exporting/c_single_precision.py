@@ -2,9 +2,10 @@
 
 If T^-1 (raw - bias) is computed with a rounded T^-1, the error can reach four units. The largest coefficient,
 its product, the difference from the bias and each sum contribute half a unit each, and twice as much if an
-intermediate value has a larger exponent than the result. This code therefore keeps the low part of that
-coefficient (the part lost by rounding), adds the small terms first, and makes the difference exact (counts)
-or avoids it (SI units). The rounding errors of the product and of the last sum remain.
+intermediate value has a larger exponent than the result. This code therefore keeps the low part of the
+largest coefficient (the part lost by rounding) and adds the small terms first. It makes the difference
+raw - bias exact (counts) or avoids this difference (SI units). The rounding errors of the product and of the
+last sum remain.
 
 The limit of two units applies if each sensor axis is close to a body axis. For other sensors, `Split.rest`
 contains large coefficients whose low parts are lost, and errors of 3.1 units were measured.

@@ -80,7 +80,8 @@ typedef struct {
 /* Quantities other than rate and force on which effects may depend. An unknown quantity is NAN. */
 typedef struct {
     float temperature_degc;
-    float time_s;                        /* time since power-on, as in the recordings of the calibration */
+    /* Time since power-on. In the recordings of the calibration, the time is 0 at the first sample. */
+    float time_s;
     float angular_acceleration_radps2[3]; /* in the body frame, from imucal_differentiate */
     const imucal_temperature *temperature_history; /* NULL if it is unknown */
 } imucal_surroundings;
@@ -326,7 +327,7 @@ static inline void imucal_effect_at(const imucal_effect *effect, const float w[3
         for (i = 0; i < 3; ++i) on_w[i] -= v[0] * a[i];
         break;
     case 24: case 25: {
-        /* The rows of L in dw/dt x r + w x (w x r) = L r. */
+        /* The rows of L. The acceleration at the lever arm r is dw/dt x r + w x (w x r) = L r. */
         const float x[3] = {-w[2] * w[2] - w[1] * w[1], w[0] * w[1] - a[2], w[0] * w[2] + a[1]};
         const float y[3] = {w[0] * w[1] + a[2], -w[2] * w[2] - w[0] * w[0], w[1] * w[2] - a[0]};
         const float z[3] = {w[0] * w[2] - a[1], w[1] * w[2] + a[0], -w[1] * w[1] - w[0] * w[0]};
@@ -404,7 +405,8 @@ static inline int imucal_correct(const imucal_calibration *calibration, const fl
             }
         }
         if (calibration->needs & ~known) result |= IMUCAL_INPUT_MISSING;
-        /* true <- seen - effects(true), until the change is at rounding level (docs/model.md (16)). */
+        /* Iteration true <- seen - effects(true), until only rounding errors change (docs/model.md (16)). `seen` is the
+         * sample after the correction of bias and sensitivity. */
         for (pass = 0; pass < 32; ++pass) {
             float on_w[3] = {0, 0, 0}, on_f[3] = {0, 0, 0}, limit_w, limit_f;
             int settled = 1;

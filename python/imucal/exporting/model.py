@@ -53,8 +53,8 @@ def along_columns(calibration: Calibration, *, with_body: bool = False) -> Calib
     """Convert a calibration so that it applies to raw samples before the axis remapping of its recordings.
 
     Firmware and other programs correct such samples. The body frame of the corrected samples stays the same.
-    With `with_body`, the axes of the body frame also follow the columns. The result has no covariance,
-    because the known covariance is for the parameters after axis remapping.
+    With `with_body`, the inverse of the axis remapping is also applied to the body frame. The result has no
+    covariance, because the known covariance is for the parameters after axis remapping.
     """
     if calibration.axes == UNCHANGED:
         return calibration

@@ -6,8 +6,9 @@
 f is the true force and w the true rate in the IMU frame. R_IMUtoGYRO is a rotation, Tg is the g-sensitivity,
 and b_a and b_g are the biases. Ta and Tw are lower triangular; OpenVINS takes the lower triangle of their
 inverses. Source: rpng/open_vins, Simulator.cpp (get_next_imu), Propagator.cpp and VioManagerOptions.h
-(print_and_load_state). Tg acts on the force in the IMU frame, so it is A C_gyro_i of Kalibr. The comment in
-OpenVINS' files, "Tg is imu0:gyroscopes:A", is correct only if C_gyro_i = 1.
+(print_and_load_state). Tg acts on the force in the IMU frame. Kalibr's g-sensitivity A acts on the force in
+the gyroscope frame, and Kalibr's C_gyro_i rotates from the IMU frame to the gyroscope frame. Therefore
+Tg = A C_gyro_i. The comment in OpenVINS' files, "Tg is imu0:gyroscopes:A", is correct only if C_gyro_i = 1.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         same_as=model.same_as,
         frame=FRAMES["triangular"] + ", the IMU frame of OpenVINS" + turned(model.rotation),
         notes=(
-            "Use it as the file of relative_config_imu. T_imu_cam must refer to the body frame above.",
+            "Set relative_config_imu to the name of this file. T_imu_cam must refer to the body frame above.",
             "With calib_imu_intrinsics or calib_imu_g_sensitivity OpenVINS estimates these matrices "
             "anew, starting from this file.",
             *(without_noise if noise is None else ()),

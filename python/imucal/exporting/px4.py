@@ -5,7 +5,8 @@ corrected_gyro  =  data - thermal_offset - offset                   sensor_calib
 thermal_offset  = x0 + x1 dT + x2 dT^2 + x3 dT^3, dT = T - TREF, T clamped to [TMIN, TMAX]
                                     TemperatureCompensation.cpp, calc_thermal_offsets_3D
 
-`data` are raw samples, T is the temperature, degC, and emult is the product axis by axis.
+`data` are raw samples, T is the temperature, degC, x0 to x3 are the coefficients of the axis, and emult is
+the product axis by axis.
 """
 
 from __future__ import annotations

@@ -156,7 +156,7 @@ class KeyedJob:
     hashes: tuple[str, ...]
 
     def with_job(self, job: Job) -> KeyedJob:
-        """A copy for another job, with the hashes and the key of this one."""
+        """A copy of this object with its `job` replaced; the hashes and the key are not changed."""
         return replace(self, job=job)
 
 

@@ -70,20 +70,20 @@ def conditions(given: Mapping[str, str | None]) -> tuple[str, list[str]]:
 def query(
     connection: sqlite3.Connection, sql: str, arguments: Sequence[Any] = ()
 ) -> tuple[list[str], list[Any]]:
-    """Column names and rows that a read-only SQL statement returns. Raises InputError for any other one."""
+    """Column names and rows that a read-only SQL statement returns; InputError for other statements."""
     try:
         cursor = connection.execute(sql, arguments)
         if cursor.description is None:
             raise InputError(
-                "the statement returns no rows: give one that reads, such as SELECT ... FROM measurements"
+                "the statement returns no rows: give a query, such as SELECT ... FROM measurements"
             )
         return [name for name, *_ in cursor.description], cursor.fetchall()
     except sqlite3.Warning as error:
         raise InputError(f"the query is refused: {error}: give one statement") from None
     except sqlite3.Error as error:
         raise InputError(
-            f"the query is refused: {error}: it only reads, from measurements and the other tables, see "
-            "docs/fleet.md"
+            f"the query is refused: {error}: a query can only read; docs/fleet.md describes the tables, such "
+            "as measurements"
         ) from None
 
 

@@ -1,4 +1,4 @@
-"""Fields of the result of a search for effects. The module `text` imports them without the class `Gap`."""
+"""Fields of the result of a search for effects: a base class that `text` can import without `Gap`."""
 
 from __future__ import annotations
 

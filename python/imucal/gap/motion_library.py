@@ -64,15 +64,13 @@ def suggestions(recordings: Sequence[Recording], needs: frozenset[str]) -> Itera
     found = [
         Suggestion("new random turns", again),
         Suggestion(
-            "turns of both signs at several rates, 15 to 120 deg/s",
+            "rotations in both directions at several rates, 15 to 120 deg/s",
             _at_rates(RATES_DPS),
             answers="several rates",
         ),
         Suggestion("rests every 15 deg on three circles", _circles(), answers="rests every 15 deg"),
         Suggestion("three times as many random turns", longer, answers="several time constants"),
-        Suggestion(
-            "turns at rates of up to 240 deg/s, if the gyroscope's range allows", _at_rates(FASTER_DPS)
-        ),
+        Suggestion("rotations at up to 240 deg/s, if the gyroscope's range permits", _at_rates(FASTER_DPS)),
     ]
     # Effects that depend on the heading are searched in the new recording alone, because the change of the
     # heading between two recordings is unknown.
@@ -124,7 +122,7 @@ def _circles() -> Program:
 
 
 def _headings() -> list[Step]:
-    """Four headings, about a vertical motor axis, in each of six poses (each body axis up and down)."""
+    """Rotations by 90 deg about the vertical, four in each of six poses (each body axis up and down)."""
 
     def go(*turn_deg: float) -> Step:
         first, second, third = turn_deg

@@ -38,7 +38,7 @@ __all__ = ["next_motion"]
 
 # A motion distinguishes between an effect and its rival if the expected chi2 T(effect, rival), defined at the
 # top of this file, exceeds this number. The log likelihood ratio of the true effect to its rival has the mean
-# chi2 / 2 and the standard deviation sqrt(chi2). For chi2 = 30 it is 15 +- 5.5 nats.
+# chi2 / 2 and the standard deviation sqrt(chi2). For chi2 = 30, the log likelihood ratio is 15 +- 5.5 nats.
 SEPARATES: Final = 30.0
 # Seed of the noise of simulated recordings.
 SEED: Final = 3
@@ -136,7 +136,7 @@ def _distinctions(known: Mapping[str, Effect], rivals: Mapping[str, Sequence[str
 
 
 def _pairs(analysis: _core.GapAnalysis, path: tuple[str, ...], after: CalibrationResult) -> Iterator[_Pair]:
-    """Pairs of effects to distinguish, in both orders: accepted effect and rival, rival and accepted one."""
+    """Pairs of effects to distinguish, as (accepted effect, rival) and as (rival, accepted effect)."""
     for name, rival, estimate in analysis.rivals:
         beside = tuple(other for other in path if other != name)
         own = next(values for values in after.calibration.effects if values.name == name)

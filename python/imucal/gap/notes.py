@@ -213,11 +213,11 @@ def _refit_alone(chi2: Sequence[float], question: Question) -> Iterator[str]:
 
 
 def generic_of(found: _core.GenericFinding | None) -> dict[str, Any] | None:
-    """The generic hypothesis (see `BIASES`), described for users; None if the search has found none."""
+    """The found variation of a bias or scale, described for users; None if the search has found none."""
     if found is None:
         return None
-    # Two variations act within moves: that of a gyroscope scale, and that of an accelerometer bias with the
-    # rate. For these two, `rests` contains the indices of the rests before the moves.
+    # A gyroscope scale that varies, and an accelerometer bias that varies with the rate, have an effect only
+    # within moves. For these two variations, `rests` contains the indices of the rests before the moves.
     inside = found.block == "gyro_scale" or (found.block, found.kernel) == ("accel_bias", "rate")
     rms, unit = found.rms, ""
     if found.block in BIASES:
@@ -259,9 +259,7 @@ def session_in_words(step: SessionStep) -> str:
     words = f"biases moved between sessions by {' and '.join(moved)}"
     change_k = step.temperature_change_k
     if change_k is None:
-        words += (
-            "; temperature, time or a switch-on may explain it: record temp_degc in both sessions to tell"
-        )
+        words += "; temperature, time or a switch-on may be the cause: record temp_degc in both sessions"
     elif abs(change_k) < LEAST_CHANGE_K:
         words += f"; the temperature changed by {change_k:.1f} K, so time or a switch-on explains it"
     else:

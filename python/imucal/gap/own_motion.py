@@ -38,7 +38,7 @@ PLATEAU: Final = 0.7
 # body axis is at least this value: 0.85 is 32 deg.
 ALONG: Final = 0.85
 # A move counts as a rotation about a fixed axis if its total rotation angle is at least this share of the sum
-# of the rotation angles between samples. Otherwise the rotation axis changes during the move.
+# of the rotation angles between consecutive samples. Otherwise the rotation axis changes during the move.
 FIXED: Final = 0.98
 # `MoveResiduals` uses a move if the cosine of the angle between its rotation axis and the vertical is at most
 # this value: 0.5 is 60 deg. A rotation about the vertical does not change gravity in the body frame.
@@ -192,7 +192,7 @@ def _corrected(
     known = {recording.name for recording in recordings}
     unknown = {rest.recording for rest in rests} - known
     if unknown:
-        raise InputError(f"{min(unknown)} is not among the recordings: give those of the search")
+        raise InputError(f"{min(unknown)} is not among the recordings: give the recordings of the search")
     return [
         _Corrected(
             recording,

@@ -52,9 +52,8 @@ class Question:
     def given(self) -> tuple[Calibration, float, list[Recording] | None] | None:
         """The given calibration, its gravity, m/s^2, and the recordings that the calibration has corrected.
 
-        These are the control recordings or, without them, the calibration recordings.
-
-        The third value is None if the given calibration has no user-defined effects, because the compiled
+        The corrected recordings are the control recordings or, without control recordings, the calibration
+        recordings. They are None if the given calibration has no user-defined effects, because the compiled
         library then corrects the recordings.
         """
         if self.calibration is None:

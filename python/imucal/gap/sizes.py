@@ -12,7 +12,7 @@ __all__ = ["for_people", "p_text"]
 
 # Times up to this limit, in seconds, are shown in ms, and longer times in s.
 DELAY_S: Final = 0.1
-# For a smaller probability, a text states only that it is below this bound.
+# A p-value smaller than this bound is shown only as "p below 1e-12".
 LEAST_P: Final = 1e-12
 # Unit of a parameter that multiplies an auxiliary column, such as rad/s/(supply_v - 3.3) or m/s^2/motor.
 PER_COLUMN: Final = re.compile(r"(?P<of>rad/s|m/s\^2)/\(?(?P<column>[A-Za-z_]\w*)(?: [-+] [\d.e+-]+\))?")
@@ -28,8 +28,8 @@ def for_people(value: float, unit: str) -> tuple[float, str]:
     if unit == "s":
         return (1e3 * value, "ms") if abs(value) < DELAY_S else (value, "s")
     of_column = PER_COLUMN.fullmatch(unit)
-    # Inputs of formulas that are not columns, such as w_norm, are in SI units. Parameters that multiply these
-    # inputs are therefore shown in SI units, too.
+    # Inputs of formulas that are not columns, such as w_norm (norm of the angular rate), are in SI units.
+    # Parameters that multiply these inputs are therefore shown in SI units, too.
     if of_column is not None and unit not in SHOWN and of_column["column"] not in INPUTS:
         factor, name = SHOWN[of_column["of"]]
         return factor * value, f"{name} per {of_column['column']}"

@@ -177,8 +177,8 @@ def _corrected(recording: Recording, calibration: Calibration | None) -> Recordi
         return recording
     if calibration.temperature_effects:
         raise InputError(
-            f"the calibration has {' and '.join(calibration.temperature_effects)}: give one without effects "
-            "of the temperature"
+            f"the calibration has {' and '.join(calibration.temperature_effects)}: give a calibration "
+            "without temperature effects"
         )
     return calibration.apply_recording(recording)
 
@@ -279,7 +279,10 @@ class _Search:
         return residual
 
     def _errors(self, form: Form) -> FloatArray:
-        """Mean square of the held-out residuals in each fold, divided by that of a cubic fit, (FOLDS,)."""
+        """Mean squared held-out residual in each fold, (FOLDS,).
+
+        The residuals are divided by the rms held-out residual of a cubic polynomial in the temperature.
+        """
         squares = ((self._held_out(form) / self.scale) ** 2).mean(axis=1)
         return np.array([squares[own].mean() for own in self.of_fold])
 
@@ -294,7 +297,10 @@ class _Search:
             yield Form((*own, *other))
 
     def _with_lags(self, form: Form, counts: tuple[int, ...]) -> Form:
-        """The form plus a lag with k parameters for each k in `counts`, at the best time constants."""
+        """The form with additional lags, with the time constants that fit best.
+
+        counts   number of parameters of each additional lag
+        """
         effects = (*form.effects, *((f"{self.prefix}_lag", count) for count in counts))
         span_s = self.history.duration_s
         grid = np.geomspace(max(span_s / 300.0, 1.0), span_s / 2.0, TAUS)

@@ -35,8 +35,8 @@ WITHOUT_AXIS: Final = {"move_direction": "direction after moves", "move_force": 
 LEAST_TIMES_NOISE: Final = 0.05
 # How texts name the variables that explain residuals, if these names differ from those in JSON documents.
 EXPLAINED_BY: Final = {"gravity": "gravity direction"}
-# Figures of merit on control or held-out data that texts state: name of the figure in texts, factor from the
-# unit of the field to the unit in texts, and the unit in texts.
+# Figures of merit on control or held-out data that texts state: name of the figure in texts, factor that
+# converts the value to the unit in texts, and the unit in texts.
 VERIFIED: Final = {
     "gravity_direction_rms_deg": (FIGURE_TEXT["gravity_direction_rms_deg"][0], 1.0, "deg"),
     "gravity_norm_rms_mps2": (FIGURE_TEXT["gravity_norm_rms_mps2"][0], *SHOWN["m/s^2"]),
@@ -235,7 +235,7 @@ def _finding(gap: GapFields) -> str:
 
 
 def _by_the_effects(figure: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-    """The figure of merit with `before` from the fit without effects, even if a calibration was given."""
+    """`figure` with the value of the fit without effects as `before`, even if a calibration was given."""
     if figure is None or figure.get("refitted") is None:
         return figure
     before, after, floor = figure["refitted"], figure["after"], figure["floor"]

@@ -129,9 +129,10 @@ def _faults(faults: Sequence[Finding]) -> tuple[dict[str, Any], ...]:
 
 
 def _closed(question: Question, analysis: _core.GapAnalysis) -> dict[str, Any]:
-    """Figure of merit on unseen data, and the share of its excess over noise that the effects remove.
+    """Figure of merit on control or held-out data, and the share of its excess that the effects remove.
 
-    With a given calibration and control recordings, `before` is the value for the given calibration.
+    The excess is the figure of merit minus its value from noise alone. If the user gave a calibration and
+    control recordings, `before` is the figure of merit of this calibration.
     """
     metric, before, after, floor = analysis.unseen
     refitted: float | None = None

@@ -5,7 +5,8 @@
     thermal_offset  =  x0 + x1 dT + x2 dT^2 + x3 dT^3             TemperatureCompensation.cpp,
                        dT = T - TREF, T clamped to [TMIN, TMAX]   calc_thermal_offsets_3D
 
-Old versions also scale the gyroscope (CAL_GYRO0_XSCALE). PX4 then rotates the samples of both sensors to the
+`data` are raw samples, T is the temperature, degC, and x0 to x3 are the coefficients of the axis. Old
+versions also scale the gyroscope (CAL_GYRO0_XSCALE). PX4 then rotates the samples of both sensors to the
 axes of the board, by CAL_*_ROT or SENS_BOARD_ROT. `imucal.exporting.px4` writes these parameters.
 """
 

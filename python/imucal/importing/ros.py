@@ -30,7 +30,7 @@ def read(contents: tuple[Content, ...], wanted: Wanted) -> Found:
         corrected_by(matrix, document.get("bias").array(3)),
         None,
         missing=("noise",),
-        notes=("the node apply_calib subtracts the mean rate after its start from the gyroscope",),
+        notes=("the node apply_calib subtracts the mean of its first gyroscope samples from the rate",),
     )
 
 

@@ -26,7 +26,7 @@ def allan_deviation(
     """Returns averaging times, (K,), s, and overlapping Allan deviations of `values`, (K,) or (K, C).
 
     values   (N,), or (N, C) with one series in each column, in any unit, which is also the unit of the
-             deviations; float64 is read in place, strided or not
+             deviations; a float64 array is not copied, even if it is not contiguous
     taus_s   "octave" (1, 2, 4, ... samples), "decade" (1, 2, 4, 10, ...), or averaging times in s, of which
              each is rounded to whole samples
     threads  number of threads; None uses all processors. The result does not depend on it.

@@ -6,8 +6,8 @@
     imucal.plot.coverage(result).write_html("coverage.html")
 
 A figure shows numbers of a result in their units and computes no estimates of its own. If there are more than
-`MOST` rests or moves, some are omitted, but never those excluded from the fit or those with the largest
-residuals.
+360 (`MOST`) rests or moves, a figure shows 360 of them. Figures of residuals preferably show those excluded
+from the fit and those with the largest residuals.
 
 plotly comes with the extra `imucal-rs[report]`. Without it, every function raises an `ImucalError` with the
 install command.

@@ -41,7 +41,8 @@ def norms_before_and_after(result: CalibrationResult) -> tuple[FloatArray, Float
     """Norm of the force at each used rest, divided by gravity, before and after calibration, (K,) each.
 
     For the norm before calibration, raw counts are converted to forces with a common scale and a common bias
-    for all axes. These are the means over the axes of the calibrated scales and biases.
+    for all axes. The common scale is the mean of the calibrated scales of the axes, and the common bias is
+    the mean of the calibrated biases.
     """
     used = [rest for rest in result.rests if rest.excluded is None]
     raw = np.array([rest.mean_specific_force for rest in used], dtype=float).reshape(-1, 3)
@@ -153,7 +154,7 @@ def correlations(calibration: Calibration) -> Figure:
     Raises InputError for a calibration without covariance, ImucalError if plotly is not installed.
     """
     names, matrix = _correlation(calibration)
-    # Labels are short, for the screen of a phone; T stands for the sensitivity.
+    # Labels are short, for the screen of a phone: T is the abbreviation of sensitivity.
     labels = [name.replace("_sensitivity_", " T ").replace("_", " ") for name in names]
     go, _ = plotly()
     figure = go.Figure(

@@ -26,7 +26,7 @@ def yield_over_time(days: Sequence[str], counts: Mapping[str, Sequence[int]]) ->
     """Number of units by verdict and day, or by bins of several days.
 
     days     first day of each bin
-    counts   numbers of units by verdict, one per bin; the last verdict is no_result
+    counts   for each verdict (good, incomplete, poor, no_result), the number of units in each bin
     """
     go, _ = plotly()
     figure = go.Figure()
@@ -47,7 +47,7 @@ def over_time(
 ) -> Figure:
     """Median of a parameter over time for each station, with the range of the middle 90 % of the units.
 
-    times       middle of each bin
+    times       first day of each bin
     quantiles   5 %, 50 % and 95 % quantiles by station, (bins, 3); NaN if a bin has no unit
     centre      mean over all units
     limits      minimum and maximum; None for a side without a limit

@@ -109,8 +109,8 @@ def _signals(gap: Gap, motion: OwnMotion) -> Iterator[Shown | str]:
 def _left(gap: Gap) -> Iterator[str]:
     """Section on the residuals that the found effects do not explain.
 
-    It has the result of the test of these residuals, the changes of the biases between sessions, and a table
-    of each kind of residual with its noise.
+    The section contains the result of the test of these residuals, the changes of the biases between
+    sessions, and a table of each kind of residual with its noise.
     """
     if gap.remainder is None:
         return

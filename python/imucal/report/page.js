@@ -12,14 +12,15 @@
   const tabs = [...document.querySelectorAll(".tab")];
   const bar = document.getElementById("tabs");
   const toggle = document.getElementById("theme");
-  // A column of a printed page, CSS pixels, and the share of the height that figures keep in it.
+  // Width of a figure on paper, CSS pixels: the width of one of the two columns of a printed page.
   const PAPER_WIDTH = 330;
+  // Height of a figure on paper, divided by its height on the screen.
   const PAPER_HEIGHT = 0.78;
   let chosen = null;
 
-  // A figure is drawn when its tab is first seen; on a phone all of them at once would take seconds.
+  // A figure is drawn when its tab is opened for the first time, because drawing all figures takes seconds on a phone.
   function draw(figure, theme, width) {
-    // A compressed plotly.js is not there yet at first.
+    // When the page opens, a compressed plotly.js is not yet available.
     if (!window.Plotly) return undefined;
     const look = `${theme} ${width ?? ""}`;
     if (figure.look === look) return Plotly.Plots.resize(figure.place);
@@ -37,9 +38,9 @@
         if (layout[key].title) layout[key].title.font = { size: 9 };
       });
     }
-    // A ball that was turned stays so.
+    // If the user has rotated a sphere, the view is kept.
     if (layout.scene && figure.place.layout) layout.scene.camera = figure.place.layout.scene.camera;
-    // A finger that moves over a flat plot scrolls the page.
+    // On a touch screen, a finger that moves over a two-dimensional plot scrolls the page instead of zooming the plot.
     if (touch) layout.dragmode = false;
     return Plotly.react(figure.place, data, layout, {
       responsive: true,
@@ -103,7 +104,7 @@
     open();
   }
 
-  // Texts that the page offers as files.
+  // Buttons that save a text of the page as a file.
   document.querySelectorAll("button[data-file]").forEach((button) => {
     button.hidden = false;
     button.addEventListener("click", () => {
@@ -118,7 +119,7 @@
   toggle.hidden = false;
   toggle.addEventListener("click", () => {
     const other = root.dataset.theme === "dark" ? "light" : "dark";
-    // Back to what the system prefers is to follow it again.
+    // If the user chooses the theme that the system has, the page follows later changes of the system's theme.
     chosen = other === (prefersDark.matches ? "dark" : "light") ? null : other;
     paint();
   });
@@ -127,7 +128,7 @@
   if (tabs.length > 1) makeTabs();
   else paint();
 
-  // Paper is white, shows all tabs, and is narrower than a screen.
+  // On paper, the theme is light, all tabs are shown, and figures are as wide as a column of the printed page.
   let before = null;
   addEventListener("beforeprint", () => {
     before = tabs.map((tab) => tab.hidden);

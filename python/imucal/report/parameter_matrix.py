@@ -29,7 +29,7 @@ def parameter_matrix(calibration: Calibration) -> str:
             if names[0] not in known:
                 continue
             unit = _unit(known[names[0]])
-            # A scale in SI units is shown as its difference from 1.
+            # For raw samples in SI units, a scale is shown as its difference from 1.
             words = "scale error" if unit == "ppm" else kind
             on_axes.append([f"{sensor} {words}, {unit}", *(_cell(known[name]) for name in names)])
         pairs = ("xy", "xz", "yz", "yx", "zx", "zy")

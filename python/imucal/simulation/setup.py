@@ -105,7 +105,7 @@ class Setup:
     def for_core(
         self, *, added_force: FloatArray | None = None, added_rate: FloatArray | None = None
     ) -> CoreSetup:
-        """The setup for the compiled library; the arrays are added to the true force and rate."""
+        """The setup for the compiled library. Both arrays are added to the true force and rate."""
         return CoreSetup(
             motion=self.motion.in_si(),
             unit=self.unit,

@@ -73,9 +73,9 @@ def simulate(
 ) -> Simulation:
     """Simulate a motion of a unit; the same arguments give the same bytes.
 
-    program       "random" (the paper's gyroscope program, with moves drawn from `seed`), "grid" (the paper's
-                  accelerometer program), "tumble" (by hand), "static", a Program, Tumble or Static, or the
-                  path of a program file
+    program       "random" (gyroscope program of the paper cited in docs/model.md, with moves drawn from
+                  `seed`), "grid" (accelerometer program of this paper), "tumble" (by hand), "static", a
+                  Program, Tumble or Static, or the path of a program file
     seed          seed of the noise, of the random program, and of the tumble
     unit          a name of `unit_names()`, "random:NAME:SEED", a Unit, or the path of a unit file
     effects       name -> values (see `imucal.effects.values`): effects of the catalogue, noise, faults,

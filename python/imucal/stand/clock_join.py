@@ -50,8 +50,9 @@ AT_REST_DEG: Final = 0.05
 def joined_angles(logged: Logged) -> FloatArray:
     """Motor angles at the instants of the samples, (N, 3), deg; NaN where the angles are not known.
 
-    Angles are not known if the stand moved between two reports that are too far apart in time, and after the
-    last report of a moving stand. Before the first report the stand is assumed to be at rest.
+    Angles are not known if the stand moved between two reports that are too far apart in time, after the last
+    report of a moving stand, and later than `STAYS_S` after the last report of a stand at rest. Before the
+    first report the stand is assumed to be at rest.
     """
     reported_s, angles = logged.positions[:, 0], logged.positions[:, 1:]
     order = np.argsort(reported_s, kind="stable")

@@ -119,8 +119,8 @@ class Motors:
             )
         if torque and not self._read(motor, TORQUE_ENABLE, 1):
             raise ImucalError(
-                f"motor {motor} has restarted or released its torque, so its turns are not known: bring the "
-                "motors to zero, and run the program again"
+                f"motor {motor} has restarted or released its torque, so its count of revolutions is lost: "
+                "bring the motors to zero, and run the program again"
             )
 
     def _read(self, motor: int, address: int, size: int) -> int:

@@ -2,7 +2,7 @@
 
 slip         the unit slips on its mount by 1 to 3 deg about a random axis, once in each run, at a random
              time between 15 % and 85 % of its duration
-loose-mount  the mount has play: after every move the unit's attitude deviates from the commanded attitude
+loose-mount  the mount is loose: after every move the unit's attitude deviates from the commanded attitude
              by a new random rotation, 0.5 deg (1 sigma) about each motor's axis
 clipping     the gyroscope saturates at 0.4 to 0.8 of the highest rate of the run
 dead-axis    one of the six axes outputs only its bias, with or without noise
@@ -73,7 +73,8 @@ class SimulatedUnit:
             unit = self._clipped(unit, motion, seed, float(of_unit.uniform(*RANGE_SHARE)))
         recording = simulate(motion, seed=seed, unit=unit, rate_hz=self.rate_hz).recording
         if self.fault == "loose-mount":
-            # The encoders measure the commanded motor angles, which do not include the play of the mount.
+            # The encoders measure the commanded motor angles, which do not include the attitude error due to
+            # the loose mount.
             commanded = dataclasses.replace(program, stand=stand)
             encoders = simulate(commanded, seed=seed, unit=unit, rate_hz=self.rate_hz).recording.stand_rad
             recording = dataclasses.replace(recording, stand_rad=encoders)
@@ -97,7 +98,7 @@ def _slipping(stand: Stand, program: Program, random: np.random.Generator) -> St
 
 
 def _with_play(program: Program, random: np.random.Generator) -> Program:
-    """The actual motion of a unit whose mount has play.
+    """The actual motion of a unit whose mount is loose.
 
     After each move, the attitude deviates from the commanded attitude by a new random rotation.
     """

@@ -115,7 +115,7 @@ class Block:
         return f"G4P{_number(self.dwell_s, 3)}"
 
     def move_line(self, axes: Axes, words: str = "G1", shift_deg: Sequence[float] = (0.0, 0.0, 0.0)) -> str:
-        """The line of the move with the command `words`.
+        """The G-code line of the move. `words` are the command words before the angles, such as G1.
 
         `shift_deg` is the position that the controller reports at the zero of the stand.
         """

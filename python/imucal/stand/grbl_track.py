@@ -43,7 +43,7 @@ class Track:
 
     @property
     def target_deg(self) -> Triple:
-        """Target of the commanded move, or the position in which the motors rest."""
+        """Target of the commanded move; without a move, the position at which the motors are at rest."""
         x, y, z = self._target.tolist()
         return (x, y, z)
 

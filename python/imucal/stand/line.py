@@ -73,7 +73,7 @@ class Order:
 
     @property
     def programs(self) -> dict[str, Program]:
-        """The programs of the two runs, by the name of the run: run, control."""
+        """The programs of the calibration run (key `run`) and of the control run (key `control`)."""
         control = self.control or in_another_order(self.program, self.control_seed)
         return {"run": self.program, "control": control}
 

@@ -19,8 +19,8 @@ ACCEL: Final = ("totalacceleration", "accelerometeruncalibrated")
 GYRO: Final = ("gyroscope", "gyroscopeuncalibrated")
 # Number of samples of each sensor from which the sampling rates are determined.
 FIRST: Final = 50
-# Number of samples of each sensor before the last row that are kept, because the sampling rate and the
-# interpolation of the next rows are computed from them.
+# Number of samples before the last row that are kept for each sensor. The sampling rate and the interpolation
+# of the next rows are computed from these samples.
 KEPT: Final = 100
 COLUMNS: Final = (
     "time_us",
@@ -32,8 +32,8 @@ COLUMNS: Final = (
 class PhoneDecoder:
     """Decodes messages, one per line, to rows of both sensors.
 
-    The slower sensor provides the clock; at equal rates, the gyroscope does. The rule is the same as for
-    separate files of both sensors.
+    The samples of the faster sensor are resampled to the times of the slower sensor; at equal rates, to the
+    times of the gyroscope. Separate files of accelerometer and gyroscope are joined by the same rule.
     """
 
     columns = COLUMNS

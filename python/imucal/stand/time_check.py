@@ -116,7 +116,8 @@ class TimeCheck:
         for row in rows:
             arrived_s = row.timed[1]
             if self._last is not None:
-                # Since the last row, the difference may have grown by the rate error of the unit's clock.
+                # Since the last row, the difference between host time and row time may have grown by the
+                # rate error of the unit's clock.
                 self._least_s += RATE_ERROR * max(arrived_s - self._last[1], 0.0)
             self._least_s = min(self._least_s, arrived_s - row.time_s)
             self._last = row.time_s, arrived_s

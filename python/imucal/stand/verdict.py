@@ -3,7 +3,7 @@
 dead_axis           the output of an axis is constant, or contains only noise, although the unit was moved
 clipping            a sensor saturates during moves
 mount_slip          the unit has slipped on its mount
-loose_mount         the mount has play
+loose_mount         the mount is loose, so the unit moves on it
 poor_calibration    a figure of merit of the calibration run is poor, or too many rests or moves were rejected
                     as outliers
 poor_control        a figure of merit of the control run is poor
@@ -56,7 +56,8 @@ QUIET_SHARE: Final = 0.25
 QUIET_QUANTILE: Final = 0.3186
 # If the attitude of the unit and the attitude from the stand's angles differ by more than this angle, deg, a
 # motor is faulty or the unit came off its mount. GROSS_DEG is for calibrated samples, and larger than the
-# play of any mount. GROSS_RAW_DEG is for raw samples, and larger than the attitude errors from raw samples.
+# attitude error due to any loose mount. GROSS_RAW_DEG is for raw samples, and larger than the attitude errors
+# from raw samples.
 GROSS_DEG: Final = 5.0
 GROSS_RAW_DEG: Final = 15.0
 MOTORS: Final = (
@@ -198,7 +199,10 @@ def _excites(program: Program) -> list[bool]:
 
 
 def _mount(result: CalibrationResult, recording: Recording) -> list[Finding]:
-    """Findings for a slip of the unit on its mount, or for play. A single slip is not reported as play."""
+    """Findings for a slip of the unit on its mount, or for a loose mount.
+
+    A single slip is not reported as a loose mount.
+    """
     rests = [
         (rest.first, rest.end, rest.start_s, rest.mean_specific_force, rest.excluded is None)
         for rest in result.rests

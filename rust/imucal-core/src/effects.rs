@@ -29,11 +29,11 @@
 //!
 //! # What the catalogue does not contain
 //!
-//! The catalogue does not contain noise, bias instability and random walks. They are random and therefore have no
-//! field: no function of the state describes them. The catalogue also does not contain the geometry of the stand that
-//! moves the unit, or faults of the data such as saturation or lost samples. The only errors of the stand in the
-//! catalogue are those of its encoders, which need the feature `catalogue`. An encoder error is added to a motor angle,
-//! rad. The correction on the device ignores encoder errors, because a device has no stand.
+//! The catalogue does not contain noise, bias instability and random walks. They are random, so no function of the
+//! state describes them. The catalogue also does not contain the geometry of the stand that moves the unit, or faults
+//! of the data such as saturation or lost samples. The only errors of the stand in the catalogue are those of its
+//! encoders, which need the feature `catalogue`. An encoder error is added to a motor angle, rad. The correction on
+//! the device ignores encoder errors, because a device has no stand.
 
 mod drift;
 mod dynamics;

@@ -179,9 +179,9 @@ impl<F: RealField + Copy> RestDetector<F> {
             end_block: window_start.wrapping_add(2),
             sums: BlockSums::new(),
         });
-        // The last block of a rest is trimmed and is therefore not in the sums. If the rest is extended, the block that
-        // was its last until now must be added to the sums. The ring buffer still contains this block, because the new
-        // window overlaps the rest.
+        // The last block of a rest is trimmed and is therefore not in the sums. If the rest is extended, its previous
+        // last block is no longer trimmed and must be added to the sums. The ring buffer still contains this block,
+        // because the new window overlaps the rest.
         let mut block = window_start;
         for sums in self.window() {
             if block.wrapping_add(1) >= rest.end_block && block.wrapping_add(1) < self.blocks {

@@ -55,8 +55,8 @@ pub(crate) fn product<F: RealField + Copy>(a: &UnitQuaternion<F>, b: &UnitQuater
 /// of them.
 #[inline]
 pub fn log<F: RealField + Copy>(rotation: &UnitQuaternion<F>) -> Vector3<F> {
-    // atan2(length of the imaginary part, real part) is accurate at all angles. acos(w) would lose digits at small
-    // angles.
+    // atan2(length of the imaginary part, real part) is accurate at all angles. acos(real part) would lose digits at
+    // small angles.
     let sign = if rotation.w < F::zero() { -F::one() } else { F::one() };
     let (real, imaginary) = (rotation.w * sign, rotation.imag() * sign);
     let length = imaginary.norm();
@@ -76,7 +76,8 @@ pub fn hat<F: RealField + Copy>(a: &Vector3<F>) -> Matrix3<F> {
 pub fn right_jacobian<F: RealField + Copy>(phi: &Vector3<F>) -> Matrix3<F> {
     let t2 = phi.norm_squared();
     let (_, sinc) = cos_and_sinc(t2 * convert(0.25));
-    // (1 - cos t)/t^2 = (sin(t/2)/(t/2))^2 / 2. The right-hand side avoids the subtraction of nearly equal numbers.
+    // With t = |phi|: (1 - cos t)/t^2 = (sin(t/2)/(t/2))^2 / 2. The right-hand side avoids the subtraction of nearly
+    // equal numbers.
     let first = sinc * sinc * convert(0.5);
     let second = if t2 < F::one() {
         polynomial(t2, T_MINUS_SIN)
@@ -119,8 +120,8 @@ const COS: [f64; 6] = [-1.0 / 3_628_800.0, 1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 2
 /// Taylor coefficients in h^2 of sin(h)/h, highest power first. The first omitted term is below 2^-52 for h^2 < 1/16.
 const SINC: [f64; 6] = [-1.0 / 39_916_800.0, 1.0 / 362_880.0, -1.0 / 5_040.0, 1.0 / 120.0, -1.0 / 6.0, 1.0];
 
-/// Taylor coefficients in t^2 of (t - sin t)/t^3, highest power first. The first omitted term is below 2^-52 times the
-/// sum of the series for t^2 < 1.
+/// Taylor coefficients in t^2 of (t - sin t)/t^3, where t is a rotation angle in rad; highest power first. The first
+/// omitted term is below 2^-52 times the sum of the series for t^2 < 1.
 const T_MINUS_SIN: [f64; 8] = [
     -1.0 / 355_687_428_096_000.0,
     1.0 / 1_307_674_368_000.0,

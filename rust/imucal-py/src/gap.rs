@@ -340,7 +340,7 @@ pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAn
 type RestTuple = (usize, usize, f64, [Option<f64>; 3], bool);
 
 /// Findings about the mount of the unit on the stand in one recording: slips of the unit on the mount or, if there are
-/// no slips, play of the mount.
+/// no slips, looseness of the mount.
 #[pyfunction]
 pub(crate) fn mount_faults(
     py: Python<'_>,

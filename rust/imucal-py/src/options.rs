@@ -55,7 +55,8 @@ pub(crate) struct CalibrateOptions<'py> {
     wander: Option<(Wander, Wander)>,
     /// For each effect in the model: its name, and the number of its parameters that are estimated.
     effects: Vec<(String, usize)>,
-    /// Names of the effects whose parameters have a prior (`NAME:seen`).
+    /// Names of the effects that are estimated even if the data determine only some linear combinations of their
+    /// parameters (`NAME:seen` on the command line). A prior determines the other linear combinations.
     partly: Vec<String>,
     user_fields: Vec<UserFieldArrays<'py>>,
     folds: Option<usize>,

@@ -64,8 +64,8 @@ impl Cancellation {
         Self { is_requested: Arc::default(), poll: None }
     }
 
-    /// Creates a cancellation that is also requested as soon as `poll` returns true. A calculation calls `poll` about
-    /// every 50 ms, on the thread that has called [`Cancellation::run`].
+    /// Creates a cancellation that has an additional trigger: a calculation is also cancelled if `poll` returns true.
+    /// The calculation calls `poll` about every 50 ms, on the thread that has called [`Cancellation::run`].
     #[must_use]
     pub fn with_poll(poll: impl Fn() -> bool + Send + Sync + 'static) -> Self {
         Self { is_requested: Arc::default(), poll: Some(Arc::new(poll)) }

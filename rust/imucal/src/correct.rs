@@ -14,7 +14,7 @@
 //! the temperature history. The derivative of the rate provides the angular acceleration ([`angular_acceleration`]). A
 //! recording provides neither the attitude nor the angles of a stand. The rate of the Earth is not removed, because the
 //! attitude is not known. This rate is not an error of the gyroscope, because a gyroscope measures the rate relative to
-//! the stars.
+//! inertial space.
 
 use crate::cancellation::checkpoint;
 use crate::error::Error;

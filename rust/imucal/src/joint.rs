@@ -308,7 +308,8 @@ fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error
             && let Some(lost) = prepared.heading_lost()
         {
             return Err(Error::Input(format!(
-                "{} needs the heading, which is lost at {:.2} s, where a move is left out: mend that move, or leave the effect out",
+                "{} needs the heading, which is lost at {:.2} s, because the fit leaves out the move before this time: \
+                 repair the data of this move, or leave the effect out",
                 term.name(),
                 prepared.rests[lost].rest.start_s
             )));
@@ -327,8 +328,9 @@ fn check_determined(
     width: impl Fn(&Term<'_>) -> Option<f64>,
 ) -> Result<Vec<Prior>, Error> {
     let mut priors = Vec::new();
-    // A prior acts in all directions. It is so wide (100 typical sizes) that it hardly changes the estimate in
-    // observable directions, so no limit between observable and unobservable directions is needed.
+    // A prior acts in all directions. The initial prior of a calibration is so wide (100 typical sizes) that it hardly
+    // changes the estimate in observable directions, so no limit between observable and unobservable directions is
+    // needed.
     for term in &terms.all {
         // Jacobian columns of zeros are omitted from the QR decomposition. While an effect is zero, the derivatives of
         // the residuals with respect to its time constant are zero, and the decomposition would give this column an
@@ -358,7 +360,8 @@ fn check_determined(
 
 fn not_determined(term: &terms::Term<'_>, open: usize) -> String {
     let mut message = format!(
-        "{open} of {} directions of {} are not determined by these recordings: ten times its typical size would not be seen",
+        "{open} of {} directions of {} are not determined by these recordings: an effect of ten times its typical size \
+         along one of these directions would not be detected",
         term.linear,
         term.name()
     );

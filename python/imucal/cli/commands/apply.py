@@ -91,7 +91,7 @@ def apply(
 
 
 class _Empty:
-    """Counts the samples that lack a result for a certain reason, and stores the index of the first one."""
+    """Counts samples that lack a result for a certain reason, and stores the index of the first of them."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -117,7 +117,7 @@ class _Empty:
 class _Corrected:
     """Corrects the pieces of a recording, and counts the samples that cannot be corrected.
 
-    findings        the first finding of each code of `REPORTED`, as text
+    findings        for each code of `REPORTED` (units and time stamps), the first finding, as text
     missing         samples whose rate or force is missing in the recording
     no_temperature  samples without a result because their temperature is missing
     lost            samples without a result for other reasons
@@ -175,7 +175,7 @@ class _Corrected:
             yield corrected
 
     def _check(self, raw: Recording) -> None:
-        """Check a piece of the recording, and store the first finding of each code of `REPORTED`."""
+        """Check a piece of the recording, and store the first finding of each code that `apply` reports."""
         import imucal._core as _core
         from imucal.units import STANDARD_GRAVITY_MPS2
 

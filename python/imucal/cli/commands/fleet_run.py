@@ -102,8 +102,8 @@ def run(
         option(
             "--names",
             metavar="PATTERN",
-            help="Where paths have the serial number: '{date}/{serial}-{role}.csv'. Fields: serial, date, "
-            "station, operator, batch, role; a file with the role `control` is a control recording.",
+            help="Pattern of the paths, such as '{date}/{serial}-{role}.csv'. Fields: serial, date, station, "
+            "operator, batch, role; a file with the role `control` is a control recording.",
         ),
     ] = None,
     limits: LimitsPath = None,
@@ -143,7 +143,7 @@ def run(
 
     A unit is not computed again if the store has a row with the same file contents, options and version of
     imucal. A run that was killed continues when it is started again. The exit code is 1 if a unit has no
-    result, else 2 if one is poor.
+    result, else 2 if a unit is poor.
 
     Example: imucal fleet run units.sqlite run.csv control.csv
 

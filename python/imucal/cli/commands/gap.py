@@ -86,8 +86,8 @@ def gap(
     catalogue explains the residuals) or data_fault (the recordings are faulty).
 
     The exit code is 1 for data_fault. It is 2 for stochastic, for unknown if no formula (law) was found that
-    describes the residuals, and if the effects leave residuals that limit the use of the calibration.
-    Otherwise it is 0.
+    describes the residuals, and if the residuals that remain with the effects limit the use of the
+    calibration. Otherwise it is 0.
 
     Example: imucal gap run.csv --control control.csv -o improved.json
 

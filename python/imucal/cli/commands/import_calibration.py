@@ -37,7 +37,7 @@ def import_calibration(
     ] = None,
     instance: Annotated[
         int,
-        option("--instance", metavar="N", help="Number of the sensor in a file of several, from 0."),
+        option("--instance", metavar="N", help="Number of the sensor, from 0, in a file with several."),
     ] = 0,
     accel_unit: Annotated[
         str | None, option("--accel-unit", help="imu_tk, Ferraris: raw unit, m/s^2, g, mg or lsb.")

@@ -73,7 +73,7 @@ def check(
 ) -> None:
     """Check calibration files against limits, one line per unit.
 
-    An unreadable file gets the verdict no_result; the others are still checked, and the exit code is 1.
+    An unreadable file gets the verdict no_result and the exit code is 1, but all other files are checked.
 
     Example: imucal limits check limits.json unit-*.json --csv day.csv
     """

@@ -94,7 +94,8 @@ def simulate(
         option(
             "--filter",
             metavar="HZ",
-            help="Bandwidth of the low-pass filter before sampling, Hz, or datasheet.",
+            help="Bandwidth of the low-pass filter before sampling, Hz, or `datasheet` for the bandwidth in "
+            "the datasheet.",
             panel=UNIT,
         ),
     ] = None,

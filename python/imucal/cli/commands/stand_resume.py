@@ -38,7 +38,7 @@ def resume(
 
     The journal contains the options and the program. The run continues with the first step that was not done,
     in the same recording. If the motors are no longer where the run has left them, bring them to zero and
-    give --start-here. The completed steps are then repeated without holds.
+    give --start-here. The stand then repeats the completed steps without stopping at the rests.
 
     Example: imucal stand resume units/0042
     """

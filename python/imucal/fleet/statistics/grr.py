@@ -94,7 +94,8 @@ class GaugeStudy:
     name, unit     name and unit of the quantity
     table          analysis of variance; the interaction has a row even if it is pooled
     pooled         whether the interaction is not significant and therefore pooled with the repeats
-    components     repeatability, operator, interaction, reproducibility, grr, unit, total
+    components     repeatability, operator, interaction, reproducibility (operator and interaction together),
+                   grr (repeatability and reproducibility together), unit, total
     ndc            number of distinct categories, truncated to an integer; at least 5 is usually required
     tolerance      six times the standard deviation `grr`, divided by the width of the limits; None without
                    limits

@@ -279,7 +279,7 @@ def _scatter(squared: FloatArray) -> float:
 
 
 def _exceeded(squared: FloatArray, dof: int, tail: float, scale: float) -> FloatArray:
-    """For each squared distance, the probability of a larger one in the distribution fitted by `_tail_of`."""
+    """Probability of exceeding each squared distance, from the F distribution that `_tail_of` has fitted."""
     stats: Any = scipy_part("stats")
     scaled = squared / scale
     found = stats.f.sf(scaled / dof, dof, tail) if np.isfinite(tail) else stats.chi2.sf(scaled, dof)

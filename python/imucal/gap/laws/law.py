@@ -35,8 +35,8 @@ class Law:
     variables         variables on which the formula depends
     parameters        name, value, std and unit of each parameter
     log_bayes_factor  log Bayes factor, nats, minus the penalty for the number of candidates
-    stability         share of random halves of the rests and moves in which the selection gives the sensor
-                      and variables of this law
+    stability         share of random halves of the rests and moves for which a repeated selection gives the
+                      sensor and variables of this law
     closed            share of the excess chi2 (chi2 beyond noise) that the law removes, for each kind of
                       residual on control or held-out data
     nearest           effects of the catalogue with the largest log Bayes factors in the search without laws

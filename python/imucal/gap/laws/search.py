@@ -239,7 +239,7 @@ def _merged(
     laws: Mapping[str, FormulaEffect],
     recordings: Sequence[Recording],
 ) -> Gap:
-    """The first result, with the fit and the laws of the second search."""
+    """The result `first` of the search for effects, with the laws and with the fit that includes the laws."""
     nearest = tuple(str(score["name"]) for score in first.ranking[:3] if score["log_bayes_factor"] > 0)
     found = [
         Law(
@@ -307,7 +307,7 @@ def _values_of(variable: str, state: State) -> FloatArray:
 
 
 def _sweep(variable: str, at: FloatArray) -> State:
-    """Input of a formula, with one sample per element of `at`. Only `variable` has these values.
+    """Input of a formula, with one sample per element of `at`. `variable` has the values of `at`.
 
     All other quantities are zero, unknown or arbitrary.
     """

@@ -66,7 +66,7 @@ class Selected:
 
     form     its formula
     nats     log evidence minus the logarithm of the number of candidates
-    stable   share of the random halves that select the same sensor and input variable
+    stable   share of the random halves of the rests and moves that select the same sensor and input variable
     """
 
     form: Form
@@ -134,7 +134,10 @@ def _weights(given: Columns, model: FloatArray) -> FloatArray:
 def _evidence(
     given: Columns, model: FloatArray, weights: FloatArray, places: Sequence[int] | None = None
 ) -> FloatArray:
-    """Log evidence of each candidate in `places` (indices) over the model, maximised over the prior width."""
+    """Log evidence of the model with each candidate in `places` (indices) relative to the model without it.
+
+    The log evidence is maximised over the width of the prior.
+    """
     q, _ = np.linalg.qr(_scaled(model * weights[:, None]))
     residual = given.residual * weights
     residual = residual - q @ (q.T @ residual)
@@ -168,7 +171,7 @@ def _stability(
     nats: FloatArray,
     group: tuple[str, tuple[str, ...]],
 ) -> float:
-    """Share of random halves of the rests and moves in which the best form belongs to the given group."""
+    """Share of random halves of the rests and moves in which the best form has this sensor and variables."""
     finalists = _finalists(given, nats)
     blocks = [_scaled(given.candidates[place][1] * weights[:, None]) for place in finalists]
     whole = np.hstack([_scaled(model * weights[:, None]), *blocks, (given.residual * weights)[:, None]])

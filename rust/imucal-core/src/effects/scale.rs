@@ -169,7 +169,7 @@ impl<F: RealField + Copy> Effect<F> {
     };
 
     /// `accel_cross_axis_quadratic`: error of axis i, the sum of `k_i,jl f_j f_l` over all products of two components
-    /// of the specific force f except f_i^2.
+    /// of the specific force f except f_i^2, with the parameters k_i,jl.
     pub const ACCEL_CROSS_AXIS_QUADRATIC: &'static Self = &effect! {
         number: 11,
         name: "accel_cross_axis_quadratic",

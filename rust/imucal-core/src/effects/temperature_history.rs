@@ -16,10 +16,10 @@
 //! T_tau - T, dT/dt and s.
 //!
 //! A unit may have both the lag effect and `*_bias_temperature`. Let a be the linear coefficient of
-//! `*_bias_temperature`, and k the coefficient k_i of the lag effect. The sum of the two linear terms is then a T + k
-//! (T_tau - T) plus a constant. If k = a, the sum equals a T_tau plus this constant: the bias follows a temperature
-//! that lags the thermometer. If k and a have opposite signs, the bias follows a temperature that leads the
-//! thermometer.
+//! `*_bias_temperature`, and k the coefficient k_i of the lag effect. The sum of the two linear terms is then
+//! `a T + k (T_tau - T)` plus a constant. If k = a, the sum equals `a T_tau` plus this constant, so the bias follows a
+//! temperature that lags the thermometer. If k and a have opposite signs, the bias follows a temperature that leads
+//! the thermometer.
 
 use super::temperature::{ACCELEROMETER, GYROSCOPE, by_degree};
 use super::temperature_memory::TemperatureHistory;
@@ -49,8 +49,9 @@ impl<F: RealField + Copy> Effect<F> {
         Self::ACCEL_BIAS_TEMPERATURE_HYSTERESIS,
     ];
 
-    /// `gyro_bias_temperature_lag`: bias change `(k_i + q_i dT + c_i dT^2) (T_tau - T)` of axis i. T_tau is the
-    /// temperature T after a low-pass with the time constant tau, and dT is T minus the reference temperature.
+    /// `gyro_bias_temperature_lag`: bias change `(k_i + q_i dT + c_i dT^2) (T_tau - T)` of axis i with the parameters
+    /// k_i, q_i and c_i. T_tau is the temperature T after a low-pass with the time constant tau, and dT is T minus the
+    /// reference temperature.
     pub const GYRO_BIAS_TEMPERATURE_LAG: &'static Self = &effect! {
         number: 26,
         name: "gyro_bias_temperature_lag",
@@ -70,9 +71,9 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| powers(state, |history| history.gyroscope_lag_k, terms),
     };
 
-    /// `gyro_bias_temperature_rate`: bias change `(k_i + q_i dT + c_i dT^2) dT/dt` of axis i. dT is the temperature
-    /// minus the reference temperature, in kelvin. dT/dt is the rate of change of the temperature, in kelvin per
-    /// second.
+    /// `gyro_bias_temperature_rate`: bias change `(k_i + q_i dT + c_i dT^2) dT/dt` of axis i with the parameters k_i,
+    /// q_i and c_i. dT is the temperature minus the reference temperature, in kelvin. dT/dt is the rate of change of
+    /// the temperature, in kelvin per second.
     pub const GYRO_BIAS_TEMPERATURE_RATE: &'static Self = &effect! {
         number: 27,
         name: "gyro_bias_temperature_rate",
@@ -91,9 +92,9 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| powers(state, |history| history.rate_kps, terms),
     };
 
-    /// `gyro_bias_temperature_hysteresis`: bias change `(k_i + q_i dT + c_i dT^2) s` of axis i. dT is the temperature
-    /// minus the reference temperature, in kelvin. s is the direction of the temperature change: 1 while heating, -1
-    /// while cooling.
+    /// `gyro_bias_temperature_hysteresis`: bias change `(k_i + q_i dT + c_i dT^2) s` of axis i with the parameters k_i,
+    /// q_i and c_i. dT is the temperature minus the reference temperature, in kelvin. s is the direction of the
+    /// temperature change: 1 while heating, -1 while cooling.
     pub const GYRO_BIAS_TEMPERATURE_HYSTERESIS: &'static Self = &effect! {
         number: 28,
         name: "gyro_bias_temperature_hysteresis",
@@ -112,8 +113,9 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| powers(state, |history| history.direction, terms),
     };
 
-    /// `accel_bias_temperature_lag`: bias change `(k_i + q_i dT + c_i dT^2) (T_tau - T)` of axis i. T_tau is the
-    /// temperature T after a low-pass with the time constant tau, and dT is T minus the reference temperature.
+    /// `accel_bias_temperature_lag`: bias change `(k_i + q_i dT + c_i dT^2) (T_tau - T)` of axis i with the parameters
+    /// k_i, q_i and c_i. T_tau is the temperature T after a low-pass with the time constant tau, and dT is T minus the
+    /// reference temperature.
     pub const ACCEL_BIAS_TEMPERATURE_LAG: &'static Self = &effect! {
         number: 29,
         name: "accel_bias_temperature_lag",
@@ -133,9 +135,9 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| powers(state, |history| history.accelerometer_lag_k, terms),
     };
 
-    /// `accel_bias_temperature_rate`: bias change `(k_i + q_i dT + c_i dT^2) dT/dt` of axis i. dT is the temperature
-    /// minus the reference temperature, in kelvin. dT/dt is the rate of change of the temperature, in kelvin per
-    /// second.
+    /// `accel_bias_temperature_rate`: bias change `(k_i + q_i dT + c_i dT^2) dT/dt` of axis i with the parameters k_i,
+    /// q_i and c_i. dT is the temperature minus the reference temperature, in kelvin. dT/dt is the rate of change of
+    /// the temperature, in kelvin per second.
     pub const ACCEL_BIAS_TEMPERATURE_RATE: &'static Self = &effect! {
         number: 30,
         name: "accel_bias_temperature_rate",
@@ -154,9 +156,9 @@ impl<F: RealField + Copy> Effect<F> {
         field: |state, _, terms| powers(state, |history| history.rate_kps, terms),
     };
 
-    /// `accel_bias_temperature_hysteresis`: bias change `(k_i + q_i dT + c_i dT^2) s` of axis i. dT is the temperature
-    /// minus the reference temperature, in kelvin. s is the direction of the temperature change: 1 while heating, -1
-    /// while cooling.
+    /// `accel_bias_temperature_hysteresis`: bias change `(k_i + q_i dT + c_i dT^2) s` of axis i with the parameters
+    /// k_i, q_i and c_i. dT is the temperature minus the reference temperature, in kelvin. s is the direction of the
+    /// temperature change: 1 while heating, -1 while cooling.
     pub const ACCEL_BIAS_TEMPERATURE_HYSTERESIS: &'static Self = &effect! {
         number: 31,
         name: "accel_bias_temperature_hysteresis",

@@ -186,8 +186,8 @@ impl<F: RealField + Copy> TemperatureMemory<F> {
                 + steady_k * settled
                 + (before_k - steady_k) * step * (F::one() - settled);
         }
-        // `smooth_change_k` is the change of 2 T_1 - T_2. While the temperature changes at a constant rate, 2 T_1 - T_2
-        // has no delay.
+        // T_1 and T_2 are the outputs of the first and of the second low-pass. `smooth_change_k` is the change of
+        // 2 T_1 - T_2. While the temperature changes at a constant rate, 2 T_1 - T_2 has no delay.
         let smooth_change_k = change_k + (self.first.lag_k - before_k) - (self.second_lag_k - second_before_k);
         let reversal_k: F = convert(REVERSAL_K);
         let turned = self.direction + smooth_change_k / reversal_k;

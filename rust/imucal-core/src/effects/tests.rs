@@ -68,7 +68,7 @@ const BY_HAND: [(&str, [f64; 3]); 34] = [
     // For r = (1, 2, 3): dw/dt x r = (70, -35, 0) and w x (w x r) = (-10.5, -37.5, -23.25).
     ("accel_lever_arm", [59.5, -72.5, -23.25]),
     // The sensing element of the y axis is at (1, 2, 3), as above. The sensing element of the z axis is at (4, 5, 6).
-    // There, dw/dt x r has the z component -30, and w x (w x r) has the z component -49.5.
+    // For r = (4, 5, 6), dw/dt x r has the z component -30, and w x (w x r) has the z component -49.5.
     ("accel_size_effect", [0.0, -72.5, -79.5]),
     // The sines of twice the motor angles are 0.96, 0 and 0. The cosines of twice the motor angles are 0.28, -1 and 1.
     ("encoder_eccentricity", [0.6 + 1.6 + 6.72 + 2.24, 3.0 - 10.0, -6.0 + 12.0]),

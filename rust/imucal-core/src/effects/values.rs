@@ -155,12 +155,12 @@ impl<F: RealField + Copy> EffectSet<F> {
     /// the sum of these errors (`docs/model.md` (16)).
     ///
     /// The method iterates `true <- seen - effects(true)`. It stops when an iteration changes rate and force only by
-    /// rounding errors. If no effect depends on the rate, the change of the rate is not tested. The same holds for the
-    /// force. Each iteration multiplies the error by at most D, the norm of the derivative of the effects with respect
-    /// to rate and force, for example by 0.002 for a scale asymmetry of 0.2 %. A single effect of typical size needs
-    /// one iteration if the error that it adds does not depend on the quantity to which it is added. Otherwise, it
-    /// needs two or three iterations in `f32`, and two to seven in `f64`. If D exceeds about 0.83, the iteration does
-    /// not converge in [`MAX_PASSES`] steps, and both results are NaN.
+    /// rounding errors. If no effect depends on the rate, the change of the rate is not tested. If no effect depends on
+    /// the force, the change of the force is not tested. Each iteration multiplies the error by at most D, the norm of
+    /// the derivative of the effects with respect to rate and force, for example by 0.002 for a scale asymmetry of
+    /// 0.2 %. A single effect of typical size needs one iteration if the error that it adds does not depend on the
+    /// quantity to which it is added. Otherwise, it needs two or three iterations in `f32`, and two to seven in `f64`.
+    /// If D exceeds about 0.83, the iteration does not converge in [`MAX_PASSES`] steps, and both results are NaN.
     pub fn remove(
         &self,
         seen_rate: Vector3<F>,

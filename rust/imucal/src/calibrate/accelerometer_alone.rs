@@ -65,7 +65,7 @@ pub struct AccelerometerOutcome {
     /// Error that the uncertainty of the priors causes in a measured gravity direction; `None` if no parameter is held.
     /// Its field `rotation_deg` is NaN, because an accelerometer does not measure rotations.
     pub prior_cost: Option<PriorCost>,
-    /// Goodness of fit of the norms of the specific force at the rests, relative to noise; empty if there are no
+    /// Goodness of fit of the norms of the specific force at the rests, relative to noise; empty if the fit has no
     /// degrees of freedom.
     pub groups: Vec<GroupMisfit>,
     /// Residual statistics of the calibration on its own recordings: chi2 and the rms error of the norm of gravity. The
@@ -182,8 +182,8 @@ impl AccelerometerOutcome {
         })
     }
 
-    /// Returns the parts of this result that a message needs to offer a model with fewer parameters: the held
-    /// parameters, and the errors that their priors cause. `None` if the verdict is `poor`.
+    /// Returns the data that an error message states if it offers the model of this result as a model with fewer
+    /// parameters: the held parameters, and the errors that their priors cause. `None` if the verdict is `poor`.
     pub(super) fn as_reduced(&self) -> Option<Reduced> {
         let is_usable = !matches!(self.verdict(), Verdict::Poor(_));
         is_usable.then(|| Reduced { held: self.held.clone(), cost: self.prior_cost, condition: None })

@@ -49,12 +49,13 @@ pub struct Checked<'a> {
     units: OnceLock<Vec<Finding>>,
 }
 
-/// Result of the joint fit without effects and without a warm start: both triads, and the rests and moves that the fit
-/// uses.
+/// Result of the joint fit without effects and without a warm start: the triads of the accelerometer and of the
+/// gyroscope, and the rests and moves that the fit uses.
 type Plain = ([Triad<f64>; 2], Selection);
 
 impl<'a> Checked<'a> {
-    /// Returns an error if `error`, the error of a fit, occurred because the recordings are of several units.
+    /// Tests whether a fit failed with `error` because the recordings are of several units. If so, returns an error
+    /// that states this cause.
     pub(super) fn refuse_several_units(
         recordings: &[Recording<'_>],
         options: &Options<'_>,
@@ -202,18 +203,18 @@ impl<'a> Checked<'a> {
     fn of_contradiction(&self, error: Error) -> Error {
         match error {
             Error::Fit(words) if self.recordings.len() > 1 => Error::Fit(format!(
-                "the recordings contradict each other by far more than noise ({words}): calibrate each alone to find the \
-                 one that differs; it is of another unit, or the unit changed in it, as by temperature: then add the \
-                 effect, such as gyro_bias_temperature"
+                "the recordings contradict each other by far more than noise ({words}): calibrate each recording alone \
+                 to find the recording that differs. If it is of another unit, leave it out. If the unit changed, for \
+                 example with temperature, add the effect, such as gyro_bias_temperature"
             )),
             other => other,
         }
     }
 
-    /// Prepares the input of a joint fit for a search for effects, and calls `work` with this input and both triads.
-    /// The triads, rests and moves are those of the joint fit without effects. If this fit excluded too many outliers,
-    /// all rests and moves are used. The input allows both sensors to drift within a rest. Its temperatures are
-    /// `temperatures_degc` instead of those of the recordings.
+    /// Prepares the input of a joint fit for a search for effects, and calls `work` with this input and the triads of
+    /// both sensors. The triads, rests and moves are those of the joint fit without effects. If this fit excluded too
+    /// many outliers, all rests and moves are used. The input allows both sensors to drift within a rest. It contains
+    /// the temperatures `temperatures_degc` instead of the temperatures of the recordings.
     pub(crate) fn prepare<T>(
         &self,
         temperatures_degc: &[Option<Vec<f64>>],

@@ -33,8 +33,8 @@ pub(super) struct Design {
     rows: Vec<[f64; 18]>,
     /// Residuals, one for each row of the matrix and divided by the same number as the row.
     residuals: Vec<f64>,
-    /// The residuals and their derivatives before the division by the model error, as [`Line`]s. The priors are not
-    /// included.
+    /// The residuals and their derivatives before the division by the model error. A [`Line`] is one residual with its
+    /// derivatives. The priors are not included.
     lines: Vec<Line>,
 }
 

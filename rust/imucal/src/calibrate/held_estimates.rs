@@ -66,8 +66,9 @@ impl HeldEstimate {
 
 /// Returns the estimates of the held parameters `held`, and the part B of the covariance that is due to their priors.
 /// Both are computed from the parameters and the covariance of a fit with these held parameters. `residuals` is empty
-/// or has one entry for each held parameter: the residual (estimate - prior value) in its standard deviations, and one
-/// minus the leverage of this residual.
+/// or has one entry for each held parameter: the residual (estimate - prior value) divided by its standard deviation,
+/// and one minus the leverage of this residual. One minus the leverage is the variance of the residual divided by the
+/// variance of the prior.
 pub(super) fn held_estimates(
     (parameters, covariance): (&[f64], &Mat<f64>),
     held: &[HeldParameter],
@@ -98,8 +99,9 @@ pub(super) fn held_estimates(
 /// this difference. `None` if the standard deviation of the value from the recordings alone is not smaller than the
 /// typical spread of the parameter among MEMS sensors. If the recordings determine the parameter so poorly, their
 /// information about it comes only from the nonlinearity of the model, and is no evidence against the prior. `residual`
-/// is (estimate - prior value) in its standard deviations, and `free` is one minus the leverage of this residual.
-/// `residual` is proportional to the returned difference, so both have the same value in their own standard deviations.
+/// is (estimate - prior value) divided by its standard deviation, and `free` is one minus the leverage of `residual`.
+/// (estimate - prior value) is proportional to (value from the recordings - prior value). Both differences are equal if
+/// each is divided by its standard deviation, so `residual` is the result.
 fn contradiction(held: &HeldParameter, (residual, free): (f64, f64)) -> Option<f64> {
     let of_recordings = held.sigma * ((1.0 - free) / free).sqrt();
     held.usual.is_none_or(|usual| of_recordings < usual).then_some(residual)

@@ -24,8 +24,8 @@ use crate::two_stage::ellipsoid::Start;
 
 /// If the table does not contain the noise of the means, a first fit assumes this standard deviation of the means. It
 /// is given as a fraction of (largest reading - smallest reading) / 2 of the axis with the largest difference. The
-/// value is so large that no row is excluded as an outlier. With a larger value, noise could explain the whole
-/// ellipsoid of the readings, and the fit would be refused.
+/// value is so large that no row is excluded as an outlier. With a larger value, the fit would be refused, because
+/// noise alone could explain the differences between the readings.
 const FIRST_GUESS: f64 = 0.015;
 /// Noise of the means (standard deviation), m/s^2, that a trial fit assumes if the table has too few rows and does not
 /// state the noise. If the trial fit succeeds with a model with fewer parameters, the error message proposes to give
@@ -88,9 +88,9 @@ pub fn calibrate_means(
     }
 }
 
-/// Returns the error message `words`, with the offer of a model with fewer parameters. If the noise of the means is
-/// unknown, the offer may be made on the condition that the user gives this noise. No model is offered if the noise is
-/// the only missing information, because `words` already asks for the noise.
+/// Returns the error message `words`, followed by the name of a model with fewer parameters that the table determines.
+/// If the noise of the means is unknown, the message may state that the user must also give this noise. No model is
+/// named if the noise is the only missing information, because `words` already asks for the noise.
 fn with_way_out(table: &MeanReadings<'_>, options: &Options<'_>, words: String) -> String {
     let of_noise_given = |options: &Options<'_>| {
         let noise = MeanNoise::Common(ASSUMED_NOISE_MPS2);

@@ -44,7 +44,7 @@ pub struct Outcome {
     pub values: Vec<f64>,
     /// Covariance matrix of the parameters, as a list of its rows. Gravity and the rate of the clock are assumed to be
     /// known exactly. [`covariance_with_references`](Self::covariance_with_references) includes the uncertainty of
-    /// both.
+    /// gravity and of the clock rate.
     pub covariance: Vec<Vec<f64>>,
     /// One report for each detected rest: its mean readings, its residual, and the reason if it is excluded.
     pub rests: Vec<RestReport>,

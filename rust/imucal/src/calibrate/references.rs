@@ -26,7 +26,8 @@ pub struct References {
     pub clock_ppm: f64,
 }
 
-/// Largest accepted standard deviation of gravity, m/s^2. It is half the width of the range `GRAVITY_ON_EARTH_MPS2`.
+/// Largest accepted standard deviation of gravity, m/s^2. It is half the width of the accepted range of gravity,
+/// 9.7 to 9.9 m/s^2.
 const MAX_GRAVITY_SIGMA_MPS2: f64 = 0.1;
 /// Largest accepted standard deviation of a clock, ppm (10 %). A clock with a larger error is not a usable reference.
 const MAX_CLOCK_PPM: f64 = 1e5;
@@ -158,8 +159,8 @@ mod tests {
     }
 
     /// Calibrates a simulated run with a value of gravity that is 0.1 % too large, and again with time stamps that are
-    /// 0.1 % too large. The estimates must change as equation (38) predicts. The model contains effects with various
-    /// units.
+    /// 0.1 % too large. The relative change of each estimate must be the change that model.md (38) predicts from the
+    /// unit of the parameter. The model contains effects with various units.
     #[test]
     fn derivatives_are_those_of_the_fit() {
         let program = Program::random(&RandomMoves { moves: 25, ..RandomMoves::default() }, 1).unwrap();

@@ -35,8 +35,8 @@ pub(super) struct Gyroscope {
     /// For each move: the directions of gravity at its two ends, and the standard deviation of the move's residual.
     pub(super) ends: Vec<Ends>,
     /// For each move: the standard deviation, rad, of the part of its residual that is not due to noise of the mean
-    /// forces at the adjacent rests. This part is independent between moves. The part due to the mean forces is not,
-    /// because consecutive moves have a rest in common.
+    /// forces at the adjacent rests. This part is independent between moves. The part due to the mean forces is
+    /// correlated between consecutive moves, because these moves have a rest in common.
     pub(super) random_walk_rad: Vec<f64>,
     /// Warnings about the unit of measurement and the axes of the gyroscope.
     pub(super) findings: Vec<Finding>,
@@ -145,8 +145,8 @@ impl UnitData<'_> {
 
     /// Replaces the flags `used` of the accelerometer fit, one for each rest, by one flag for each epoch. An epoch is a
     /// part of a long rest with its own mean. All epochs of a long rest without known faults are used, even if the fit
-    /// excluded this rest as an outlier. The fit uses one mean for each rest. One mean does not describe a long rest,
-    /// so a large residual of this mean does not show that the rest is faulty.
+    /// excluded this rest as an outlier. The accelerometer fit uses one mean for each rest. One mean does not describe
+    /// a long rest, so a large residual of this mean does not show that the rest is faulty.
     pub(super) fn use_epochs(&self, accelerometer: &mut AccelerometerFit) {
         let used = &accelerometer.used;
         let of = |own: Range<usize>| {
@@ -169,8 +169,9 @@ impl UnitData<'_> {
         self.directions(&accelerometer.triad, gyroscope).ends_of(moves)
     }
 
-    /// Fits the gyroscope to the moves. The start values are the result of a linear fit of the rates to the rotation of
-    /// gravity (model.md (10)) and, if it is known, the nominal sensitivity.
+    /// Fits the gyroscope to the moves. The fit has up to two start values of the sensitivity. One is the result of a
+    /// linear fit of the rates to the rotation of gravity (model.md (10)). The other is the nominal sensitivity, if it
+    /// is known.
     pub(super) fn fit_gyroscope(
         &self,
         moves: &[Move],

@@ -11,8 +11,9 @@
 //! det A = -1   A = -I,  G = P^T     the accelerometer is mirrored: its axes are left-handed
 //! ```
 //!
-//! Gravity cannot distinguish the two classes. A rotation about the vertical can, because the rate about the axis that
-//! points up has opposite signs in the two classes. The recommendation therefore describes both classes and this test.
+//! Gravity cannot distinguish the two classes. A rotation about the vertical distinguishes them, because the rate about
+//! the axis that points up has opposite signs in the two classes. The recommendation therefore describes both classes
+//! and this rotation.
 
 use nalgebra::Matrix3;
 
@@ -197,9 +198,9 @@ fn mirrored_accelerometer(p: &SignedPermutation) -> Cause {
             option: None,
         };
     }
-    // P (`p`), A (accelerometer) and G (gyroscope) are the signed permutations of the module documentation. If only the
-    // accelerometer is wrong, G = I and det(A) = -1, and therefore P = -A. The accelerometer columns need A^T, which is
-    // -P, because P is symmetric in both cases below.
+    // P (`p`) is det(A) A G^T. A and G are the signed permutations from the body axes to the reported accelerometer
+    // axes and to the reported gyroscope axes. If only the accelerometer is wrong, G = I and det(A) = -1, and therefore
+    // P = -A. The accelerometer columns need A^T, which is -P, because P is symmetric in both cases below.
     let alone = p.negated();
     if let Some(axis) = p.half_turn() {
         return Cause {
@@ -270,7 +271,8 @@ mod tests {
                 let text = cause.text();
                 for option in text.split("axes='").skip(1).map(|rest| rest.split('\'').next().unwrap()) {
                     let [accel, gyro] = applied(option);
-                    // P of the corrected columns is P' = det(a) a P g^T, with a = `accel` and g = `gyro`.
+                    // The option multiplies the accelerometer columns by a = `accel` and the gyroscope columns by
+                    // g = `gyro`. It thereby changes P to det(a) a P g^T.
                     let corrected = accel.determinant() * accel * matrix(&p) * gyro.transpose();
                     assert_eq!(corrected, Matrix3::identity(), "{p:?}: {option}");
                     assert_eq!(accel.determinant().round(), handedness, "{p:?}: {option}");

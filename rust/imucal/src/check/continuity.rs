@@ -21,8 +21,8 @@ use crate::numerics::stats::quantile_of;
 use crate::recording::{Recording, Samples};
 
 /// Time stamps are regarded as computed from the sample number if |time stamp x rate - sample number| is at most this
-/// value. The limit permits stamps that are rounded to multiples of a ninth of the time step, because the rounding
-/// errors of a stamp and of the first stamp then sum to at most 0.11 time steps.
+/// value. The limit permits stamps that are rounded to multiples of a ninth of the time step. The rounding error of a
+/// stamp is then at most 1/18 time step, and the error of the difference of two stamps is at most 1/9 = 0.11 time step.
 const EVEN: f64 = 0.12;
 /// A lost sample is recognised by the ratio `k` = (change `d_i` of the rate over one step) / (mean `m` of the two
 /// adjacent changes), which is then about 2. The ratio is used only if |m| / (noise standard deviation of `d_i - m`) is

@@ -80,8 +80,8 @@ impl Gaps {
         })
     }
 
-    /// Returns the finding `clock_irregular` if time stamps are late although no samples were lost there, otherwise
-    /// `None`.
+    /// Returns the finding `clock_irregular` if any time stamp is late, otherwise `None`. A long time step before which
+    /// samples were lost does not count as a late time stamp.
     pub(super) fn late(&self, recording: &Recording) -> Option<Finding> {
         let (first, _) = self.late.first?;
         let place = Place::new(recording, first - 1, first);

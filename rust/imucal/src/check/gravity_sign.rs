@@ -100,9 +100,10 @@ const REVERSED: &str = "pass axes='accel=-x,-y,-z', which leaves the gyroscope a
 /// accelerometer has the reversed sign.
 fn ask() -> String {
     format!(
-        "if the axes are FRD or NED (z down), {Z_DOWN}. If neither is known, turn the unit counter-clockwise as seen from \
-         above, in this pose: a negative rate on gyro_z belongs to these two cases, a positive one to an accelerometer \
-         that reads -g on the axis that points up: then {REVERSED}"
+        "if the axes are FRD or NED (z down), {Z_DOWN}. If neither the pose nor the axes are known, turn the unit in \
+         this pose counter-clockwise as seen from above. If gyro_z reads a negative rate, the unit is upside down or \
+         its z axis points down. If gyro_z reads a positive rate, the accelerometer reads -g on the axis that points \
+         up: {REVERSED}"
     )
 }
 
@@ -172,7 +173,8 @@ mod tests {
         let up = |i: usize| Vector3::from(columns.force[i]).normalize();
         let angles = |up: Vector3<f64>| {
             let tilt = up.z.clamp(-1.0, 1.0).acos();
-            // u = R_z(q3)^T R_y(q2)^T e_z = (-sin q2 cos q3, sin q2 sin q3, cos q2)
+            // For the angles q2 and q3 of the motors 2 and 3, the up direction in the body frame is
+            // R_z(q3)^T R_y(q2)^T e_z = (-sin q2 cos q3, sin q2 sin q3, cos q2).
             [0.0, -tilt, f64::atan2(-up.y, up.x)]
         };
         let mut stand: Vec<[f64; 3]> = (0..columns.force.len()).map(|i| angles(up(i))).collect();

@@ -25,8 +25,9 @@ const COPY_SIGMAS: f32 = 14.0;
 /// at many lags, so it does not reach this limit.
 const UNIQUE: f32 = 2.0;
 /// For two recordings to be copies, their correlation without the contributions of short pulses
-/// ([`Transform::sigmas_without_pulses`]) must also be at least this value. The correlation was at most 4.4 for
-/// independent recordings with coinciding pulses, and at least 9 for altered copies.
+/// ([`Transform::sigmas_without_pulses`]) must also be at least this value. The correlation is divided by the standard
+/// deviation that it has for independent noise. The quotient was at most 4.4 for independent recordings with coinciding
+/// pulses, and at least 9 for altered copies.
 const WITHOUT_PULSES_SIGMAS: f32 = 5.0;
 /// Number of templates of a recording, one in each third. A template is an excerpt that is searched for in the other
 /// recordings. If another recording contains at least half of this recording, it usually contains at least one of the
@@ -157,8 +158,8 @@ fn copies(recordings: &[AtRest<'_>], is_compared: impl Fn(usize, usize) -> bool,
 }
 
 /// Returns the end of the part of the tape (concatenated recordings) in which the recording `index` is searched for, as
-/// a sample index. It is the end of the last recording that precedes `index` in `order` and is compared with it. The
-/// result is 0 if there is no such recording.
+/// a sample index. Only recordings that precede `index` in `order`, and with which it is compared, are searched. The
+/// result is the end of the last of these recordings, or 0 if there are none.
 fn searched_until(tape: &Tape, order: &[usize], index: usize, is_compared: impl Fn(usize, usize) -> bool) -> usize {
     let before: Vec<usize> = order.iter().copied().take_while(|&other| other != index).collect();
     let is_searched = |part: &&(usize, Range<usize>)| before.contains(&part.0) && is_compared(part.0, index);

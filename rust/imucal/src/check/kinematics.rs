@@ -20,7 +20,7 @@ use crate::recording::{RawUnit, Recording};
 /// Limits of the scale |det P|^(1/3) of the matrix P in true rate = P (raw - bias), for a gyroscope in the correct unit
 /// (ideal: 1). The scale errors of sensors are far smaller.
 const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
-/// Narrower limits of the same scale, for a gyroscope whose calibration has been applied.
+/// Narrower limits of the scale |det P|^(1/3), for a gyroscope whose calibration has been applied.
 const CALIBRATED: [f64; 2] = [0.7, 1.4];
 /// The measured rates are too large by the factor 1 / (scale of P). If a wrong unit of measurement causes this factor,
 /// it is the conversion factor between two units, for example 57.3 for deg/s read as rad/s. The finding names a unit if

@@ -146,7 +146,7 @@ fn finding(
 ///
 /// A sample at the end of a shorter number range, such as 2048 or 16384 counts, is no evidence of a rail, because
 /// common accelerometers read these counts at 1 g. For each axis, `ends` contains the lowest and the highest of all
-/// values. `held` contains the lowest and the highest of the values that the axis repeats in at least `PLATEAU`
+/// values. `held` contains the lowest and the highest of the values that the axis repeats in at least three
 /// consecutive samples.
 fn triad_rails(
     rows: Samples<'_>,

@@ -17,7 +17,7 @@ pub(super) struct Runs {
     start: [usize; 6],
     /// First and last sample of the longest run of each channel.
     longest: [(usize, usize); 6],
-    /// Lowest and highest of the values that each channel repeats in a run of at least [`PLATEAU`] samples.
+    /// Lowest and highest of the values that each channel repeats in at least three ([`PLATEAU`]) consecutive samples.
     held: [[f64; 2]; 6],
 }
 
@@ -70,8 +70,8 @@ impl Runs {
         self.longest[channel]
     }
 
-    /// Lowest and highest of the values that each axis of a triad repeats in at least [`PLATEAU`] consecutive samples;
-    /// [inf, -inf] if there are no such values.
+    /// Lowest and highest of the values that each axis of a triad repeats in at least three ([`PLATEAU`]) consecutive
+    /// samples; [inf, -inf] if there are no such values.
     pub(super) fn held(&self, triad: usize) -> [[f64; 2]; 3] {
         [0, 1, 2].map(|axis| self.held[3 * triad + axis])
     }

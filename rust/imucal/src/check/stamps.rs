@@ -12,8 +12,9 @@ use crate::finding::{Place, counted, general};
 use crate::numerics::stats::{MEDIAN_SIZE, median};
 use crate::recording::Recording;
 
-/// The mean rate is stated only if pauses make up less than this share of the duration of the recording. Pauses of this
-/// share can cause a relative error of this size in the mean rate, and in the scale of a gyroscope calibrated with it.
+/// The mean rate is stated only if pauses make up less than this share of the duration of the recording. If pauses
+/// make up this share, they can cause an equal relative error of the mean rate, and thereby of the scale of a gyroscope
+/// that is calibrated with the mean rate.
 const MAX_PAUSES: f64 = 2e-4;
 /// Minimum number of samples in a block. With more samples, jitter of the time stamps affects the smallest delay less.
 const BLOCK_SAMPLES: f64 = 64.0;

@@ -15,7 +15,8 @@ const LARGEST_FORCE_MPS2: f64 = 1e5;
 const LARGEST_RATE_RADPS: f64 = 1e4;
 /// Largest magnitude of a raw count. The widest output of converters is a signed integer of 32 bits.
 const LARGEST_COUNT: f64 = 2_147_483_648.0;
-/// If more than this share of a sensor's samples is impossible, a wrong unit of measurement is named as the cause.
+/// If more than this share of a sensor's samples has values that no sensor can measure, the finding names a wrong unit
+/// of measurement as the cause.
 const WRONG_UNIT_SHARE: f64 = 0.01;
 /// If more than this share of the rows has only accelerometer values, and more than this share has only gyroscope
 /// values, each sensor has its own time stamps.

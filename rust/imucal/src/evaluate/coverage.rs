@@ -49,8 +49,9 @@ impl Judged<'_> {
     }
 
     fn untested_rotations(&self) -> Vec<usize> {
-        // For each move and each axis j, a matrix. Its entry in row r and column a is the change of direction residual
-        // r of the move if the response of gyroscope axis a to rotation about axis j has the error `TESTED_SCALE`.
+        // `changes` contains a matrix for each move and each axis j. The entry in row r and column a is the change of
+        // direction residual r of the move if the response of gyroscope axis a to rotation about axis j has the error
+        // `TESTED_SCALE`.
         let changes: Vec<[Matrix2x3<f64>; 3]> = self
             .moves
             .iter()

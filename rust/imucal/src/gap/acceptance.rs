@@ -20,7 +20,8 @@ use crate::verdict::{GroupMisfit, ResidualGroup};
 const SAME: f64 = 0.005;
 /// The prediction of unseen data counts as worse if chi2 per degree of freedom increases by more than this fraction. A
 /// smaller increase counts only if it is significant (see [`SIGNIFICANT`]). If the unseen data contain few rests and
-/// moves, noise can cause a larger increase, and the threshold is raised accordingly.
+/// moves, parameter errors can cause a larger increase. [`SIGNIFICANT`] standard deviations of the increase that
+/// parameter errors cause are then the threshold instead.
 const MAY_BE_CHANCE: f64 = 0.1;
 /// An effect with a log Bayes factor below this number of nats is accepted only if it improves the prediction of unseen
 /// data. 8 nats are odds of 3000 to 1.
@@ -29,9 +30,10 @@ const CERTAIN_NATS: f64 = 8.0;
 /// of the decrease. The threshold applies only to effects with a log Bayes factor below [`CERTAIN_NATS`], and to
 /// effects that are functions of time.
 const LEAST_IMPROVEMENT: f64 = 0.5;
-/// As [`LEAST_IMPROVEMENT`], for chi2 of all unseen residuals together. It applies if the fits use additional residuals
-/// (stand angles, or specific force inside moves) that their effects do not require. The threshold is larger, because
-/// an effect may fit errors of the stand in these residuals.
+/// Threshold that replaces [`LEAST_IMPROVEMENT`] if the fits use additional residuals (stand angles, or specific force
+/// inside moves) that their effects do not require. It is compared with the decrease of chi2 of all unseen residuals
+/// together, in standard deviations of this decrease. It is larger than [`LEAST_IMPROVEMENT`], because an effect may
+/// fit errors of the stand in the additional residuals.
 const LEAST_IMPROVEMENT_BY_MORE: f64 = 1.0;
 /// The share [`EffectShare::closed`] = decrease of chi2 / excess of chi2 over noise is computed only if chi2 of unseen
 /// data without effects exceeds this multiple of its expected value. At smaller multiples, the excess is too small to
@@ -464,7 +466,8 @@ impl Fit {
     /// The kinds of residuals that exceed noise significantly and by more than a factor of 2: sqrt(chi2 / dof) > 2.
     /// Only the norms of the specific force at rest and the gravity directions after moves are tested. The residuals
     /// are those of the control recordings, or of the calibration recordings if there are no control recordings.
-    /// `is_as_recorded` is as in [`unseen_chance`](Self::unseen_chance).
+    /// If `is_as_recorded` is true, the residuals of the control recordings include the errors from a change of the
+    /// biases between calibration and control recordings.
     pub(super) fn unexplained(&self, is_as_recorded: bool) -> Vec<&GroupMisfit> {
         const JUDGED: [ResidualGroup; 2] = [ResidualGroup::RestNorms, ResidualGroup::MoveDirections];
         let groups = match &self.control {

@@ -154,8 +154,8 @@ impl Differences {
 
     /// Reports why residuals of moves exceed noise while residuals of rests do not. The two tested causes are jitter of
     /// the time stamps, and gyroscope noise that is larger in motion. `widened` is the factor by which the calibration
-    /// increased the standard deviations of the residuals of moves. `least_excess` is as in
-    /// [`stamp_fault`](Self::stamp_fault).
+    /// increased the standard deviations of the residuals of moves. `least_excess` is the smallest variance of the
+    /// additional rate errors that is reported, as a multiple of the noise variance.
     fn noise_fault(&self, recording: &Recording<'_>, widened: f64, least_excess: f64) -> Option<Finding> {
         if self.noise.is_empty() {
             return None;
@@ -188,7 +188,7 @@ impl Differences {
                      their time stamps",
                     general(jitter_ms, 2)
                 ),
-                way_out: "let the sensor's own clock start each sample, and take the time stamp from it".into(),
+                way_out: "let the sensor's clock trigger each sample, and take the time stamp from this clock".into(),
                 ..fault("clock_irregular")
             });
         }

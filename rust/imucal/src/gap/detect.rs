@@ -40,7 +40,7 @@ pub(crate) struct Detection {
     powers: BTreeMap<usize, Vec<f64>>,
 }
 
-/// For each number of parameters: the result of [`squared_directions`]. It is the same in all searches.
+/// For each number of parameters: the result of [`squared_directions`]. It is stored, because all searches can use it.
 static SQUARED_DIRECTIONS: Mutex<BTreeMap<usize, Vec<f64>>> = Mutex::new(BTreeMap::new());
 
 impl Detection {

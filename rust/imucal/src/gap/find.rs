@@ -312,7 +312,7 @@ impl Fits<'_> {
     }
 
     /// Computes the residuals of the fit `before` by kind, rest and move, and compares them with those of the fit
-    /// `after`. `inside_moves` is as in [`residuals_by_place`].
+    /// `after`. `inside_moves` is true if the moves rotate the unit without translation.
     fn residuals(&self, before: &Fit, after: Option<&Fit>, inside_moves: bool) -> Result<ResidualsByPlace, Error> {
         let recordings = self.checked.recordings();
         let samples = |fit: &Fit| {

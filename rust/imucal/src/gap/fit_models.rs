@@ -138,7 +138,7 @@ impl<'a> ForwardSearch<'a> {
 
     /// Linearises a model together with all candidates, and passes the linearisation to `work`. The columns of the
     /// model and of the candidates are evaluated at the same corrected signals, so one pass over the samples computes
-    /// both.
+    /// all columns.
     pub(super) fn with_candidates<T>(
         &self,
         prepared: &Prepared<'_>,

@@ -30,9 +30,9 @@ use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
 /// Maximum number of effects in a model.
 pub(super) const MOST_EFFECTS: usize = 6;
-/// Maximum number of rounds (apart from one that may be added if the gyroscope bias varies with heading). In each
-/// round, effects are first selected in a model with the generic hypotheses (unknown variations of a bias or scale).
-/// Generic hypotheses are then evaluated in a model with these effects.
+/// Maximum number of rounds. In each round, effects are first selected in a model with the generic hypotheses (unknown
+/// variations of a bias or scale). Generic hypotheses are then evaluated in a model with these effects. One further
+/// round is permitted if the last round shows for the first time that the gyroscope bias varies with heading.
 const MOST_ROUNDS: usize = 2;
 /// Smallest standard deviation of the prior of an effect's parameter, in multiples of the parameter's typical size.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
@@ -108,7 +108,7 @@ pub fn linearise(
 pub type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
 /// Computes the detection limit of each candidate effect if this effect is added to the model without effects.
-/// `is_hand_moved` is as in [`search`].
+/// `is_hand_moved` is true if an earlier search with more candidates detected hand motion ([`Search::is_hand_moved`]).
 ///
 /// # Errors
 /// The errors are those of [`search`].

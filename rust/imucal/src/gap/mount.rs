@@ -33,7 +33,7 @@ const FEWEST_RESTS: usize = 4;
 const SLIP_FACTOR: f64 = 10.0;
 /// Maximum scatter of the measured gravity direction about the direction computed from the stand's angles, deg (1
 /// sigma). The value is the largest scatter that occurs with a rigid mount on a low-cost stand. A larger scatter is
-/// reported as play of the mount.
+/// reported as looseness of the mount.
 const PLAY_DEG: f64 = 0.25;
 /// Step of the numerical derivatives (central differences) with respect to stand parameters and motor angles, rad.
 const STEP_RAD: f64 = 1e-4;
@@ -99,8 +99,8 @@ pub fn mount_slips(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: 
     recordings.iter().enumerate().filter_map(slip_of).collect()
 }
 
-/// Detects play of the mount: the attitude of the unit relative to the mount changes with every move. `accelerometer`
-/// and `rests` are as in [`mount_slips`].
+/// Detects a loose mount: the attitude of the unit relative to the mount changes with every move. `accelerometer` (the
+/// sensor model) and `rests` are results of a fit without effects to these recordings.
 pub fn loose_mounts(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: &[Recording<'_>]) -> Vec<Finding> {
     let play_of = |(index, recording): (usize, &Recording<'_>)| {
         let residuals = Residuals::new(accelerometer, recording, with_angles(rests, index, recording))?;

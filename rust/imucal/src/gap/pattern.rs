@@ -42,7 +42,7 @@ const REMAINDER: f64 = 0.02;
 /// instead of the effects only if d - d_effects > REMAINDER_OF_CHI2 x d_effects. A hypothesis with a smaller decrease
 /// may only describe linearisation errors of large effects. The limit [`REMAINDER`] alone is not sufficient. Log Bayes
 /// factors grow only with the logarithm of an effect's size, because the noise scales are estimated. ln B of small
-/// linearisation errors may therefore exceed this share of ln B of a large effect.
+/// linearisation errors may therefore exceed REMAINDER x ln B of a large effect.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 
 /// The generic hypothesis (unknown variation of a bias or scale) with the largest evidence, and its fit.

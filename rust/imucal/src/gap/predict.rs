@@ -90,8 +90,9 @@ impl Held<'_> {
         let weight: Vec<f64> = scale.iter().map(|scale| 1.0 / scale.sqrt()).collect();
         let place = |c: usize| columns.get(c).map_or(self.gram.residual, |column| column.place);
         let mut all = self.gram.at_scales(scales, place, n + 1, 0..n + 1);
-        // `all` is the sum of the Gram matrices of all groups, each divided by the noise scale of its group. Its rows
-        // and columns are now normalised as in `Gram::sizes`. The last row and column belong to the residual.
+        // `all` is the sum of the Gram matrices of all groups, each divided by the noise scale of its group. The last
+        // row and column belong to the residual. Each row and column of a parameter is now divided by the length of its
+        // Jacobian column or, if it is larger, by the square root of its prior precision.
         let length = |c: usize| columns.get(c).map_or(1.0, |own| all[(c, c)].max(own.precision).sqrt().max(1e-300));
         let size: Vec<f64> = (0..=n).map(length).collect();
         for (j, of_column) in size.iter().enumerate() {

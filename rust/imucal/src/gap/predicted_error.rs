@@ -177,7 +177,7 @@ pub fn predicted_errors(
 ) -> Result<PredictedErrors, Error> {
     let parameters = Parameters::of(after);
     // Each parameter has a column: the change of the corrected signals in each window if the parameter changes by one
-    // standard deviation. The last column is the difference between the signals corrected by the two calibrations.
+    // standard deviation. The last column is the difference between the signals corrected by `before` and by `after`.
     let mut columns: Vec<Vec<Signals>> = vec![Vec::new(); parameters.count() + 1];
     for (index, recording) in recordings.iter().enumerate() {
         let means = BriefMeans::of(recording);
@@ -280,7 +280,7 @@ struct Signal<'a> {
     noise: f64,
     /// (P+1, P+1) mean products of signal changes, for P parameters. Each of the first P rows and columns belongs to
     /// the signal change if one parameter changes by its standard deviation. The last row and column belong to the
-    /// difference between the signals corrected by the two calibrations.
+    /// difference between the signals corrected without and with the effects.
     gram: Mat<f64>,
     /// (P,) expected errors of the parameters, in standard deviations.
     errors: &'a [f64],
@@ -329,7 +329,8 @@ impl Signal<'_> {
     }
 
     /// Mean square of the sum of two terms. The first term is the signal change due to the parameter errors `errors`.
-    /// The second term is `difference` (0 or 1) x the difference between the signals corrected by the two calibrations.
+    /// The second term is `difference` (0 or 1) x the difference between the signals corrected without and with the
+    /// effects.
     fn square(&self, errors: &[f64], difference: f64) -> f64 {
         let at = |i: usize| errors.get(i).copied().unwrap_or(difference);
         let all = 0..=errors.len();

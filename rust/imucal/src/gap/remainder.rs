@@ -24,9 +24,9 @@ pub struct Remainder {
     /// p-value under the hypothesis that noise is the only error. It belongs to the test that found `pattern`, with
     /// these exceptions:
     ///
-    /// * If `pattern` is a fault of the data, it belongs to the residuals that the fault explains.
-    /// * If `pattern` is `None`, `above_noise` or `not_confirmed`, it belongs to the residuals of unseen data.
-    /// * If `block` is `recordings`, it belongs to the residuals of unseen data, too.
+    /// * If `pattern` is a fault of the data, the p-value belongs to the residuals that the fault explains.
+    /// * If `pattern` is `None`, `above_noise` or `not_confirmed`, the p-value belongs to the residuals of unseen data.
+    /// * If `block` is `recordings`, the p-value also belongs to the residuals of unseen data.
     pub p_value: f64,
     /// Whether the unexplained residuals limit the use of the calibration; `false` if noise explains the residuals. For
     /// the pattern `above_noise`, it is also `false` if the accepted effects remove at least half of chi2 from one kind

@@ -34,8 +34,8 @@ const DEPENDENT_COLUMNS: f64 = 1e-6;
 /// of each move.
 const ALONG_ONE_AXIS: f64 = 0.8;
 
-/// Residuals of a calibration on the recordings from which it was estimated. If a second calibration is given, they are
-/// compared with its residuals.
+/// Residuals of a calibration on the recordings from which it was estimated. If a second calibration is given, these
+/// residuals are compared with the residuals of the second calibration.
 #[derive(Clone, Debug)]
 pub struct ResidualsByPlace {
     /// Residuals by kind and body axis.
@@ -77,7 +77,7 @@ pub struct ChannelResidual {
 pub struct Dependence {
     /// Kind of residual of the channel.
     pub kind: ResidualKind,
-    /// Body axis of the channel, as in [`ChannelResidual::axis`].
+    /// Body axis of the channel, 0, 1 or 2; `None` for the norm of the specific force.
     pub axis: Option<usize>,
     /// The quantity that the residuals depend on.
     pub regressor: Regressor,
@@ -196,7 +196,8 @@ fn explained_share(channel: &Channel, rows: &[Vec<f64>]) -> Option<(f64, usize)>
         return None;
     }
     // A is the matrix of `columns`, and A = U S V^T is its singular value decomposition, with S = `sizes` and V =
-    // `right`. `products` is A^T z. The components of z along the columns of U are then U^T z = S^-1 V^T A^T z.
+    // `right`. z are the centred residuals, and `products` is A^T z. The components of z along the columns of U are
+    // then U^T z = S^-1 V^T A^T z.
     let products: Vec<f64> = columns.iter().map(|column| column.iter().zip(&z).map(|(a, z)| a * z).sum()).collect();
     let explained: f64 = (0..independent)
         .map(|k| ((0..width).map(|j| right[(j, k)] * products[j]).sum::<f64>() / sizes[k]).powi(2))

@@ -287,8 +287,9 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scatteri
     let gram = &stage.design.gram;
     let is_meant = |sensor: Sensor, scale: f64, before: f64| {
         if sensor == Sensor::Encoder && !stage.sensors.contains(&sensor) {
-            // Residuals relative to the stand contain no coloured noise, so the limit [`WIDE`] is not applied. Only an
-            // excess that linearisation errors of the selected effects may cause is tolerated.
+            // Residuals relative to the stand contain no coloured noise, so their standard deviation need not exceed
+            // [`WIDE`] x noise. Only an excess that linearisation errors of the selected effects may cause is
+            // tolerated.
             return stage.sensors.is_empty() || scale - 1.0 > REMAINDER * (before - 1.0);
         }
         let beside = stage.sensors.is_empty() || (stage.sensors.contains(&sensor) && scale > REMAINDER * before);

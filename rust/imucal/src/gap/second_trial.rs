@@ -1,8 +1,9 @@
 //! Tries refused effects again with all residuals of the search (docs/decisions/0058).
 //!
 //! On a stand, the search also uses residuals of the specific force inside moves and, with encoders, residuals of the
-//! stand's angles. The fits that follow the search use these kinds of residuals only for effects that are not
-//! observable without them. Other effects may be observable without them, but with a large uncertainty.
+//! stand's angles. The fits that follow the search use these two kinds of residuals only for effects that are not
+//! observable from the other residuals. An effect that is observable from the other residuals may have a large
+//! uncertainty.
 
 use std::rc::Rc;
 
@@ -35,7 +36,8 @@ impl Fits<'_> {
 
 /// The kinds of residuals of a second trial; `None` if no second trial is made. No second trial is made if an effect
 /// that is a function of time was refused, because the search is then repeated. It is also not made if the search
-/// selected `earth_rate`, because the magnitude of this rate was tested in a fit without the additional residuals.
+/// selected `earth_rate`, because the magnitude of this rate was tested in a fit that used neither the specific force
+/// inside moves nor the stand's angles.
 fn kinds_of_second_trial(first: &Accepted, search: &Search) -> Option<Kinds> {
     // The kinds are those of the search. The stand's angles are left out if the stand deviates from its model.
     let is_of_stand = search.scattering_rests.is_some_and(|(name, ..)| name.starts_with("stand"));

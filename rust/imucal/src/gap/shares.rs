@@ -123,7 +123,7 @@ fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment
     let side = |m: &Moment| m.up.cross(&m.ahead);
     let tilt = |b: &Moment| (a.up - b.up).norm_squared();
     match kernel {
-        // The random-walk kernel stands for all variations in time here. If a random walk explains the residuals,
+        // The random-walk kernel represents all variations in time here. If a random walk explains the residuals,
         // `ForwardSearch::course` determines which variation in time fits best.
         Kernel::RandomWalk | Kernel::Time | Kernel::Switching | Kernel::White => {
             each(to, others, |b| if a.recording == b.recording { a.time_s.min(b.time_s) } else { 0.0 });

@@ -24,9 +24,10 @@ const HAND: f64 = 10.0;
 /// leave more than this share unexplained. Without hand motion, the unexplained share is smaller even with a long lever
 /// arm and a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
-/// If effects that depend on the angular acceleration, such as a delay of the gyroscope, leave more than this share of
-/// the variance unexplained, a delay is ruled out as the cause of the scatter. If a delay of at most a third of the
-/// duration of a move were the cause, these effects would leave a smaller share unexplained.
+/// Threshold of the share of the variance of the averaged specific force inside moves that effects of the angular
+/// acceleration, such as a delay of the gyroscope, leave unexplained. Above this threshold, a delay is ruled out as the
+/// cause of the scatter. If a delay of at most a third of the duration of a move were the cause, a smaller share would
+/// remain unexplained.
 const BEYOND_A_DELAY: f64 = 0.5;
 /// Standard deviation of the prior of the gyroscope's delay in the test for hand motion, in multiples of the typical
 /// delay.
@@ -53,8 +54,8 @@ impl ForwardSearch<'_> {
                 if blind {
                     self.left_out.push((
                         choice.effect.name.to_owned(),
-                        "moves on a stand, because a hand also translates the unit, and an accelerometer whose noise \
-                         exceeds a step of its converter"
+                        "moves on a stand (a hand also translates the unit) and an accelerometer whose noise exceeds a \
+                         step of its converter"
                             .into(),
                     ));
                 }

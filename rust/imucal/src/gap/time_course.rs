@@ -312,8 +312,8 @@ impl Scattered {
     }
 
     /// Largest log evidence of a switching time course with white scatter, relative to white scatter only. The search
-    /// starts at `states`, and changes one state at a time as long as the evidence increases. `size` is as in
-    /// [`log_of_levels`].
+    /// starts at `states`, and changes one state at a time as long as the evidence increases. `size` is the standard
+    /// deviation of the prior of the difference between the two levels.
     fn most_likely_states(&self, states: &[f64], size: f64) -> f64 {
         let n = states.len();
         let mut states = states.to_vec();
@@ -476,7 +476,7 @@ mod tests {
     fn a_load_that_switches_has_two_levels() {
         let found = kernels(|random| {
             let mut is_on = false;
-            // The share of each epoch in which the load is switched on.
+            // For each epoch: the share of time in which the load that shifts the parameter is switched on.
             let states: Vec<f64> = (0..EPOCHS)
                 .map(|_| {
                     let changes = random.random_range(0.0..1.0) < 0.15;

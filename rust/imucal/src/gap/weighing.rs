@@ -41,8 +41,8 @@ const FORESEEN: f64 = 0.05;
 /// An additional column: its index in the Gram matrices, and the typical size of its parameter.
 pub(crate) type Aside = (usize, f64);
 
-/// Jacobian columns of a model and additional columns (of candidate effects or hypotheses). All are normalised as
-/// described at [`Gram::sizes`].
+/// Jacobian columns of a model and additional columns (of candidate effects or hypotheses). All columns are normalised:
+/// each is divided by its length or, if it is larger, by the square root of its prior precision ([`Gram::sizes`]).
 pub(super) struct Columns<'a> {
     pub(super) gram: &'a Gram,
     pub(super) model: &'a [Column],
@@ -199,9 +199,10 @@ impl<'a> Weighing<'a> {
             // coefficient x column, over all columns and the residual, is the residual after the fit.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
-            // `held` and `deviance` are sums of `n_g ln s_g^2 + chi2_g / s_g^2`: `held` at the noise scales s_g^2
-            // before this round, and `deviance` at the optimised noise scales. `gain` is the increase of the log
-            // evidence if the noise scales are optimised and the parameters stay fixed.
+            // `held` and `deviance` are sums of `n_g ln s_g^2 + chi2_g / s_g^2` over the groups g, for n_g residuals
+            // with the sum of squares chi2_g. `held` is computed at the noise scales s_g^2 before this round, and
+            // `deviance` at the optimised noise scales. `gain` is the increase of the log evidence if the noise scales
+            // are optimised and the parameters stay fixed.
             let (mut held, mut gain, mut deviance) = (0.0, 0.0, 0.0);
             let mut scales = swept.scales.clone();
             for (g, part) in parts.iter().enumerate() {

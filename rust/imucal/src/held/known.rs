@@ -69,9 +69,10 @@ impl KnownAccelerometer {
     }
 }
 
-/// Returns the parameter of a given calibration whose estimate differs most from its calibrated value, in standard
-/// deviations of this value: its index among the nine parameters, and this difference. `estimates` are the held
-/// parameters with their estimates. `None` if they do not contain the nine combinations of a calibration.
+/// Finds the accelerometer parameter whose estimate differs most from its value in the given calibration. Returns its
+/// index among the nine parameters, and the difference in standard deviations of the calibrated value. `estimates` are
+/// the held parameters with their estimates. `None` if they do not contain the nine linear combinations h of
+/// [`KnownAccelerometer::combinations`].
 pub(crate) fn most_changed<'a>(estimates: impl Iterator<Item = (&'a HeldParameter, f64)>) -> Option<(usize, f64)> {
     let (mut rows, mut values) = (SMatrix::<f64, 9, 9>::zeros(), SVector::<f64, 9>::zeros());
     for (held, estimate) in estimates {

@@ -52,10 +52,10 @@ pub(super) struct Rests<'a> {
     mean_rates: Vec<Rate>,
 }
 
-/// Error of the gyroscope bias with which the samples of a hand-held rest were rotated into the body frames at its
-/// ends, rad/s: the bias of the model minus this bias. `columns` contains the derivatives of this difference with
-/// respect to the parameters of the effects. The derivative with respect to the bias parameter is the inverse of the
-/// gyroscope sensitivity and is not stored.
+/// Error of a preliminary gyroscope bias. The samples of a hand-held rest were rotated into the body frames at its ends
+/// with the preliminary bias. `value` is the bias of the model minus the preliminary bias, rad/s. `columns` contains
+/// the derivatives of `value` with respect to the parameters of the effects. The derivative with respect to the bias
+/// parameter is the inverse of the gyroscope sensitivity and is not stored.
 pub(super) struct BiasError {
     pub(super) value: Vector3<f64>,
     pub(super) columns: Vec<Vector3<f64>>,
@@ -101,15 +101,15 @@ impl<'a> Rests<'a> {
         mean
     }
 
-    /// Computes the error of the gyroscope bias with which the samples of a hand-held rest were rotated (propagated)
-    /// into the body frames at its ends: the bias of the model minus this bias. `None` for a rest without tremor. m_k
-    /// is the mean rate of rest k, m is the mean rate over all rests of the recording, and `shrunk` is the shrinkage of
-    /// the bias, from 0 to 1 (model.md (27)). The propagation used the bias `m + (1 - shrunk) (m_k - m)`.
+    /// Computes the bias of the model minus a preliminary gyroscope bias. The samples of a hand-held rest were rotated
+    /// (propagated) into the body frames at its ends with the preliminary bias. `None` for a rest without tremor. The
+    /// preliminary bias is `m + (1 - shrunk) (m_k - m)`. m_k is the mean rate of rest k, m is the mean rate over all
+    /// rests of the recording, and `shrunk` is the shrinkage of the bias, from 0 to 1 (model.md (27)).
     ///
     /// The bias of the model contains the rate that the effects add: e_k at rest k, and e on average over the rests.
-    /// The bias of the propagation contains e, but lacks two parts of e_k - e. One part, `shrunk (e_k - e)`, is removed
-    /// by the shrinkage. Another part is already missing in m_k: m_k was computed with the bias m, so this part of the
-    /// rate was mistaken for a rotation of the hand.
+    /// The preliminary bias contains e, but lacks two parts of e_k - e. The shrinkage removes the part
+    /// `shrunk (e_k - e)`. The second part is already missing in m_k, because m_k was computed with the bias m, and
+    /// this part of the rate was mistaken for a rotation of the hand.
     pub(super) fn bias_error(&self, k: usize) -> Option<BiasError> {
         let UnitRest { recording, rest, propagated, .. } = &self.prepared.rests[k];
         let PropagatedMean { mean_s, bias, shrunk } = propagated.as_ref()?;
@@ -158,7 +158,7 @@ impl<'a> Rests<'a> {
 
     /// Computes the gravity direction at the last sample of a rest if `at_end` is true, otherwise at its first sample.
     /// At a hand-held rest, the direction was propagated with a preliminary gyroscope bias. The direction is corrected
-    /// here for the difference between this bias and the bias of the model (model.md (27)).
+    /// here for the difference between the preliminary bias and the bias of the model (model.md (27)).
     fn end(&self, rest: usize, end: &End, at_end: bool) -> Arc<EndDirection> {
         let of_mean = end.steady.then(|| Arc::clone(&self.forces[rest].direction));
         let mut direction = of_mean.unwrap_or_else(|| self.force(rest, &end.raw).direction);

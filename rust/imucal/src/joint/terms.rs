@@ -362,7 +362,7 @@ impl Terms<'_> {
 
 /// Computes the derivatives of the sensor reading with respect to the parameters of a catalogue effect. An effect of
 /// the temperature history is evaluated with the history at `sample`. The derivatives are written to the first entries
-/// of `room`, which holds at least [`MAX_PARAMETERS`] vectors.
+/// of `room`, which has space for at least [`MAX_PARAMETERS`] vectors.
 #[inline]
 fn set_field(
     effect: &Effect<f64>,

@@ -61,10 +61,10 @@ pub(super) struct Varying {
     width: f64,
 }
 
-/// Returns the significant generic hypotheses in `patterns`, without duplicates. These are the hypotheses that are
-/// significant in the model with the selected effects. If there are none, they are the hypotheses that explain the
-/// residuals better than the selected effects. In the second case, a hypothesis may describe the same errors as a
-/// selected effect. For example, a smooth function of the rate can describe a cubic scale error.
+/// Returns the generic hypotheses in `patterns` that are significant in the model with the selected effects, without
+/// duplicates. If no hypothesis is significant in this model, the function instead returns the hypotheses that explain
+/// the residuals better than the selected effects. Such a hypothesis may describe the same errors as a selected effect.
+/// For example, a smooth function of the rate can describe a cubic scale error.
 fn varying(patterns: &[Pattern]) -> Vec<Varying> {
     let mut all: Vec<Varying> = Vec::new();
     let mut add = |block: Block, kernel: Kernel, width: f64| {

@@ -15,8 +15,9 @@ use crate::joint::{INSIDE, Kinds, MOVE_DIRECTIONS};
 /// hypothesis is significant. The value is close to 1, because accelerations by the hand may be the reason why the
 /// hypothesis is significant.
 const LEAST_INSIDE: f64 = 1.1;
-/// As [`LEAST_INSIDE`], if effects are selected and no generic hypothesis is significant. The value is larger, because
-/// noise that is larger in motion also increases chi2.
+/// Smallest chi2 per degree of freedom of the specific force inside moves that is attributed to a hand if effects are
+/// selected and no generic hypothesis is significant. The value is larger than [`LEAST_INSIDE`], because noise that is
+/// larger in motion than at rest also increases chi2.
 const LEAST_INSIDE_BESIDE_EFFECTS: f64 = 2.0;
 /// Residuals of the specific force inside moves are attributed to a hand only if more than this share of their excess
 /// chi2 (chi2 beyond noise) remains after the search. A smaller share remains if a generic hypothesis or an effect in

@@ -203,7 +203,8 @@ mod tests {
         wrong.sum::<f64>()
     }
 
-    /// With large backlash of either sign, no sample may have a wrong sign. With small backlash, only few samples may.
+    /// With large backlash of either sign, no sample may have a wrong direction. With small backlash, only a few
+    /// samples may have a wrong direction.
     #[test]
     fn the_start_of_a_turn_is_found_at_the_jump_of_its_reading() {
         for backlash_rad in [1e-3, -1e-3, 4e-4, -4e-4] {

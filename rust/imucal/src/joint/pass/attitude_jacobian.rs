@@ -43,7 +43,8 @@ pub(super) struct Turns<'a> {
     /// Derivatives of the attitude change over each segment with respect to each parameter, in the body frame at the
     /// start of the move.
     on_rate: Turned,
-    /// Derivatives of the force at the midpoint of each segment with respect to each parameter, in the same frame.
+    /// Derivatives of the force at the midpoint of each segment with respect to each parameter, in the body frame at
+    /// the start of the move.
     on_force: Turned,
     /// Derivatives of rate and force with respect to the parameters at the midpoint of a segment, in the body frame at
     /// this midpoint.

@@ -99,7 +99,8 @@ impl Wandering {
         solve_lower(self.factor.as_ref(), matrix.as_mut().subrows_mut(0, self.factor.nrows()));
     }
 
-    /// Whitens the rows of the same residuals as [`Self::apply`], in a matrix that is stored row by row.
+    /// Whitens the rows of force norms at rests, gravity directions after moves, and mean rates at rests, in a matrix
+    /// that is stored row by row.
     pub(crate) fn apply_to_rows(&self, rows: &mut Lanes) {
         let (count, width) = (self.factor.nrows(), rows.width());
         let mut white = Mat::from_fn(count, width, |row, place| rows.row(row)[place]);
@@ -211,8 +212,8 @@ impl Joint<'_> {
     /// residual and subtracts it from the other residuals. If the factors of these residuals differed, the whitening
     /// would subtract too much or too little. The other residuals would then exceed their noise, and the fit would
     /// increase their factor. The factors would differ even more, and the increased factor would grow without bound.
-    /// The rounding errors of the rates have no factor, because the mean rates, which contain the same errors, have
-    /// none.
+    /// The rounding errors of the rates have no factor, because the standard deviations of the mean rates, which
+    /// contain the rounding errors of the rates, have no factor either.
     fn by_rounding(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let rows = linear.head_rows();
         let (head, columns) = (linear.lines.len(), 3 * self.prepared.rests.len());
