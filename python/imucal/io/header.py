@@ -20,12 +20,13 @@ from imucal.io.column_words import (
     without_gravity,
     words_of,
 )
+from imucal.io.layout import Layout
 from imucal.io.programs import Program, program_of
 from imucal.io.sensor_labels import may_name_sensors, sensor_of_label
 from imucal.io.unit_words import split_unit, split_unread
 from imucal.io.unusual_names import Groups, add_numbered_axes, add_sensors_by_unit, is_complete
 
-__all__ = ["Header", "Triad", "header_of", "names_sensor", "sensor_column"]
+__all__ = ["Header", "Triad", "header_of", "layout_header", "names_sensor", "sensor_column"]
 
 # Descriptor of a quantity in column names of MicroStrain, such as `X Accel [x8004]`.
 DESCRIPTOR: Final = r"\s*\[x[0-9A-Fa-f]{4}\]"
@@ -208,6 +209,11 @@ def header_of(
         )
         header.linear.clear()
     return header
+
+
+def layout_header(layout: Layout) -> Header:
+    """The role (sensor, axis and unit) of each column in the header of a text."""
+    return header_of(layout.names or [], layout.described, layout.preamble)
 
 
 def names_sensor(names: Sequence[str], what: str) -> bool:

@@ -9,8 +9,8 @@ import numpy as np
 
 from imucal.errors import FormatError, InputError
 from imucal.io.head import Head
-from imucal.io.headed import layout_header, time_of
-from imucal.io.header import Header, Triad
+from imucal.io.headed import time_of
+from imucal.io.header import Header, Triad, layout_header
 from imucal.io.scale import (
     NO_GRAVITY_G,
     accel_reading,

@@ -14,8 +14,9 @@ from pathlib import Path
 from imucal.document.source import File, is_folder, open_file, open_large
 from imucal.errors import FormatError, InputError
 from imucal.io.alone import alone, recording_of_any_text
-from imucal.io.headed import layout_header
+from imucal.io.header import layout_header
 from imucal.io.joined import joined
+from imucal.io.json_in_text import refuse_json
 from imucal.io.packed import TEXT_ENDINGS, ZIP, Archive
 from imucal.io.remarks import remark
 from imucal.io.sensor import Sensor, Units, has_gravity, sensor_in_name, sensor_of, units_given
@@ -48,6 +49,8 @@ def read_pair(
     is raised.
     """
     units = units_given(time_unit, accel_unit, gyro_unit, rate_hz)
+    for path in (first_path, second_path):
+        refuse_json(path)
     sensors = [sensor_of(open_path(path)) for path in (first_path, second_path)]
     return joined(*_by_role(sensors), units, lambda: [sensor.text.sources[0] for sensor in sensors], rate_hz)
 
