@@ -17,6 +17,7 @@ __all__ = [
     "time_unit_in",
     "without_gravity",
     "words_of",
+    "words_of_unit",
 ]
 
 # Words that name the accelerometer and the gyroscope.
@@ -147,6 +148,15 @@ def role_of(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[
     if all(word in ("axis", "value", "values", "data", "raw", "sensor") for word in words):
         return (f"plain-{of}" if of in ("accel", "gyro") else "plain"), axis, key
     return None
+
+
+def words_of_unit(name: str) -> set[str]:
+    """The words of a column name that name neither the sensor nor the axis, such as `left` in left_acc_x."""
+    return {
+        word
+        for word in words_of(name)
+        if word not in ACCEL | GYRO | LINEAR | SPEED | INCLUDING | GRAVITY and not re.match(JOINED, word)
+    } - set("xyz")
 
 
 def without_gravity(words: list[str]) -> list[str]:

@@ -31,6 +31,7 @@ __all__ = [
     "has_gravity",
     "how_read",
     "require_gravity",
+    "require_one",
     "sensor_in_name",
     "sensor_of",
     "time_of_sensor",
@@ -282,6 +283,18 @@ def _without_gravity(sensor: Sensor, gravity: float) -> FormatError:
         f"{sensor.text.name}: the acceleration is without gravity (median {gravity:.2g} g), which a "
         f"calibration needs: {hint}"
     )
+
+
+def require_one(sensor: Sensor) -> None:
+    """Raises InputError if the file has the columns of several sensors of this kind."""
+    header = sensor.header
+    found = {"accel": header.accel, "gyro": header.gyro}.get(sensor.what, [])
+    found = found or [triad for triad, _ in header.plain]
+    if len(found) > 1:
+        raise InputError(
+            f"{sensor.text.name}: there are the columns of {len(found)} sensors of one kind "
+            f"({', '.join(triad.columns[0] for triad in found)}, ...): leave out the columns of all but one"
+        )
 
 
 def time_of_sensor(sensor: Sensor, given: str | None) -> tuple[tuple[str, str], float | None]:

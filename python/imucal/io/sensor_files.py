@@ -19,7 +19,7 @@ from imucal.io.joined import joined
 from imucal.io.json_in_text import refuse_json
 from imucal.io.packed import TEXT_ENDINGS, ZIP, Archive
 from imucal.io.remarks import remark
-from imucal.io.sensor import Sensor, Units, has_gravity, sensor_in_name, sensor_of, units_given
+from imucal.io.sensor import Sensor, Units, has_gravity, require_one, sensor_in_name, sensor_of, units_given
 from imucal.io.text import Text, head_of, open_path, open_text
 from imucal.recording.recording import Recording
 
@@ -52,6 +52,8 @@ def read_pair(
     for path in (first_path, second_path):
         refuse_json(path)
     sensors = [sensor_of(open_path(path)) for path in (first_path, second_path)]
+    for sensor in sensors:
+        require_one(sensor)
     return joined(*_by_role(sensors), units, lambda: [sensor.text.sources[0] for sensor in sensors], rate_hz)
 
 
@@ -234,6 +236,7 @@ def _chosen(name: str, sensors: list[Sensor], what: str, texts: Sequence[Text]) 
         total = [s for s in named if re.search(r"(?i)total|gravity", s.text.label)]
         sensors = total or named or sensors
     if len(sensors) == 1:
+        require_one(sensors[0])
         return sensors[0]
     if not sensors:
         raise FormatError(f"{name}: no file with the {what}; found: {_listed(texts)}: export it too")
