@@ -119,7 +119,9 @@ def test_a_rotation_is_proposed_as_gyroscope_only_if_it_is_a_rate(tmp_path):
 
 def test_acceleration_that_includes_gravity_is_the_accelerometer(tmp_path):
     sensors = {"acceleration": LINEAR, "accelerationIncludingGravity": FORCE, "rotationRate": RATE}
-    check(followed(document(tmp_path, members(**sensors))))
+    wide = document(tmp_path, members(**sensors))
+    check(followed(wide))
+    assert "Safari on iOS" in message(wide) and "--axes accel=-x,-y,-z" in message(wide)
     lists = document(tmp_path, {name: listed(values) for name, values in sensors.items()})
     check(imucal.read(lists, gyro_unit="rad/s"))
     check(imucal.read(table(tmp_path, mixed(sensors)), gyro_unit="rad/s"))
@@ -204,13 +206,34 @@ def test_the_only_three_columns_with_axes_belong_to_the_label(tmp_path, axes, la
     # With six columns it is not known which three are the samples.
     uncalibrated = [row | {f"bias {name}": 0.0 for name in axes} for row in rows]
     said = message(table(tmp_path, uncalibrated, "six.csv"), gyro_unit="rad/s")
-    assert f"({labels[0]}): no three columns" in said
+    assert f"({labels[0]}): the columns timestamp, accuracy, " in said and "write one row per sample" in said
 
 
 def test_a_labelled_sensor_without_axes_is_not_called_missing(tmp_path):
     angles = listed(RATE, axes=("alpha", "beta", "gamma"))
     path = document(tmp_path, {"accelerometer": listed(FORCE), "rotationRate": angles})
-    assert "(rotationRate): no three columns x, y, z" in message(path)
+    assert "(rotationRate): the columns timestamp, alpha, beta, gamma do not state" in message(path)
+
+
+def test_one_row_per_axis_is_refused(tmp_path):
+    names = [
+        (f"{sensor}_{axis}", values[:, at])
+        for sensor, values in (("accel", FORCE), ("gyro", RATE))
+        for at, axis in enumerate("xyz")
+    ]
+    rows = [
+        {"time_s": t, "field": name, "value": own[at]}
+        for at, t in enumerate(TIME_S.tolist())
+        for name, own in names
+    ]
+    assert "write one row per sample, with the axes in the columns" in message(table(tmp_path, rows))
+
+
+def test_a_label_that_names_both_sensors_names_neither(tmp_path):
+    rows = [*listed(FORCE), *listed(RATE)]
+    path = document(tmp_path, {"accelerometer_and_gyroscope": rows, "magnetometer": listed(TURNED)})
+    for options in ({}, {"gyro_unit": "rad/s"}):
+        assert "no file with the accelerometer" in message(path, **options)
 
 
 def test_rows_below_the_header_of_another_sensor_are_refused(tmp_path):

@@ -31,7 +31,6 @@ __all__ = [
     "has_gravity",
     "how_read",
     "require_gravity",
-    "require_one",
     "sensor_in_name",
     "sensor_of",
     "time_of_sensor",
@@ -135,6 +134,11 @@ def sensor_of(text: Text) -> Sensor:
         stated = [split_unit(layout.described[layout.names.index(name)])[1] for name in columns]
         unit = stated[0][1] if stated[0] is not None and stated.count(stated[0]) == 3 else None
         return Sensor(text, header, Triad(columns, unit), named)
+    if text.label != text.name:
+        raise FormatError(
+            f"{text.name}: the columns {', '.join(layout.names)} do not state which three are the axes x, y "
+            "and z: write one row per sample, with the axes in the columns x, y, z"
+        )
     linear = " (its acceleration is without gravity)" if header.linear else ""
     raise FormatError(
         f"{text.name}: no three columns x, y, z of an accelerometer or a gyroscope{linear}; found: "
@@ -283,18 +287,6 @@ def _without_gravity(sensor: Sensor, gravity: float) -> FormatError:
         f"{sensor.text.name}: the acceleration is without gravity (median {gravity:.2g} g), which a "
         f"calibration needs: {hint}"
     )
-
-
-def require_one(sensor: Sensor) -> None:
-    """Raises InputError if the file has the columns of several sensors of this kind."""
-    header = sensor.header
-    found = {"accel": header.accel, "gyro": header.gyro}.get(sensor.what, [])
-    found = found or [triad for triad, _ in header.plain]
-    if len(found) > 1:
-        raise InputError(
-            f"{sensor.text.name}: there are the columns of {len(found)} sensors of one kind "
-            f"({', '.join(triad.columns[0] for triad in found)}, ...): leave out the columns of all but one"
-        )
 
 
 def time_of_sensor(sensor: Sensor, given: str | None) -> tuple[tuple[str, str], float | None]:

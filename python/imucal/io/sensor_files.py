@@ -19,7 +19,7 @@ from imucal.io.joined import joined
 from imucal.io.json_in_text import refuse_json
 from imucal.io.packed import TEXT_ENDINGS, ZIP, Archive
 from imucal.io.remarks import remark
-from imucal.io.sensor import Sensor, Units, has_gravity, require_one, sensor_in_name, sensor_of, units_given
+from imucal.io.sensor import Sensor, Units, has_gravity, sensor_in_name, sensor_of, units_given
 from imucal.io.text import Text, head_of, open_path, open_text
 from imucal.recording.recording import Recording
 
@@ -53,7 +53,7 @@ def read_pair(
         refuse_json(path)
     sensors = [sensor_of(open_path(path)) for path in (first_path, second_path)]
     for sensor in sensors:
-        require_one(sensor)
+        _require_one(sensor)
     return joined(*_by_role(sensors), units, lambda: [sensor.text.sources[0] for sensor in sensors], rate_hz)
 
 
@@ -220,6 +220,18 @@ def _sensor_name(what: str) -> str:
     return known.get(what, "an unnamed sensor")
 
 
+def _require_one(sensor: Sensor) -> None:
+    """Raises InputError if the file has the columns of several sensors of this kind."""
+    header = sensor.header
+    found = {"accel": header.accel, "gyro": header.gyro}.get(sensor.what, [])
+    found = found or [triad for triad, _ in header.plain]
+    if len(found) > 1:
+        raise InputError(
+            f"{sensor.text.name}: there are the columns of {len(found)} sensors of one kind "
+            f"({', '.join(triad.columns[0] for triad in found)}, ...): leave out the columns of all but one"
+        )
+
+
 def _chosen(name: str, sensors: list[Sensor], what: str, texts: Sequence[Text]) -> Sensor:
     """The file among `sensors` that is read for the sensor `what`.
 
@@ -236,7 +248,7 @@ def _chosen(name: str, sensors: list[Sensor], what: str, texts: Sequence[Text]) 
         total = [s for s in named if re.search(r"(?i)total|gravity", s.text.label)]
         sensors = total or named or sensors
     if len(sensors) == 1:
-        require_one(sensors[0])
+        _require_one(sensors[0])
         return sensors[0]
     if not sensors:
         raise FormatError(f"{name}: no file with the {what}; found: {_listed(texts)}: export it too")

@@ -26,11 +26,13 @@ AXES: Final = (("xyz", "w"), ("012", "3"), ("123", "04"))
 
 
 def sensor_of_label(label: str) -> str:
-    """The sensor that a label names: "accel", "gyro", "other" for another quantity, or "" for none.
+    """The sensor that a label names: "accel", "gyro", "other" for another quantity, or "" for none or both.
 
     The last part of a path, such as `accel` in `home/imu/accel`, has precedence over the other parts.
     """
     for part in (re.split(r"[./:]", label)[-1], label):
+        if re.search(ACCEL_FILE, part) and re.search(GYRO_FILE, part):
+            return ""
         bare, unit = split_unit(part)
         words = [word for word in words_of(bare) if not re.fullmatch(r"[xyz]|\d+", word)]
         if is_of_other(words):

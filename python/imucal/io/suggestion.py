@@ -100,6 +100,11 @@ def suggestion(
     others = [t.columns[0] for t in (*header.accel[1:], *header.gyro[1:])]
     if others:
         sentences.append(f"there are further sensors ({', '.join(others)}, ...): choose one")
+    if any("includinggravity" in triad.columns[0].lower() for triad in header.accel[:1]):
+        sentences.append(
+            "Safari on iOS writes this acceleration with the reversed sign: if the recording is from there, "
+            "also give --axes accel=-x,-y,-z"
+        )
     shown = f"{lead}No unit is assumed: {'; '.join(sentences)}. " if sentences else lead
     pairs = [time] if time and not is_canonical(time.partition("=")[2]) else []
     lines = []
