@@ -142,6 +142,18 @@ def test_labels_in_a_table_with_both_sensors_are_no_sensors(tmp_path, labels):
     check(imucal.read(document(tmp_path, rows)))
 
 
+def test_sensors_may_have_columns_of_their_own(tmp_path):
+    rows = [
+        {"sensor": sensor, "timestamp": ns + late}
+        | {f"{letter}{a}": v for a, v in zip("xyz", row, strict=True)}
+        for ns, *own in zip(NS.tolist(), FORCE.tolist(), RATE.tolist(), strict=True)
+        for sensor, letter, late, row in zip(("acc", "gyro"), "ag", (0, 4 * 10**6), own, strict=True)
+    ]
+    recording = imucal.read(document(tmp_path, rows), gyro_unit="rad/s")
+    assert len(recording) >= ROWS - 2 and recording.sensors == ("accelerometer", "gyroscope")
+    np.testing.assert_allclose(recording.specific_force[:, 2].mean(), FORCE[:, 2].mean(), atol=0.01)
+
+
 def test_letters_name_sensors_only_if_no_other_letter_does_not(tmp_path):
     check(imucal.read(table(tmp_path, mixed({"A": FORCE, "G": RATE, "M": TURNED})), gyro_unit="rad/s"))
     rows = [row | {"pose": "ABCDEFG"[at * 7 // ROWS]} for at, row in enumerate(listed(FORCE))]

@@ -231,19 +231,22 @@ def names_sensor(names: Sequence[str], what: str) -> bool:
 def sensor_column(cells: Mapping[str, Sequence[str]]) -> str | None:
     """The column whose cells name the sensor of each row, such as `acc` or `gyro`; None if there is none.
 
-    Both sensors must be named, or one of them in a column whose name starts with "sensor". The result is None
-    if the names of the columns name both sensors, because each row then contains both, and no column is
-    called only x, y or z.
+    Both sensors must be named, or one of them in a column whose name starts with "sensor". If the names of
+    the columns also name both sensors, each row may contain both, and the labels may be those of poses or
+    movements. Then every label must be the word for a sensor.
     """
     header = header_of(list(cells))
-    if header.accel and header.gyro and not header.plain:
-        return None
+    has_both = bool(header.accel and header.gyro) and not header.plain
     for name, column in cells.items():
-        labels = list(dict.fromkeys(column))
-        if may_name_sensors(labels):
-            named = {"accel", "gyro"}.intersection(map(sensor_of_label, labels))
-            if len(named) == 2 or (named and name.strip().lower().startswith("sensor")):
-                return name
+        labels = [label for label in dict.fromkeys(column) if label.strip()]
+        if not may_name_sensors(labels):
+            continue
+        sensors = set(map(sensor_of_label, labels))
+        if has_both and ("" in sensors or any(len(label.strip()) == 1 for label in labels)):
+            continue
+        named = sensors & {"accel", "gyro"}
+        if len(named) == 2 or (named and name.strip().lower().startswith("sensor")):
+            return name
     return None
 
 
