@@ -122,6 +122,13 @@ def test_acceleration_that_includes_gravity_is_the_accelerometer(tmp_path):
     wide = document(tmp_path, members(**sensors))
     check(followed(wide))
     assert "Safari on iOS" in message(wide) and "--axes accel=-x,-y,-z" in message(wide)
+    remark = [
+        {"time (s)": t}
+        | {f"Acc {a} (with gravity)": f for a, f in zip("xyz", force, strict=True)}
+        | {f"Gyr {a}": w for a, w in zip("xyz", rate, strict=True)}
+        for t, force, rate in zip(TIME_S.tolist(), FORCE.tolist(), RATE.tolist(), strict=True)
+    ]
+    check(followed(table(tmp_path, remark, "remark.csv")))
     lists = document(tmp_path, {name: listed(values) for name, values in sensors.items()})
     check(imucal.read(lists, gyro_unit="rad/s"))
     check(imucal.read(table(tmp_path, mixed(sensors)), gyro_unit="rad/s"))
@@ -204,6 +211,7 @@ def test_sensors_beside_a_table_with_both_are_reported(tmp_path):
         (("payload.x", "payload.y", "payload.z"), ("home/imu/accel", "home/imu/gyro")),
         (("value0", "value1", "value2"), ("ACCELEROMETER", "GYROSCOPE")),
         (("v_x", "v_y", "v_z"), ("ICM4x6xx Accelerometer Non-wakeup", "ICM4x6xx Gyroscope Non-wakeup")),
+        (("vector.x", "vector.y", "vector.z"), ("linear_motion/acceleration", "angular_velocity")),
         (("data[1]", "data[2]", "data[3]"), ("debug/accel", "debug/gyro")),
     ],
 )

@@ -179,7 +179,7 @@ def is_remark(text: str) -> bool:
     sensors = {word for word in ACCEL | GYRO if len(word) > 3}
     return re.search(r"[/*^²°º%µ]", text) is None and all(
         word in REMARKS or word in sensors or word.isdigit() or re.match(TIME, word)
-        for word in words_of(text)
+        for word in without_gravity(words_of(text))
     )
 
 

@@ -35,11 +35,11 @@ def sensor_of_label(label: str) -> str:
             return ""
         bare, unit = split_unit(part)
         words = [word for word in words_of(bare) if not re.fullmatch(r"[xyz]|\d+", word)]
-        if is_of_other(words):
-            return "other"
         role = role_of(["x", *words], "", unit)
         if role is not None and role[0] in ("accel", "gyro"):
             return role[0]
+        if is_of_other(words) or "vector" in words:
+            return "other"
     return sensor_of_file(label)
 
 
