@@ -330,6 +330,10 @@ CODES: Final[dict[str, dict[str, Code]]] = {
             cause="Lines of a text file are not rows of numbers and were left out.",
             cure="Check that these lines contained no samples.",
         ),
+        "tables_not_read": Code(
+            cause="A file with several tables contains further samples of the sensors, which were not read.",
+            cure="To read them instead, write their tables to a separate file.",
+        ),
         "read_by_header": Code(
             cause="Names and units of the columns were taken from the header of a file of another program.",
             cure=(
