@@ -201,9 +201,9 @@ CODES: Final[dict[str, dict[str, Code]]] = {
                 "sensor is noisy because of vibration, its supply or its wiring."
             ),
             cure=(
-                "Change the columns to the unit that the message names. If imucal then reports `gyro_units` or "
-                "`accel_units`, the former unit was correct: change it back, and look for the source of the "
-                "noise."
+                "Change the columns to the unit that the message names. If imucal then reports `gyro_units` "
+                "or `accel_units`, the former unit was correct: change it back, and look for the source of "
+                "the noise."
             ),
         ),
         "bias_implausible": Code(

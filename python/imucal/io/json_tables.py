@@ -20,8 +20,9 @@ from functools import lru_cache
 from typing import Any, Final, TypeAlias
 
 from imucal.errors import FormatError
-from imucal.io.column_words import is_time
+from imucal.io.column_words import is_time, words_of
 from imucal.io.interleaved import UNIT_COLUMN
+from imucal.io.layout import is_number
 from imucal.io.unit_words import split_unit, unit_of
 
 __all__ = ["MOST_COLUMNS", "Row", "tables_of"]
@@ -37,7 +38,8 @@ AXES: Final = "xyz"
 UNITS: Final = ("unit", "units")
 # Names of members that identify a recording of a phone or a logger.
 SESSION: Final = r"(?i)session[ _-]?(id|uuid)?"
-# Minimum share of the objects in a list that must contain lists of objects for these lists to hold the samples.
+# Minimum share of the objects in a list with lists of objects. With a smaller share, these lists do not
+# contain the samples.
 LEAST_MESSAGES: Final = 0.5
 
 
@@ -56,15 +58,25 @@ def tables_of(name: str, document: Any) -> dict[str, list[Row]]:
         if tables:
             return tables
     origins: dict[str, set[str]] = {}
-    tables = dict(_lists(document, "", MOST_LEVELS, origins))
+    try:
+        tables = dict(_lists(document, "", MOST_LEVELS, origins))
+    except _SeveralSamples as found:
+        raise FormatError(
+            f"{name}: the member {found} of an object contains several samples: write one object per "
+            "sample, each with its own time"
+        ) from None
     for member, values in origins.items():
         if len(values) > 1:
             raise FormatError(
                 f"{name} contains samples of {len(values)} devices or recordings ({member}: "
                 f"{', '.join(sorted(values))[:60]}): write those of each to a separate file"
             )
-    tables = {path: rows for path, rows in tables.items() if any(rows)}
+    tables = {path: rows for path, rows in tables.items() if any(map(_has_number, rows))}
     return {"": next(iter(tables.values()))} if len(tables) == 1 else tables
+
+
+def _has_number(row: Row) -> bool:
+    return any(cell is not None and is_number(str(cell)) for cell in row.values())
 
 
 def _objects(document: Mapping[str, Any], levels: int) -> Iterator[Mapping[str, Any]]:
@@ -96,7 +108,7 @@ def _lists(
         joined: dict[str, list[Row]] = {}
         for own, lists in zip(objects, within, strict=True):
             for member, origin in own.items():
-                if re.fullmatch(f"{UNIT_COLUMN}|{SESSION}", member) and isinstance(origin, (str, int)):
+                if _is_origin(member) and isinstance(origin, (str, int)):
                     origins.setdefault(member, set()).add(str(origin))
             for at, rows in lists:
                 joined.setdefault(".".join(filter(None, (path, at))), []).extend(rows)
@@ -106,6 +118,10 @@ def _lists(
             yield from _lists(own, f"{path}.{at}" if path else str(at), levels - 1, origins)
 
 
+def _is_origin(member: str) -> bool:
+    return any(re.fullmatch(form, member) for form in (UNIT_COLUMN, SESSION))
+
+
 def _flat(value: Mapping[str, Any], outer: str = "", unit: str = "") -> Row:
     """The cells of an object; the names of members of members are joined by points."""
     unit = _stated_unit(value) or unit
@@ -113,6 +129,8 @@ def _flat(value: Mapping[str, Any], outer: str = "", unit: str = "") -> Row:
     for name, own in value.items():
         if name in UNITS and unit:
             continue
+        if _are_samples(f"{outer}{name}", own):
+            raise _SeveralSamples(f"{outer}{name}")
         if isinstance(own, dict):
             bare, ending = _without_unit(f"{outer}{name}")
             row |= _flat(own, f"{bare}.", ending or unit)
@@ -121,6 +139,20 @@ def _flat(value: Mapping[str, Any], outer: str = "", unit: str = "") -> Row:
         elif isinstance(own, (str, int, float)) or own is None:
             row[_with_unit(f"{outer}{name}", unit)] = own
     return row
+
+
+class _SeveralSamples(Exception):
+    """An object of a list contains several samples; the argument is the name of the member."""
+
+
+def _are_samples(name: str, value: Any) -> bool:
+    """Whether the value is a list of triples, or a list of numbers of one axis."""
+    if not isinstance(value, list) or not value:
+        return False
+    if isinstance(value[0], list):
+        return all(isinstance(own, list) and len(own) == len(AXES) for own in value)
+    is_axis = words_of(split_unit(name)[0])[-1:] in (["x"], ["y"], ["z"])
+    return is_axis and not isinstance(value[0], dict)
 
 
 @lru_cache(maxsize=MOST_COLUMNS)
@@ -184,32 +216,41 @@ def _of_columns(name: str, document: Mapping[str, Any]) -> dict[str, list[Row]]:
     if len(columns) <= len(AXES):
         return {}
     parents = {path: path.rpartition(".")[0] for path in columns}
-    timed = {parents[path] for path in columns if is_time(path.rpartition(".")[2])}
+    timed = {parents[path] for path in columns if _is_time(path.rpartition(".")[2])}
     if len(timed) <= 1 and len({len(own) for own in columns.values()}) == 1:
         return {"": _rows(columns)}
     groups: dict[str, dict[str, list[Any]]] = {}
     for path, own in columns.items():
         # A sensor may be an object within the object that has the time.
-        around = [parent for parent in timed if f"{parents[path]}.".startswith(f"{parent}." if parent else "")]
+        around = [
+            parent for parent in timed if f"{parents[path]}.".startswith(f"{parent}." if parent else "")
+        ]
         group = max(around, key=len, default=parents[path])
         groups.setdefault(group, {})[path.removeprefix(f"{group}.") if group else path] = own
-    for group, own in groups.items():
-        lengths = {column: len(values) for column, values in own.items()}
+    for group, table in groups.items():
+        lengths = {column: len(values) for column, values in table.items()}
         if len(set(lengths.values())) > 1:
             parts = ", ".join(f"{column} {count}" for column, count in list(lengths.items())[:6])
             where = f" of {group}" if group else ""
             raise FormatError(
-                f"{name}: the columns{where} have different lengths ({parts}): write each sensor as an object "
-                "with its own time"
+                f"{name}: the columns{where} have different lengths ({parts}): write each sensor as an "
+                "object with its own time"
             )
-    return {group: _rows(own) for group, own in groups.items()}
+    return {group: _rows(table) for group, table in groups.items()}
+
+
+def _is_time(name: str) -> bool:
+    bare, unit = split_unit(name)
+    return is_time(words_of(bare), unit)
 
 
 def _rows(columns: Mapping[str, Sequence[Any]]) -> list[Row]:
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
-def _columns(file: str, value: Mapping[str, Any], outer: str, unit: str = "") -> Iterator[tuple[str, list[Any]]]:
+def _columns(
+    file: str, value: Mapping[str, Any], outer: str, unit: str = ""
+) -> Iterator[tuple[str, list[Any]]]:
     """The lists of numbers in an object, with the names of their columns."""
     unit = _stated_unit(value) or unit
     for name, own in value.items():

@@ -24,27 +24,12 @@ from imucal.io.sensor_rows import SensorRows, rows_by_sensor, texts_of_rows
 from imucal.io.text import Text, content_of
 from imucal.recording.recording import Recording
 
-__all__ = ["is_json", "read_json"]
+__all__ = ["read_json"]
 
-# Start of a document. A bracket must be followed by a JSON value, because a line of a log may also start with
-# a bracket: `[12.5][STATE] ...`.
-START: Final = r"\s*(?:\{|\[\s*(?:[\[{\"]|[-\d.eE+]+\s*,))"
 # Maximum share of lines that are no JSON values, for example after an error on a serial line.
 MOST_GARBLED: Final = 0.01
 # Matches a line at which a list or an object of a document starts. A document has one such line per list.
 OPENING: Final = r"\"\s*:\s*[\[{]\s*$"
-
-
-def is_json(text: str) -> bool | None:
-    """Whether the start of a file is JSON: True if its first line is an object, None if it is not certain."""
-    first = next((line for line in text.removeprefix("\ufeff").split("\n") if line.strip()), "")
-    try:
-        value = json.loads(first.strip().removesuffix(","))
-    except (ValueError, RecursionError):
-        value = None
-    if isinstance(value, dict):
-        return True
-    return None if re.match(START, text.removeprefix("\ufeff")) else False
 
 
 def read_json(
@@ -78,11 +63,11 @@ def read_json(
     whole = Text(file.name, b"", Layout(None, None, [], ",", ".", 0, 1, 0, []), (file.source,))
     texts: list[Text] = []
     for label, rows in tables.items():
-        of_table = replace(whole, name=f"{whole.name} ({label})") if label else whole
         apart = _apart(file.name, rows)
         if apart is None:
             texts += texts_of_rows(whole, {label: _cells(file.name, rows)})
         else:
+            of_table = Text(f"{file.name} ({label})", b"", whole.layout, whole.sources) if label else whole
             texts += texts_of_rows(of_table, apart.tables)
             findings += apart.findings(of_table.name)
     recording = recording_of_texts(texts, file.name, columns, rate_hz, units)
