@@ -201,9 +201,9 @@ CODES: Final[dict[str, dict[str, Code]]] = {
                 "sensor is noisy because of vibration, its supply or its wiring."
             ),
             cure=(
-                "Change the columns to the unit that the message names. If imucal then reports `gyro_units` or "
-                "`accel_units`, the former unit was correct: change it back, and look for the source of the "
-                "noise."
+                "Change the columns to the unit that the message names. If imucal then reports `gyro_units` "
+                "or `accel_units`, the former unit was correct: change it back, and look for the source of "
+                "the noise."
             ),
         ),
         "bias_implausible": Code(
@@ -329,6 +329,10 @@ CODES: Final[dict[str, dict[str, Code]]] = {
         "lines_left_out": Code(
             cause="Lines of a text file are not rows of numbers and were left out.",
             cure="Check that these lines contained no samples.",
+        ),
+        "tables_not_read": Code(
+            cause="A file with several tables contains further samples of the sensors, which were not read.",
+            cure="To read them instead, write their tables to a separate file.",
         ),
         "read_by_header": Code(
             cause="Names and units of the columns were taken from the header of a file of another program.",

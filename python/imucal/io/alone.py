@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from imucal.errors import FormatError, InputError
-from imucal.io.headed import layout_header, recording_of_text
+from imucal.io.headed import recording_of_text
+from imucal.io.header import layout_header
 from imucal.io.interleaved import refuse_interleaved
 from imucal.io.names import NAMES, SKIP, is_canonical
 from imucal.io.remarks import remark

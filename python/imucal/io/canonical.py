@@ -12,9 +12,9 @@ from typing import Any, BinaryIO, TypeAlias
 from imucal.arrays import FloatArray
 from imucal.document.source import first_bytes, open_large
 from imucal.errors import FormatError, ImucalError, InputError
+from imucal.io.agreement import require_agreement_of_names
 from imucal.io.alone import recording_of_any_text
 from imucal.io.arrow_values import arrow_of
-from imucal.io.headed import require_agreement_of_names
 from imucal.io.mapping import mapping_of
 from imucal.io.named_table import by_header
 from imucal.io.names import is_canonical

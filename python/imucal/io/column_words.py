@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 from typing import Final
 from unicodedata import combining, normalize
 
@@ -14,7 +15,9 @@ __all__ = [
     "is_time",
     "role_of",
     "time_unit_in",
+    "without_gravity",
     "words_of",
+    "words_of_unit",
 ]
 
 # Words that name the accelerometer and the gyroscope.
@@ -42,8 +45,16 @@ OTHER: Final = {
     *("covariance", "bias", "offset", "absolute", "abs", "norm", "delta", "earth", "world", "nav", "global"),
     *("status", "flag", "velocity", "inc", "dq", "dv", "angle", "temperature", "temp", "setpoint", "debug"),
     *("axisp", "axisi", "axisd", "axisf", "motor", "uncorrected", "north", "east", "down"),
-    *("attitude", "dgyro"),
+    *("attitude", "dgyro", "not"),
+    *("heart", "pulse", "breath", "breathing", "respiration", "respiratory"),
 }
+# Words of the gyroscope that also name an angle or a rotation vector. They need a unit of angular rate, or a
+# word for a speed.
+ANGLE_OR_RATE: Final = {"rotation", "ang"}
+SPEED: Final = {"velocity", "vel", "speed", "spd"}
+# Pairs of these words state that acceleration includes gravity, as in `accelerationIncludingGravity`.
+INCLUDING: Final = {"with", "including", "incl", "inclusive", "plus"}
+GRAVITY: Final = {"gravity", "grav"}
 # Words that name acceleration without gravity.
 LINEAR: Final = {
     *("linear", "lin", "linearacceleration", "linacc", "linaccel"),
@@ -116,7 +127,9 @@ def role_of(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[
     key = " ".join(words)
     if "force" in words and "g" in words:
         words = ["gforce", *(word for word in words if word not in ("g", "force"))]
-    if "velocity" in words and "angular" in words:
+    words = without_gravity(words)
+    may_be_angle = of != "gyro" and SPEED.isdisjoint(words) and GYRO.intersection(words) <= ANGLE_OR_RATE
+    if "velocity" in words and {"angular", "rotation"}.intersection(words):
         words = [word for word in words if word != "velocity"]
     if any(word in OTHER for word in words):
         return None
@@ -126,6 +139,8 @@ def role_of(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[
         return "accel", axis, key
     is_gyro = any(word in GYRO for word in words) and not any(word in ACCEL and word != "a" for word in words)
     is_accel = any(word in ACCEL for word in words) or (words[:1] == ["f"])
+    if (is_gyro and may_be_angle) or (is_accel and "angular" in words and not is_gyro):
+        return None
     if is_gyro and of != "accel":
         return "gyro", axis, key
     if is_accel and of != "gyro":
@@ -135,9 +150,26 @@ def role_of(words: list[str], bare: str, unit: tuple[str, str] | None) -> tuple[
     return None
 
 
+def words_of_unit(name: str) -> set[str]:
+    """The words of a column name that name neither the sensor nor the axis, such as `left` in left_acc_x."""
+    return {
+        word
+        for word in words_of(name)
+        if word not in ACCEL | GYRO | LINEAR | SPEED | INCLUDING | GRAVITY and not re.match(JOINED, word)
+    } - set("xyz")
+
+
+def without_gravity(words: list[str]) -> list[str]:
+    """The words without a pair that states that the acceleration includes gravity."""
+    for at, (word, following) in enumerate(pairwise(words)):
+        if word in INCLUDING and following in GRAVITY:
+            return words[:at] + words[at + 2 :]
+    return words
+
+
 def is_of_other(words: list[str]) -> bool:
     """Whether any word names another quantity, such as a magnetic field, or acceleration without gravity."""
-    return any(word in OTHER or word in LINEAR for word in words)
+    return any(word in OTHER or word in LINEAR for word in without_gravity(words))
 
 
 def is_remark(text: str) -> bool:
@@ -147,7 +179,7 @@ def is_remark(text: str) -> bool:
     sensors = {word for word in ACCEL | GYRO if len(word) > 3}
     return re.search(r"[/*^²°º%µ]", text) is None and all(
         word in REMARKS or word in sensors or word.isdigit() or re.match(TIME, word)
-        for word in words_of(text)
+        for word in without_gravity(words_of(text))
     )
 
 

@@ -6,8 +6,8 @@ import os
 from collections.abc import Sequence
 
 from imucal.errors import FormatError, InputError
+from imucal.io.agreement import require_agreement
 from imucal.io.head import Head
-from imucal.io.headed import require_agreement
 from imucal.io.interleaved import refuse_interleaved
 from imucal.io.layout import is_number
 from imucal.io.mapping import column_list

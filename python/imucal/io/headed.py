@@ -14,9 +14,11 @@ import numpy as np
 
 from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
+from imucal.io.agreement import require_agreement
 from imucal.io.head import FirstCells, Head
-from imucal.io.header import Header, header_of
+from imucal.io.header import Header, layout_header
 from imucal.io.interleaved import refuse_interleaved
+from imucal.io.json_in_text import text_before_json
 from imucal.io.layout import Layout
 from imucal.io.mapping import mapping_of
 from imucal.io.names import NAMES, SKIP, is_canonical, time_unit, triad_part
@@ -28,21 +30,16 @@ from imucal.io.suggestion import suggestion
 from imucal.io.table import Table
 from imucal.io.text import Text, read_rows
 from imucal.io.time_column import time_column
-from imucal.io.unit_words import split_unit
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
-from imucal.units import UNIT_TEXT
 
 __all__ = [
     "as_read",
     "canonical_names",
     "certain_time",
-    "layout_header",
     "names_given",
     "read_headed",
     "recording_of_text",
-    "require_agreement",
-    "require_agreement_of_names",
     "time_of",
     "with_corrections",
 ]
@@ -55,11 +52,6 @@ TICKS_100US: Final = 1e4
 def recording_of_text(text: Text, columns: str | Sequence[str] | None, rate_hz: float | None) -> Recording:
     """The recording in a text table with a header; arguments as for `read_csv`."""
     return recording_from_table(read_headed(text, columns, rate_hz), text.sources, rate_hz)
-
-
-def layout_header(layout: Layout) -> Header:
-    """The role (sensor, axis and unit) of each column in the header of a text."""
-    return header_of(layout.names or [], layout.described, layout.preamble)
 
 
 def read_headed(text: Text, columns: str | Sequence[str] | None, rate_hz: float | None = None) -> Table:
@@ -119,76 +111,6 @@ def names_given(name: str, layout: Layout, columns: str | Sequence[str] | None) 
         if names[i] in SKIP and is_canonical(column) and column.rpartition("_")[0] not in named:
             names[i] = column
     return names
-
-
-def require_agreement(name: str, layout: Layout, names: Sequence[str], *, check_axes: bool) -> None:
-    """Raises InputError if the header states another unit, sensor or (`check_axes`) axis than `names`."""
-    if layout.names is None or len(layout.names) != len(names):
-        return
-    header = layout_header(layout)
-    stated = list(zip(layout.names, layout.described, names, strict=True))
-    _require_agreement(
-        name,
-        header,
-        stated,
-        "correct --columns, or leave the header out (--skip-rows, with a name for every column) if it is "
-        "wrong",
-        check_axes=check_axes,
-    )
-
-
-def require_agreement_of_names(name: str, pairs: Sequence[tuple[str, str]]) -> None:
-    """Raises InputError if the name of a column states another unit or sensor than the assigned name.
-
-    pairs  the name of each column in the table, and its canonical name
-    """
-    header = header_of([theirs for theirs, _ in pairs])
-    stated = [(theirs, theirs, ours) for theirs, ours in pairs]
-    _require_agreement(
-        name, header, stated, "correct columns, or rename the column if it is wrong", check_axes=False
-    )
-
-
-def _require_agreement(
-    name: str, header: Header, stated: Sequence[tuple[str, str, str]], way_out: str, *, check_axes: bool
-) -> None:
-    """Raises InputError as described in `require_agreement`.
-
-    stated  for each column: its name in the file, this name with its unit, and the assigned canonical name
-    """
-    roles = {
-        column: (what, axis)
-        for what, triads in (("accel", header.accel), ("gyro", header.gyro))
-        for triad in triads
-        for axis, column in zip("xyz", triad.columns, strict=True)
-    }
-    for column, described, ours in stated:
-        part, of_time = triad_part(ours), time_unit(ours)
-        _, unit = split_unit(described)
-        wrong = None
-        if part is not None and part[0] in ("accel", "gyro"):
-            if (unit is not None and unit[0] in ("accel", "gyro", "any") and unit[1] != part[2]) or (
-                unit is not None and unit[0] in ("time", "temp", "other")
-            ):
-                wrong = _stated(unit)
-            elif column in roles and roles[column][0] != part[0]:
-                wrong = {"accel": "an accelerometer", "gyro": "a gyroscope"}[roles[column][0]]
-            elif check_axes and column in roles and roles[column][1] != part[1]:
-                wrong = f"the axis {roles[column][1]}"
-        elif of_time is not None and unit is not None and unit[0] == "time" and unit[1] != of_time:
-            wrong = _stated(unit)
-        if wrong is not None:
-            raise InputError(
-                f"{name}: the header contradicts the given columns: {ours} is given for the column "
-                f"{described!r}, which says {wrong}: {way_out}"
-            )
-
-
-def _stated(unit: tuple[str, str]) -> str:
-    """The words by which a message names a unit that `split_unit` has found."""
-    if unit[0] == "other":
-        return "a unit of another quantity"
-    return f"the unit {UNIT_TEXT.get(unit[1], unit[1])}"
 
 
 def _by_header(text: Text, rate_hz: float | None) -> Table:
@@ -251,8 +173,7 @@ def certain_time(
         # The seconds and nanoseconds in the header of a ROS message are joined to one time stamp in ns. This
         # time stamp is used instead of the time at which the message was received.
         return (header.stamp[0], "time_ns"), None
-    time = time_of(header, head)
-    return None if time is None else time
+    return time_of(header, head)
 
 
 def time_of(header: Header, head: FirstCells) -> tuple[tuple[str, str], float | None] | None:
@@ -312,6 +233,8 @@ def _unsure(text: Text, header: Header, head: Head, rate_hz: float | None) -> st
                 f"magnitude then is {gravity:.3g} g ({accel_reading(head.triad(header.accel[0])).text}): "
                 "export the accelerometer with gravity, or correct the unit in the header"
             )
+    if advice := text_before_json(_whole_rows(text)):
+        return f"{text.name}: {advice}"
     shown = ", ".join(layout.names or [])
     plain = header.plain[0][0].columns if header.plain and not (header.accel or header.gyro) else ()
     if plain and all((layout.names or []).count(name) > 1 for name in plain):

@@ -9,21 +9,24 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
 from imucal.io.column_words import (
     NOT_TIME,
     is_counted,
-    is_of_other,
     is_time,
     role_of,
     time_unit_in,
+    without_gravity,
     words_of,
 )
+from imucal.io.layout import Layout
 from imucal.io.programs import Program, program_of
+from imucal.io.sensor_labels import may_name_sensors, sensor_of_label
 from imucal.io.unit_words import split_unit, split_unread
+from imucal.io.unusual_names import Groups, add_numbered_axes, add_sensors_by_unit, is_complete
 
-__all__ = ["Header", "Triad", "header_of", "names_sensor", "sensor_column"]
+__all__ = ["Header", "Triad", "header_of", "layout_header", "names_sensor", "sensor_column"]
 
 # Descriptor of a quantity in column names of MicroStrain, such as `X Accel [x8004]`.
 DESCRIPTOR: Final = r"\s*\[x[0-9A-Fa-f]{4}\]"
@@ -34,9 +37,6 @@ MULTIPLE: Final = (
     rf"(?i)(?<![A-Za-z\d])(?!1 ?[a-zµ])(?:\d+/)?[\d.]+ ?{_TIMES}(?![A-Za-z])|"
     rf"(?<![A-Za-z]){_TIMES} ?[x*/·] ?\d+"
 )
-
-# Maximum number of different words in a column that names the sensor of each row.
-MOST_SENSORS: Final = 40
 
 
 class Triad(NamedTuple):
@@ -107,11 +107,6 @@ class Header:
         return ""
 
 
-# Columns grouped by quantity ("accel", ...) and by the part of their names that does not depend on the axis.
-# A group maps each axis to the name of its column and the unit of this column, or None for an unknown unit.
-_Groups: TypeAlias = dict[tuple[str, str], dict[str, tuple[str, str | None]]]
-
-
 def header_of(
     names: Sequence[str], described: Sequence[str] | None = None, preamble: Sequence[str] = ()
 ) -> Header:
@@ -122,7 +117,7 @@ def header_of(
     """
     described = names if described is None else described
     program = program_of(names, preamble)
-    groups: _Groups = {}
+    groups: Groups = {}
     times: list[tuple[str, str | None]] = []
     temperature: tuple[str, str] | None = None
     stamp = _stamp(names)
@@ -133,7 +128,8 @@ def header_of(
     if program is not None and program.time in [name.lower() for name in names]:
         only_time = program.time
     for name, text in zip(names, described, strict=True):
-        if program is not None and program.unused and name.lower().startswith(program.unused):
+        member = name.lower().rpartition(".")[2]
+        if program is not None and program.unused and member.startswith(program.unused):
             continue
         bare, unit = split_unit(text)
         stated = bare.removeprefix(prefix)
@@ -164,14 +160,18 @@ def header_of(
         if role is not None:
             what, axis, key = role
             groups.setdefault((what, key), {}).setdefault(axis, (name, unit[1] if unit else None))
-    _sensors_by_unit(names, described, groups)
+    add_sensors_by_unit(names, described, groups)
     header = Header(times=times, stamp=stamp, temperature=temperature, program=program, unread=unread)
-    if not _has(groups, "gyro"):
-        _index_axes(names, described, groups)
+    if not is_complete(groups, "gyro"):
+        add_numbered_axes(names, described, groups)
     # Triads without any unit in their names. Only these triads get the units in the manual of the program
     # that wrote the file.
     without_units = set()
-    for (what, _), found in groups.items():
+    # If the name of a triad states that it includes gravity, the triad with the same name otherwise does not.
+    # Browsers write both `accelerationIncludingGravity` and `acceleration`.
+    bare_keys = {key: " ".join(without_gravity(key.split())) for _, key in groups}
+    linear = {bare for key, bare in bare_keys.items() if bare != key}
+    for (what, key), found in groups.items():
         if len(found) != 3:
             continue
         units = {found[axis][1] for axis in "xyz"}
@@ -179,8 +179,10 @@ def header_of(
         if len(units - {None}) > 1:
             header.mixed.append(columns)
         unit_name = next(iter(units)) if len(units) == 1 else None
-        if what.startswith("plain") and _is_quaternion(columns[0], names):
+        if _is_quaternion(columns[0], names):
             continue
+        if what == "accel" and key in linear:
+            what = "linear"
         of = {"plain-accel": "accel", "plain-gyro": "gyro"}.get(what, what)
         source = "header"
         if units == {None} and not header.unread_in(columns):
@@ -209,6 +211,11 @@ def header_of(
     return header
 
 
+def layout_header(layout: Layout) -> Header:
+    """The role (sensor, axis and unit) of each column in the header of a text."""
+    return header_of(layout.names or [], layout.described, layout.preamble)
+
+
 def names_sensor(names: Sequence[str], what: str) -> bool:
     """Whether the words of any column name identify an axis of the sensor `what`, "accel" or "gyro"."""
 
@@ -224,14 +231,22 @@ def names_sensor(names: Sequence[str], what: str) -> bool:
 def sensor_column(cells: Mapping[str, Sequence[str]]) -> str | None:
     """The column whose cells name the sensor of each row, such as `acc` or `gyro`; None if there is none.
 
-    Both sensors must be named, or one of them in a column whose name starts with "sensor".
+    Both sensors must be named, or one of them in a column whose name starts with "sensor". If the names of
+    the columns also name both sensors, each row may contain both, and the labels may be those of poses or
+    movements. Then every label must be the word for a sensor.
     """
+    header = header_of(list(cells))
+    has_both = bool(header.accel and header.gyro) and not header.plain
     for name, column in cells.items():
-        words = [f"{word} x" for word in dict.fromkeys(column)]
-        if len(words) <= MOST_SENSORS:
-            named = [names_sensor(words, what) for what in ("accel", "gyro")]
-            if all(named) or (any(named) and name.strip().lower().startswith("sensor")):
-                return name
+        labels = [label for label in dict.fromkeys(column) if label.strip()]
+        if not may_name_sensors(labels):
+            continue
+        sensors = set(map(sensor_of_label, labels))
+        if has_both and ("" in sensors or any(len(label.strip()) == 1 for label in labels)):
+            continue
+        named = sensors & {"accel", "gyro"}
+        if len(named) == 2 or (named and name.strip().lower().startswith("sensor")):
+            return name
     return None
 
 
@@ -242,7 +257,7 @@ def _is_quaternion(x: str, names: Sequence[str]) -> bool:
     False if several columns have the name of the given column.
     """
     w = re.sub(r"x(?=[^x]*$)", "w", x.lower())
-    return list(names).count(x) == 1 and any(name.lower() == w for name in names)
+    return w != x.lower() and list(names).count(x) == 1 and any(name.lower() == w for name in names)
 
 
 def _shared_start(names: Sequence[str]) -> str:
@@ -250,67 +265,6 @@ def _shared_start(names: Sequence[str]) -> str:
     least, most = min(names, default=""), max(names, default="")
     end = next((i for i, (a, b) in enumerate(zip(least, most, strict=False)) if a != b), 0)
     return least[: max(least.rfind(mark, 0, end) for mark in "_./:") + 1]
-
-
-def _has(groups: _Groups, what: str) -> bool:
-    """Whether the columns of all three axes of the sensor `what` have been found."""
-    return any(of.endswith(what) and len(found) == 3 for (of, _), found in groups.items())
-
-
-def _sensors_by_unit(names: Sequence[str], described: Sequence[str], groups: _Groups) -> None:
-    """Add a sensor that is identified only by the unit in its column names, such as AsX(°/s), to `groups`.
-
-    This includes three columns of which only the first states sensor and unit, as in GoPro's telemetry
-    without names of axes: `Gyroscope [rad/s]`, `1`, `2`.
-    """
-    for what in ("accel", "gyro"):
-        if _has(groups, what):
-            continue
-        for at, (name, text) in enumerate(zip(names, described, strict=True)):
-            bare, unit = split_unit(text)
-            words = words_of(bare)
-            if unit is None or unit[0] != what or is_of_other(words):
-                continue
-            if list(names[at + 1 : at + 3]) == ["1", "2"]:
-                for axis, column in zip("xyz", names[at : at + 3], strict=True):
-                    groups.setdefault((what, name), {})[axis] = (column, unit[1])
-            ending = re.fullmatch(r"(.*?[a-z_ ])([XYZxyz])", bare.strip())
-            if ending is not None:
-                axis = ending[2].lower()
-                groups.setdefault((what, f"unit {ending[1]}"), {}).setdefault(axis, (name, unit[1]))
-
-
-def _index_axes(names: Sequence[str], described: Sequence[str], groups: _Groups) -> None:
-    """Add sensors whose column names number the axes, such as gyroADC[0], gyroADC[1], gyroADC[2].
-
-    Names without brackets, such as acc0, acc1, acc2, are also those of the three axes, unless there is an
-    acc3.
-    """
-    low = {text.lower() for text in described}
-    for name, text in zip(names, described, strict=True):
-        match = re.search(r"^\s*(\w+)\[([012])\]", text)
-        if match is None:
-            plain = re.match(r"\s*([A-Za-z]+)_?([012])(?=\W|$)", text)
-            if plain is None or any(f"{plain[1]}{mark}3".lower() in low for mark in ("", "_")):
-                continue
-            _, unit = split_unit(text)
-            role = role_of(["x", *words_of(plain[1])], plain[1], unit)
-            if role is not None and role[0] in ("accel", "gyro"):
-                axis = "xyz"[int(plain[2])]
-                groups.setdefault((role[0], plain[1]), {}).setdefault(axis, (name, unit[1] if unit else None))
-            continue
-        _, unit = split_unit(text.replace(match[0], match[1]))
-        stem = match[1].lower()
-        what = (
-            "gyro"
-            if stem in ("gyroadc", "gyro", "gyro_rad")
-            else "accel"
-            if stem in ("accsmooth", "acc", "accadc", "accelerometer_m_s2")
-            else None
-        )
-        if what is not None:
-            axis = "xyz"[int(match[2])]
-            groups.setdefault((what, stem), {}).setdefault(axis, (name, unit[1] if unit else None))
 
 
 def _stamp(names: Sequence[str]) -> tuple[str, str] | None:

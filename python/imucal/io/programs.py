@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -45,16 +46,20 @@ def program_of(names: Sequence[str], preamble: Sequence[str]) -> Program | None:
         if text.startswith("//"):
             return Program("Xsens MT Manager", "mps2", "radps", {"sampletimefine": "100us"})
         return None
-    if "accelerometeraccelerationx(g)" in low:
+    # SensorLog writes the units of its columns in CSV, accelerometerAccelerationX(G), but not in JSON. Other
+    # programs put its messages into objects of their own: payload.accelerometerAccelerationX.
+    of_sensorlog = {re.sub(r"\(.*\)$", "", name.rpartition(".")[2]): name for name in low}
+    if "accelerometeraccelerationx" in of_sensorlog:
         # In SensorLog's files, loggingTime is the time at which a row was written, columns whose names start
         # with motion contain samples that Core Motion has corrected, and the accelerometer reads -1 g on the
         # axis that points up, as everywhere on iOS.
+        time = of_sensorlog.get("accelerometertimestamp_sincereboot")
         return Program(
             "SensorLog",
             "g",
             "radps",
-            {"accelerometertimestamp_sincereboot(s)": "s"},
-            time="accelerometertimestamp_sincereboot(s)",
+            {time: "s"} if time else {},
+            time=time,
             unused="motion",
             axes="accel=-x,-y,-z",
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,7 @@ from imucal.io.euroc import is_euroc
 from imucal.io.formats import FORMATS
 from imucal.io.head import Head
 from imucal.io.header import sensor_column
-from imucal.io.layout import HEAD, Layout, is_number, split_line
+from imucal.io.layout import HEAD, Layout, is_number, plain_text, split_line
 from imucal.io.mapping import mapping_of
 from imucal.io.names import NAMES
 from imucal.io.packed import (
@@ -63,7 +64,9 @@ BLACKBOX: Final = b"H Product:Blackbox flight data recorder"
 ARDUPILOT_TEXT: Final = rb"FMT, ?\d+, ?\d+, ?\w+, ?\w+, "
 # Start of a text in JSON. A bracket must be followed by a JSON value, because a line of a log may also start
 # with a bracket: `[12.5][STATE] ...`.
-JSON: Final = rb"\s*(?:\{|\[\s*(?:[\[{\"]|[-\d.eE+]+\s*,))"
+JSON: Final = r"\s*(?:\{|\[\s*(?:[\[{\"]|[-\d.eE+]+\s*,))"
+# Start of an object in JSON, or of a list of objects.
+OBJECT: Final = r"\s*\[?\s*\{\s*\""
 # Start of a cell with a list or an object in JSON.
 CELL_LIST: Final = rb'"[\[{]'
 # A text of labels (ax:0.01) or sentences ($VNIMU,...) contains at least one of these characters.
@@ -114,7 +117,10 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
         return "matlab"
     if path.suffix.lower() in ENDINGS:
         return ENDINGS[path.suffix.lower()]
-    head = unpacked_start(path.name, start, HEAD)
+    head = plain_text(path.name, unpacked_start(path.name, start, HEAD))
+    is_json = _is_json(head.decode(errors="replace").removeprefix("\ufeff"))
+    if is_json:
+        return "json"
     _refuse_text_log(path, head)
     if REALSENSE_HEADER in head:
         return "realsense"
@@ -122,7 +128,7 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
         return kind
     if "columns" in options and mapping_of(options["columns"]) is None:
         return "columns"
-    if re.match(JSON, head):
+    if is_json is None:
         return "json"
     if "columns" in options:
         return "csv"
@@ -146,6 +152,21 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
         f"{path.name}: the format could not be determined; first line: {shown[:200]}{more}. "
         f"{hint}Give the format ({', '.join(FORMATS)}), or name the columns (columns=..., --columns): {NAMES}"
     )
+
+
+def _is_json(text: str) -> bool | None:
+    """Whether a text is JSON; None if it may also consist of lines with labels.
+
+    The text is JSON if its first line is an object, or the start of an object whose end is in another line.
+    """
+    first = next((line for line in text.split("\n") if line.strip()), "").strip().removesuffix(",")
+    try:
+        value = json.loads(first)
+    except (ValueError, RecursionError):
+        value = None
+    if isinstance(value, dict) or (re.match(OBJECT, text) and not first.endswith("}")):
+        return True
+    return None if re.match(JSON, text) else False
 
 
 def _several_sensors(start: bytes, layout: Layout) -> str:

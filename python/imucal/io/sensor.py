@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
@@ -10,8 +9,8 @@ import numpy as np
 
 from imucal.errors import FormatError, InputError
 from imucal.io.head import Head
-from imucal.io.headed import layout_header, time_of
-from imucal.io.header import Header, Triad, names_sensor
+from imucal.io.headed import time_of
+from imucal.io.header import Header, Triad, layout_header
 from imucal.io.scale import (
     NO_GRAVITY_G,
     accel_reading,
@@ -21,7 +20,9 @@ from imucal.io.scale import (
     gyro_reading,
     time_reading,
 )
+from imucal.io.sensor_labels import only_triple, sensor_of_file, sensor_of_label
 from imucal.io.text import Text
+from imucal.io.unit_words import split_unit
 from imucal.units import COLUMN_UNITS, TICKS_PER_S, UNIT_TEXT
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "has_gravity",
     "how_read",
     "require_gravity",
+    "sensor_in_name",
     "sensor_of",
     "time_of_sensor",
     "unit_of_sensor",
@@ -39,15 +41,12 @@ __all__ = [
 # Units in options, each with the suffix of canonical names.
 ACCEL_UNITS: Final = {UNIT_TEXT[suffix]: suffix for suffix in COLUMN_UNITS["accel"]}
 GYRO_UNITS: Final = {UNIT_TEXT[suffix]: suffix for suffix in COLUMN_UNITS["gyro"]}
-# Words in file names that identify the sensor if its columns are only called x, y, z.
-GYRO_FILE: Final = r"(?i)gyr|angular|rotation.?rate|omega"
-ACCEL_FILE: Final = r"(?i)acc|g-?force|specific"
-OTHER_FILE: Final = r"(?i)linear|gravity(?!.*acc)|user|mag|orient|baro|without"
 
 
 class Sensor:
-    """A text file with the samples of one sensor: "accel", "gyro", or "" if the sensor is not identified.
+    """A text file with the samples of one sensor.
 
+    what  "accel", "gyro", "other" for another quantity, or "" if the sensor is not identified
     head  the first cells of the file, if they are known
     """
 
@@ -111,20 +110,35 @@ def sensor_of(text: Text) -> Sensor:
         time, *axes = _time_first_or_last(head)
         triad = Triad((axes[0], axes[1], axes[2]), None)
         return Sensor(text, Header(times=[(time, None)]), triad, "", head)
+    named = sensor_in_name(text)
     for role, triads in (("accel", header.accel), ("gyro", header.gyro)):
         if triads and not (header.accel and header.gyro):
+            if text.label != text.name and named in ("accel", "gyro") and named != role:
+                raise InputError(
+                    f"{text.name}: the header names the columns {', '.join(triads[0].columns)}, but the rows "
+                    "are those of another sensor: write the rows of each sensor, with their own header, to a "
+                    "separate file, and give both files"
+                )
             return Sensor(text, header, triads[0], role)
     if header.plain:
         triad, of_unit = header.plain[0]
-        if re.search(OTHER_FILE, text.label):
-            return Sensor(text, header, triad, "linear")
+        if named == "other":
+            return Sensor(text, header, triad, "other")
         if text.label == text.name:
-            return Sensor(text, header, triad, of_unit or _role_of_file(text.name))
-        of_label = _role_of_file(text.label) or _role_of_word(text.label)
-        if of_label and of_unit not in ("", of_label):
+            return Sensor(text, header, triad, of_unit or named)
+        if named and of_unit not in ("", named):
             # One header gives the unit of the rows of all sensors, so it is not that of this sensor.
             triad = triad._replace(unit=None)
-        return Sensor(text, header, triad, of_label or of_unit)
+        return Sensor(text, header, triad, named or of_unit)
+    if named in ("accel", "gyro") and (columns := only_triple(layout.names)) is not None:
+        stated = [split_unit(layout.described[layout.names.index(name)])[1] for name in columns]
+        unit = stated[0][1] if stated[0] is not None and stated.count(stated[0]) == 3 else None
+        return Sensor(text, header, Triad(columns, unit), named)
+    if text.label != text.name:
+        raise FormatError(
+            f"{text.name}: the columns {', '.join(layout.names)} do not state which three are the axes x, y "
+            "and z: write one row per sample, with the axes in the columns x, y, z"
+        )
     linear = " (its acceleration is without gravity)" if header.linear else ""
     raise FormatError(
         f"{text.name}: no three columns x, y, z of an accelerometer or a gyroscope{linear}; found: "
@@ -132,14 +146,9 @@ def sensor_of(text: Text) -> Sensor:
     )
 
 
-def _role_of_file(name: str) -> str:
-    """The sensor that the name of a file names: "accel", "gyro", or "" for none."""
-    return "gyro" if re.search(GYRO_FILE, name) else "accel" if re.search(ACCEL_FILE, name) else ""
-
-
-def _role_of_word(word: str) -> str:
-    """The sensor that a word in a column names: "accel", "gyro", or "" for none."""
-    return next((what for what in ("accel", "gyro") if names_sensor([f"{word} x"], what)), "")
+def sensor_in_name(text: Text) -> str:
+    """The sensor that the name of a file, or the label of a table in a file, names, as in `Sensor`."""
+    return sensor_of_file(text.name) if text.label == text.name else sensor_of_label(text.label)
 
 
 def _time_first_or_last(head: Head) -> tuple[str, str, str, str]:

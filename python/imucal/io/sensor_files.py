@@ -6,16 +6,20 @@ The files have separate time stamps, and both sensors are resampled to one clock
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from imucal.document.source import File, is_folder, open_file, open_large
 from imucal.errors import FormatError, InputError
 from imucal.io.alone import alone, recording_of_any_text
-from imucal.io.headed import layout_header
+from imucal.io.header import layout_header
 from imucal.io.joined import joined
+from imucal.io.json_in_text import refuse_json
 from imucal.io.packed import TEXT_ENDINGS, ZIP, Archive
-from imucal.io.sensor import Sensor, Units, has_gravity, sensor_of, units_given
+from imucal.io.remarks import remark
+from imucal.io.sensor import Sensor, Units, has_gravity, sensor_in_name, sensor_of, units_given
 from imucal.io.text import Text, head_of, open_path, open_text
 from imucal.recording.recording import Recording
 
@@ -45,7 +49,11 @@ def read_pair(
     is raised.
     """
     units = units_given(time_unit, accel_unit, gyro_unit, rate_hz)
+    for path in (first_path, second_path):
+        refuse_json(path)
     sensors = [sensor_of(open_path(path)) for path in (first_path, second_path)]
+    for sensor in sensors:
+        _require_one(sensor)
     return joined(*_by_role(sensors), units, lambda: [sensor.text.sources[0] for sensor in sensors], rate_hz)
 
 
@@ -82,9 +90,22 @@ def recording_of_texts(
 
     The other arguments are those of `read_folder`.
     """
+    if len(texts) == 1:
+        return recording_of_any_text(texts[0], columns, rate_hz, units)
     both = [text for text in texts if _has_both(text)]
-    if len(texts) == 1 or len(both) == 1:
-        return recording_of_any_text((both or texts)[0], columns, rate_hz, units)
+    sensors, refused = _sensors(texts)
+    accels, gyros = ([sensor for sensor in sensors if sensor.what == what] for what in ("accel", "gyro"))
+    singles = [sensor.text for sensor in (*accels, *gyros)]
+    if gyros and any(map(has_gravity, accels)):
+        # Sensor Logger writes one table per sensor of the phone, and one table with both sensors of a watch,
+        # whose acceleration is without gravity.
+        without = [text for text in both if not has_gravity(_accelerometer(text))]
+        both = [text for text in both if text not in without]
+    else:
+        without, singles = [], []
+    if len(both) == 1:
+        recording = recording_of_any_text(both[0], columns, rate_hz, units)
+        return _with_unread(recording, name, [*without, *singles])
     if len(both) > 1:
         raise InputError(f"{name}: {len(both)} tables hold a recording ({_listed(both)}): {_one_of(both)}")
     if columns is not None:
@@ -92,25 +113,21 @@ def recording_of_texts(
             f"{name}: no file contains both sensors, and columns (--columns) names the columns of one table: "
             "leave the option out; to replace the time stamps of both sensors, give rate_hz (--rate-hz) alone"
         )
-    sensors = []
-    for text in texts:
-        try:
-            sensors.append(sensor_of(text))
-        except FormatError:
-            continue
-    accels = [sensor for sensor in sensors if sensor.what == "accel"]
-    gyros = [sensor for sensor in sensors if sensor.what == "gyro"]
+    for what, found in (("accel", accels), ("gyro", gyros)):
+        if not found and what in refused:
+            raise refused[what]
     if accels and not gyros:
         return alone(_chosen(name, accels, "accelerometer", texts), units, rate_hz)
     accel = _chosen(name, accels, "accelerometer", texts)
     gyro = _chosen(name, gyros, "gyroscope", texts)
-    return joined(
+    recording = joined(
         accel,
         gyro,
         units,
         lambda: list(dict.fromkeys([*accel.text.sources, *gyro.text.sources])),
         rate_hz,
     )
+    return _with_unread(recording, name, without)
 
 
 def are_pair(paths: Sequence[str | os.PathLike[str]]) -> bool:
@@ -144,6 +161,42 @@ def _texts(path: str | os.PathLike[str]) -> Iterator[Text]:
                 continue
 
 
+def _sensors(texts: Sequence[Text]) -> tuple[list[Sensor], dict[str, FormatError]]:
+    """The texts with the three columns of one sensor.
+
+    Also returns the error for a text whose name or label names a sensor ("accel", "gyro"), but whose columns
+    do not.
+    """
+    sensors, refused = [], {}
+    for text in texts:
+        try:
+            sensors.append(sensor_of(text))
+        except FormatError as error:
+            if not _has_both(text):
+                refused[sensor_in_name(text)] = error
+    return sensors, refused
+
+
+def _accelerometer(text: Text) -> Sensor:
+    """The accelerometer in a text with both sensors."""
+    header = layout_header(text.layout)
+    return Sensor(text, header, header.accel[0], "accel")
+
+
+def _with_unread(recording: Recording, name: str, texts: Sequence[Text]) -> Recording:
+    """The recording with a warning about tables that contain other samples of the same sensors."""
+    if not texts:
+        return recording
+    warning = remark(
+        name,
+        "tables_not_read",
+        f"not read, although there are samples of an accelerometer or a gyroscope: {_listed(texts)}; "
+        f"read: {recording.name}",
+        "to read them instead, write them to a separate file",
+    )
+    return replace(recording, findings=(*recording.findings, warning))
+
+
 def _has_both(text: Text) -> bool:
     header = layout_header(text.layout)
     return bool(text.layout.first and header.accel and header.gyro)
@@ -163,15 +216,28 @@ def _by_role(sensors: Sequence[Sensor]) -> tuple[Sensor, Sensor]:
 
 
 def _sensor_name(what: str) -> str:
-    known = {"accel": "an accelerometer", "gyro": "a gyroscope", "linear": "acceleration without gravity"}
+    known = {"accel": "an accelerometer", "gyro": "a gyroscope", "other": "another quantity"}
     return known.get(what, "an unnamed sensor")
+
+
+def _require_one(sensor: Sensor) -> None:
+    """Raises InputError if the file has the columns of several sensors of this kind."""
+    header = sensor.header
+    found = {"accel": header.accel, "gyro": header.gyro}.get(sensor.what, [])
+    found = found or [triad for triad, _ in header.plain]
+    if len(found) > 1:
+        raise InputError(
+            f"{sensor.text.name}: there are the columns of {len(found)} sensors of one kind "
+            f"({', '.join(triad.columns[0] for triad in found)}, ...): leave out the columns of all but one"
+        )
 
 
 def _chosen(name: str, sensors: list[Sensor], what: str, texts: Sequence[Text]) -> Sensor:
     """The file among `sensors` that is read for the sensor `what`.
 
     If there are several files, the choice is narrowed in three steps: to files whose acceleration includes
-    gravity, to files without "uncal" in the name, and to files with "total" in the name. A step that would
+    gravity, to files without "uncal" in the name, and to files with "total" or "gravity" in the name (an
+    accelerometer is named so only if it includes gravity). A step that would
     leave no file is skipped.
     """
     if what == "accelerometer" and len(sensors) > 1:
@@ -179,9 +245,10 @@ def _chosen(name: str, sensors: list[Sensor], what: str, texts: Sequence[Text]) 
         sensors = with_gravity or sensors
     if len(sensors) > 1:
         named = [s for s in sensors if "uncal" not in s.text.label.lower()]
-        total = [s for s in named if "total" in s.text.label.lower()]
+        total = [s for s in named if re.search(r"(?i)total|gravity", s.text.label)]
         sensors = total or named or sensors
     if len(sensors) == 1:
+        _require_one(sensors[0])
         return sensors[0]
     if not sensors:
         raise FormatError(f"{name}: no file with the {what}; found: {_listed(texts)}: export it too")

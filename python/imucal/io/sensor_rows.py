@@ -18,12 +18,13 @@ from typing import NamedTuple
 
 from imucal.errors import FormatError
 from imucal.finding import Finding
-from imucal.io.header import MOST_SENSORS, sensor_column
+from imucal.io.header import sensor_column
 from imucal.io.last_line import LastLine
 from imucal.io.layout import Layout, layout_of, split_line
 from imucal.io.remarks import lines_left_out
 from imucal.io.sensor import units_given
 from imucal.io.sensor_files import recording_of_texts
+from imucal.io.sensor_labels import MOST_SENSORS
 from imucal.io.text import Text, open_path
 from imucal.recording.recording import Recording
 

@@ -18,7 +18,7 @@ from typing import Final
 from imucal.document.source import first_bytes, open_large
 from imucal.errors import FormatError
 from imucal.finding import Finding
-from imucal.io.headed import layout_header
+from imucal.io.header import layout_header
 from imucal.io.layout import Layout, is_number
 from imucal.io.remarks import remark
 from imucal.io.sensor import units_given

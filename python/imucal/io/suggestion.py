@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any, Final
@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from imucal.arrays import FloatArray
+from imucal.io.column_words import words_of, words_of_unit
 from imucal.io.dates import is_date_column
 from imucal.io.header import Header, Triad, header_of, sensor_column
 from imucal.io.names import is_canonical
@@ -21,6 +22,7 @@ from imucal.io.scale import (
     is_still,
     time_reading,
 )
+from imucal.io.sensor_labels import sensor_of_label
 from imucal.io.time_column import time_column
 from imucal.io.unit_words import split_unit
 
@@ -36,6 +38,8 @@ RATE: Final = (
 # PLAUSIBLE_DEGC.
 TEMPERATURE: Final = r"(?i)temp(?:erature)?(?![a-z])"
 PLAUSIBLE_DEGC: Final = (-60.0, 130.0)
+# Words in names of angular rates, each with the axis.
+AXES_OF_RATES: Final = {"p": "x", "roll": "x", "q": "y", "pitch": "y", "r": "z", "yaw": "z"}
 
 
 def suggestion(
@@ -55,11 +59,20 @@ def suggestion(
     rate_hz   sampling rate that the caller gives, Hz; no time column is then proposed
     """
     header = _likely_first(_with_rates(_with_gravity(header, numbers), list(cells)), numbers)
+    of_one_unit = _of_one_unit(header)
+    if of_one_unit is None:
+        return (
+            "There are several accelerometers and gyroscopes, and their names do not tell which are of one "
+            "unit (IMU): choose the columns of one unit. "
+        )
+    header = of_one_unit
     lead = ""
     if not (header.accel and header.gyro):
         several = rows_of_several_sensors(cells)
         if several or not (header.accel or header.gyro) or (header.linear and not header.accel):
             return several or _without_a_sensor(header)
+        if unknown := _unknown_axes(header, cells):
+            return unknown
         lead = _alone(header)
     # No unit of measurement is proposed for a column whose header states another unit.
     if unusable := header.unusable_units():
@@ -87,6 +100,11 @@ def suggestion(
     others = [t.columns[0] for t in (*header.accel[1:], *header.gyro[1:])]
     if others:
         sentences.append(f"there are further sensors ({', '.join(others)}, ...): choose one")
+    if any("includinggravity" in triad.columns[0].lower() for triad in header.accel[:1]):
+        sentences.append(
+            "Safari on iOS writes this acceleration with the reversed sign: if the recording is from there, "
+            "also give --axes accel=-x,-y,-z"
+        )
     shown = f"{lead}No unit is assumed: {'; '.join(sentences)}. " if sentences else lead
     pairs = [time] if time and not is_canonical(time.partition("=")[2]) else []
     lines = []
@@ -140,13 +158,36 @@ def _likely_first(header: Header, numbers: Callable[[str], Any]) -> Header:
 def _with_rates(header: Header, names: Sequence[str]) -> Header:
     """Add a gyroscope that consists of the three columns in a unit of angular rate, such as p, q, r in deg/s.
 
-    The header is unchanged if there are not three such columns, or if it already has a gyroscope.
+    The header is unchanged if there are not three such columns, if their names do not state the axes, or if
+    it already has a gyroscope.
     """
     units = {name: unit for name in names if (unit := split_unit(name)[1]) is not None and unit[0] == "gyro"}
-    if header.gyro or len(units) != 3 or len(set(units.values())) > 1:
+    axes = {
+        AXES_OF_RATES[word]: name
+        for name in units
+        for word in words_of(split_unit(name)[0])
+        if word in AXES_OF_RATES
+    }
+    if header.gyro or len(units) != 3 or len(axes) != 3 or len(set(units.values())) > 1:
         return header
-    x, y, z = units
-    return replace(header, gyro=[Triad((x, y, z), units[x][1])])
+    return replace(header, gyro=[Triad((axes["x"], axes["y"], axes["z"]), units[axes["x"]][1])])
+
+
+def _of_one_unit(header: Header) -> Header | None:
+    """The header whose first accelerometer and first gyroscope are those of one unit (IMU).
+
+    If there are several, the names must have the same words besides those of the sensor and the axis, as
+    left_acc_x and left_gyro_x. The result is None if there are several of both and no such names.
+    """
+    for accel in header.accel:
+        for gyro in header.gyro:
+            if words_of_unit(accel.columns[0]) == words_of_unit(gyro.columns[0]):
+                return replace(
+                    header,
+                    accel=[accel, *(other for other in header.accel if other != accel)],
+                    gyro=[gyro, *(other for other in header.gyro if other != gyro)],
+                )
+    return None if len(header.accel) > 1 and len(header.gyro) > 1 else header
 
 
 def _rate_in(preamble: Sequence[str]) -> str:
@@ -202,8 +243,24 @@ def _without_a_sensor(header: Header) -> str:
             "the accelerometer with gravity. "
         )
     if header.plain:
-        return "It contains one sensor only: give both files of the recording with --format pair. "
+        return (
+            f"The columns {', '.join(header.plain[0][0].columns)} name no sensor: if all rows are of one "
+            "sensor, give both files of the recording with --format pair; if they are of several sensors, "
+            "write the rows of each sensor to a separate file first. "
+        )
     return ""
+
+
+def _unknown_axes(header: Header, names: Iterable[str]) -> str:
+    """A sentence on three or more columns that name the other sensor but no axes; empty for fewer columns."""
+    sensor, other = ("gyro", "gyroscope") if header.accel else ("accel", "accelerometer")
+    unknown = [name for name in names if sensor_of_label(name) == sensor]
+    if len(unknown) < 3:
+        return ""
+    return (
+        f"The columns {', '.join(unknown)} name the {other}, but not the axes x, y and z: find out the axis "
+        "of each column. "
+    )
 
 
 def _alone(header: Header) -> str:
