@@ -218,9 +218,9 @@ FORMATS: Final[dict[str, Format]] = {
             "a list of objects, or one object per line, whose members are the columns (a member of a member "
             "is called outer.inner, the numbers of a list of three are called outer.x, outer.y and outer.z); "
             "one list of objects per sensor, or a member that names the sensor of each object; one list of "
-            "numbers per column; files of Edge Impulse"
+            "numbers per column, also with an object per sensor; files of Edge Impulse"
         ),
-        units="as in the formats csv and pair",
+        units="as in the formats csv and pair, and in a member unit beside the axes",
         time=f"as in the formats csv and pair; interval_ms in files of Edge Impulse; {OWN_CLOCKS}",
         options=("columns", "rate_hz", "time_unit", "accel_unit", "gyro_unit"),
         example="recording.json",
@@ -232,8 +232,9 @@ FORMATS: Final[dict[str, Format]] = {
         extra=None,
         known_by="content, if it is no ROS 2 bag",
         reads=(
-            "either one table that contains both sensors, or one table per sensor, whose name is that of the "
-            "sensor; other tables are ignored"
+            "one table that contains both sensors, one table per sensor, whose name is that of the sensor, "
+            "or one table with a column that names the sensor of each row; other tables are ignored, and views "
+            "are read only if no table contains a sensor"
         ),
         units="as in the formats csv and pair",
         time=f"as in the formats csv and pair; {OWN_CLOCKS}",
