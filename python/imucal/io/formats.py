@@ -233,8 +233,8 @@ FORMATS: Final[dict[str, Format]] = {
         known_by="content, if it is no ROS 2 bag",
         reads=(
             "one table that contains both sensors, one table per sensor, whose name is that of the sensor, "
-            "or one table with a column that names the sensor of each row; other tables are ignored, and views "
-            "are read only if no table contains a sensor"
+            "or one table with a column that names the sensor of each row; other tables are ignored, and "
+            "views are read only if no table contains a sensor"
         ),
         units="as in the formats csv and pair",
         time=f"as in the formats csv and pair; {OWN_CLOCKS}",
