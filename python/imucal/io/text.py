@@ -254,6 +254,12 @@ def read_rows(text: Text, names: Sequence[str]) -> Table:
     from imucal.io.rows import cleaned_columns, without_blank_rows
 
     if not layout.first:
+        if below := text.content[layout.start :].strip():
+            shown = below.partition(b"\n")[0].decode(errors="replace").strip()
+            raise FormatError(
+                f"{text.name}: no line below the header is a row of numbers; the first line is "
+                f"{shown[:60]!r}: check that it is the right file, or leave out columns of text"
+            )
         empty = pa.chunked_array([pa.array([], pa.float64())])
         return Table(text.name, kept, [empty] * len(kept), place)
 
