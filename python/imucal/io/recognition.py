@@ -14,7 +14,7 @@ from imucal.io.euroc import is_euroc
 from imucal.io.formats import FORMATS
 from imucal.io.head import Head
 from imucal.io.header import sensor_column
-from imucal.io.layout import HEAD, Layout, is_number, split_line
+from imucal.io.layout import HEAD, Layout, is_number, plain_text, split_line
 from imucal.io.mapping import mapping_of
 from imucal.io.names import NAMES
 from imucal.io.packed import (
@@ -63,7 +63,9 @@ BLACKBOX: Final = b"H Product:Blackbox flight data recorder"
 ARDUPILOT_TEXT: Final = rb"FMT, ?\d+, ?\d+, ?\w+, ?\w+, "
 # Start of a text in JSON. A bracket must be followed by a JSON value, because a line of a log may also start
 # with a bracket: `[12.5][STATE] ...`.
-JSON: Final = rb"\s*(?:\{|\[\s*(?:[\[{\"]|[-\d.eE+]+\s*,))"
+JSON: Final = rb"\s*(?:\{|\[\s*(?:[\[{\"\]]|[-\d.eE+]+\s*,))"
+# Number of lines at the start of a text that are tested for JSON objects.
+JSON_LINES: Final = 40
 # Start of a cell with a list or an object in JSON.
 CELL_LIST: Final = rb'"[\[{]'
 # A text of labels (ax:0.01) or sentences ($VNIMU,...) contains at least one of these characters.
@@ -118,6 +120,8 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
     _refuse_text_log(path, head)
     if REALSENSE_HEADER in head:
         return "realsense"
+    if _is_json(path.name, head):
+        return "json"
     if any(mark in head for mark in MARKS_OF_LABELS) and (kind := _labels_or_sentences(head)) is not None:
         return kind
     if "columns" in options and mapping_of(options["columns"]) is None:
@@ -164,6 +168,34 @@ def _are_packets(start: bytes) -> bool:
     from imucal.io.witmotion import are_packets
 
     return are_packets(start)
+
+
+def _is_json(name: str, head: bytes) -> bool:
+    """Whether a text starts as a JSON document, or most of its first lines are JSON objects.
+
+    Labels with numbers may look like JSON, such as `{"ax":0.1,"ay":0.2,}`, and are then no JSON.
+    """
+    if b"{" not in head and b"[" not in head:
+        return False
+    text = plain_text(name, head).removeprefix(b"\xef\xbb\xbf")
+    lines = [line.strip() for line in text.split(b"\n")[:JSON_LINES] if line.strip()]
+    if re.match(JSON, text) and (
+        len(lines) == 1 or lines[0].endswith((b"[", b"{", b",")) or _parses(lines[0])
+    ):
+        return True
+    complete = lines[:-1] or lines
+    return 2 * sum(line.startswith(b"{") and _parses(line) for line in complete) > len(complete)
+
+
+def _parses(line: bytes) -> bool:
+    """Whether a line is a JSON value."""
+    import json
+
+    try:
+        json.loads(line.removesuffix(b","))
+    except (ValueError, RecursionError):
+        return False
+    return True
 
 
 def _labels_or_sentences(head: bytes) -> str | None:
