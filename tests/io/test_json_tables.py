@@ -49,6 +49,23 @@ def test_columns_of_each_sensor_have_their_own_clock(tmp_path, rows, late_s):
     assert len(recording) == pytest.approx(min(ROWS - 100 * late_s, rows), abs=1)
 
 
+def test_members_of_each_sensor_have_their_own_clock(tmp_path):
+    rate = (TIME_S + 0.4)[:, None] * [0.01, 0.02, 0.03]
+    force = TIME_S[:, None] * [0.0, 0.1, 0.2] + [0.0, 0.0, 9.81]
+    document = [
+        {
+            "acc_mps2": {"t": t} | dict(zip("xyz", f, strict=True)),
+            "gyro_radps": {"t": t + 0.4} | dict(zip("xyz", w, strict=True)),
+        }
+        for t, f, w in zip(TIME_S.tolist(), force.tolist(), rate.tolist(), strict=True)
+    ]
+    recording = read(tmp_path, document)
+    np.testing.assert_allclose(
+        recording.specific_force[:, 1] / 0.1, recording.angular_rate[:, 0] / 0.01, atol=1e-6
+    )
+    assert [own.code for own in recording.findings].count("lines_left_out") == 0
+
+
 def test_columns_of_several_units_are_refused(tmp_path):
     short = {name: own[:-10] for name, own in CANONICAL.items()}
     for first, second in ((CANONICAL, CANONICAL), (short, CANONICAL)):
@@ -61,6 +78,7 @@ def test_columns_of_one_table_have_one_length(tmp_path):
         imucal.FormatError, match=r"run.json: the lists .* different lengths \(time_s: 3\d\d, "
     ):
         read(tmp_path, CANONICAL | {"gyro_x_radps": CANONICAL["gyro_x_radps"][:-1]})
+    check(read(tmp_path, CANONICAL | {"offsets": [1, 2, 3, 4], "label": ["a"] * ROWS}))
     check(read(tmp_path, {"device": {"offsets": [1, 2, 3, 4], "steps": [1, 2, 3, 4, 5]}, "data": CANONICAL}))
 
 
@@ -124,6 +142,20 @@ def test_messages_of_several_devices_are_refused(tmp_path, offset_ns, member):
     mixed = [own for pair in zip(a, b, strict=True) for own in pair] if offset_ns < 10**9 else a + b
     with pytest.raises(imucal.FormatError, match=rf"of 2 devices or sessions \({member}.*: A, B\): write"):
         read(tmp_path, tuple(mixed), gyro_unit="rad/s")
+
+
+@pytest.mark.parametrize("member", [{}, {"id": "A"}, {"name": "left"}, {"trial": 1}])
+def test_lists_that_overlap_in_time_are_not_joined(tmp_path, member):
+    other = [row | {"time (s)": row["time (s)"] + 0.003} for row in WIDE]
+    document = [
+        member | {"samples": WIDE},
+        {name: f"{own}2" for name, own in member.items()} | {"samples": other},
+    ]
+    with pytest.raises(imucal.FormatError, match="the lists 'samples' of several objects overlap in time"):
+        read(tmp_path, {"devices": document})
+    check(
+        read(tmp_path, {"parts": [member | {"samples": WIDE[at : at + 100]} for at in range(0, ROWS, 100)]})
+    )
 
 
 def test_blocks_of_several_devices_are_refused(tmp_path):
@@ -232,6 +264,15 @@ def test_batches_of_samples_in_an_object_are_refused(tmp_path, size, form):
         lines.append({"time_s": at / 100} | own)
     with pytest.raises(imucal.FormatError, match=r"run.json: the member 'accel\w+' .* write one object per"):
         read(tmp_path, tuple(lines))
+
+
+def test_columns_of_a_sensor_in_a_list_are_refused(tmp_path):
+    document = [
+        {"sensor": name, "t": NS.tolist()} | dict(zip("xyz", values.T.tolist(), strict=True))
+        for name, values in (("acc", FORCE), ("gyro", RATE))
+    ]
+    with pytest.raises(imucal.FormatError, match="'t' of an object is a list with several samples"):
+        read(tmp_path, document)
 
 
 def test_tables_with_a_header_row(tmp_path):

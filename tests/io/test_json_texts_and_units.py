@@ -43,7 +43,7 @@ FORMS = {
         lambda f: {"acc": xyz(f) | {"unit": "g"}}, lambda w: {"gyr": xyz(w) | {"unit": "deg/s"}}
     ),
     "member for each sensor": samples(
-        lambda f: {"ax": f[0], "ay": f[1], "az": f[2], "acc_unit": "g"},
+        lambda f: {"ax": f[0], "ay": f[1], "az": f[2], "accUnit": "g"},
         lambda w: {"gx": w[0], "gy": w[1], "gz": w[2], "gyro_unit": "dps"},
     ),
 }  # fmt: skip
@@ -95,6 +95,9 @@ def test_units_outside_the_table_are_reported(tmp_path):
     document = {"units": {"acc": "g", "gyro": "deg/s"}, "samples": rows}
     with pytest.raises(imucal.FormatError, match=r"states these units: units.acc = g, units.gyro = deg/s"):
         read(tmp_path, document)
+    lines = [json.dumps({"units": document["units"]}), *map(json.dumps, rows)]
+    with pytest.raises(imucal.FormatError, match=r"states these units: units.acc = g"):
+        imucal.read(write(tmp_path, "run.jsonl", lines))
     columns = ",".join(f"accel_{a}_g=acc.{a},gyro_{a}_dps=gyro.{a}" for a in "xyz")
     recording = read(tmp_path, document, columns=columns)
     check(recording)

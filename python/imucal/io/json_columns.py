@@ -66,15 +66,17 @@ def tables_of_columns(value: Mapping[str, Any], outer: Row) -> Iterator[tuple[st
     for name, own in inner.items():
         columns |= {} if name in separate else own
     header = header_of(list(columns))
-    is_sampled = bool(header.accel or header.gyro or header.linear or header.plain)
-    is_uneven = len(_lengths(columns)) > 1
-    if is_uneven and is_sampled:
+    triads = [*header.accel, *header.gyro, *header.linear, *(triad for triad, _ in header.plain)]
+    sampled = [name for triad in triads for name in triad.columns] + [name for name, _ in header.times]
+    lengths = _lengths({name: columns[name] for name in sampled} if triads else columns)
+    if triads and len(lengths) > 1:
         shown = ", ".join(f"{name}: {len(column)}" for name, column in columns.items())
         raise FormatError(
             f"the lists of one table have different lengths ({shown[:200]}): write a table with a time for "
             'each sensor, such as {"accelerometer": {"t": [...], "x": [...], ...}, "gyroscope": {...}}'
         )
-    if len(columns) >= len(AXES) and not is_uneven:
+    columns = {name: column for name, column in columns.items() if {len(column)} == lengths}
+    if len(columns) >= len(AXES):
         yield (
             "",
             [outer | dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)],

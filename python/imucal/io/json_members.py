@@ -25,7 +25,7 @@ TYPE: Final = re.compile(
     r"(?i)(?:^|[._ ])(sensor|type|kind|source|channel|topic|stream|name)([._ ]?(id|type|name))?$"
 )
 # Matches the name of a member that states a unit.
-UNIT: Final = re.compile(r"(?i)(?:^|[._ ])units?$")
+UNIT: Final = re.compile(r"(?:(?:^|[._ ])[Uu]|(?<=[a-z])U)nits?$|(?:^|[._ ])UNITS?$")
 
 
 def is_cell(value: Any) -> bool:

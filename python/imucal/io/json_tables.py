@@ -7,9 +7,12 @@ if a member of each object names the sensor.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from math import nan
 from typing import Any, Final
 
 from imucal.errors import FormatError
+from imucal.io.column_words import is_time, words_of
 from imucal.io.first_cells import HEAD_ROWS
 from imucal.io.header import MOST_SENSORS, header_of, names_sensor, sensor_column
 from imucal.io.json_columns import rows_of_program, tables_of_columns, with_labels
@@ -53,25 +56,35 @@ def tables_of(document: Any) -> tuple[dict[str, list[Row]], int]:
     for path, rows in sampled.items():
         by_sensor = _by_sensor(rows)
         count += len(rows) - sum(map(len, by_sensor.values()))
+        if "" in by_sensor:
+            by_sensor = _by_clock(rows)
         is_label = len(sampled) > 1 or any(names_sensor([f"{path} x"], what) for what in ("accel", "gyro"))
         for sensor, own in by_sensor.items():
-            tables[_joined(path if is_label else "", sensor)] = own
+            tables.setdefault(_joined(path if is_label else "", sensor), []).extend(own)
+    is_known = any(map(_has_sensor, tables.values()))
     for rows in tables.values():
-        _refuse_batches(rows)
+        _refuse_batches(rows, is_known)
     return tables, count
 
 
 def stated_units(document: Any, tables: Mapping[str, Sequence[Row]]) -> str:
     """The units that members outside the tables state, such as `units.gyro = deg/s`; empty for none."""
-    if not isinstance(document, dict):
-        return ""
-    used = {own for rows in tables.values() for own in rows[0].values() if isinstance(own, str)}
-    outside = flat({name: own for name, own in document.items() if not isinstance(own, list)})
-    return ", ".join(
-        f"{name} = {own}"
-        for name, own in outside.items()
+    used = {
+        own
+        for rows in tables.values()
+        for name, own in rows[0].items()
+        if UNIT.search(name) and own is not None
+    }
+    # The first line of JSON Lines may describe the samples.
+    objects = [document] if isinstance(document, dict) else document[:1]
+    stated = {
+        name: own
+        for value in objects
+        if isinstance(value, dict)
+        for name, own in flat({key: own for key, own in value.items() if not isinstance(own, list)}).items()
         if isinstance(own, str) and own not in used and any(map(UNIT.search, name.split(".")))
-    )[:200]
+    }
+    return ", ".join(f"{name} = {own}" for name, own in stated.items())[:200]
 
 
 def _found(value: Any, path: str, outer: Row, levels: int) -> Iterator[tuple[str, list[Row]]]:
@@ -102,19 +115,48 @@ def _of_objects(
     objects: Sequence[Mapping[str, Any]], path: str, outer: Row, levels: int
 ) -> Iterator[tuple[str, list[Row]]]:
     """The table of a list of objects, or the tables of the lists in these objects, such as messages."""
-    inner: dict[str, list[Row]] = {}
+    parts: dict[str, list[list[Row]]] = {}
     for own in objects:
         if any(map(_may_hold_objects, own.values())):
             for at, rows in _found(own, "", outer, levels - 1):
-                inner.setdefault(at, []).extend(rows)
+                parts.setdefault(at, []).append(rows)
     rows = [outer | flat(own) for own in objects]
+    inner = {at: [row for part in own for row in part] for at, own in parts.items()}
     sampled = [at for at, own in inner.items() if _has_sensor(own)]
     if not inner or _has_sensor(rows) or (not sampled and sum(map(len, inner.values())) < len(rows)):
         yield path, rows
     elif not sampled:
         sampled = list(inner)
     for at in sampled:
+        _refuse_overlap(at, parts[at])
         yield _joined(path, at), inner[at]
+
+
+def _refuse_overlap(name: str, parts: Sequence[Sequence[Row]]) -> None:
+    """Raises FormatError if a list starts in the first half of the list before it.
+
+    Such lists are no successive messages, but for example the recordings of several devices. The lists of
+    several sensors may overlap, and `_by_sensor` refuses those of several devices that are named.
+    """
+    times = header_of(_names(parts[0])).times if len(parts) > 1 else []
+    first = [part[0] for part in parts]
+    sensor = sensor_column(
+        {name: [row[name] for row in first if _is_text(row.get(name))] for name in first[0]}
+    )
+    by_sensor: dict[Any, list[Sequence[Row]]] = {}
+    for part in parts if times else []:
+        own = [part[0].get(name) for name in part[0] if IDENTITY.search(name) or name == sensor]
+        codes = [own for name, own in part[0].items() if TYPE.search(name) and isinstance(own, int)]
+        by_sensor.setdefault((*own, *codes), []).append(part)
+    for successive in by_sensor.values():
+        for before, after in pairwise(successive):
+            found = [row.get(times[0][0]) for row in (before[0], before[-1], after[0])]
+            start, end, later = (time if isinstance(time, (int, float)) else nan for time in found)
+            if start <= later < (start + end) / 2:
+                raise FormatError(
+                    f"the lists {name!r} of several objects overlap in time, as those of several devices do: "
+                    "write the samples of each device to a separate file"
+                )
 
 
 def _may_hold_objects(member: Any) -> bool:
@@ -148,7 +190,7 @@ def _joined(path: str, name: str) -> str:
 
 def _has_sensor(rows: Sequence[Row]) -> bool:
     """Whether the names of the members identify the axes of a sensor."""
-    header = header_of(_names(rows))
+    header = header_of(_names_of_cells(rows))
     return bool(header.accel or header.gyro or header.linear or header.plain)
 
 
@@ -180,6 +222,16 @@ def _names(rows: Sequence[Row]) -> list[str]:
     return list(names)
 
 
+def _names_of_cells(rows: Sequence[Row]) -> list[str]:
+    """The names of the members that are lists in no row."""
+    lists = {name for row in rows for name, cell in row.items() if isinstance(cell, list)}
+    return [name for name in _names(rows) if name not in lists]
+
+
+def _is_text(cell: Any) -> bool:
+    return isinstance(cell, str)
+
+
 def _by_sensor(rows: list[Row]) -> dict[str, list[Row]]:
     """The rows of each sensor that a member names; the key is "" if no member names the sensors.
 
@@ -187,7 +239,7 @@ def _by_sensor(rows: list[Row]) -> dict[str, list[Row]]:
     """
     names = _names(rows)
     cells = {
-        name: list(dict.fromkeys(row[name] for row in rows if isinstance(row.get(name), str)))[:HEAD_ROWS]
+        name: list(dict.fromkeys(row[name] for row in rows if _is_text(row.get(name))))[:HEAD_ROWS]
         for name in names
     }
     sensor, header = sensor_column(cells), header_of(names)
@@ -210,19 +262,38 @@ def _by_sensor(rows: list[Row]) -> dict[str, list[Row]]:
         return {"": rows}
     tables: dict[str, list[Row]] = {}
     for row in rows:
-        if isinstance(own := row.pop(sensor, None), str):
+        if isinstance(own := row.pop(sensor, None), str) and own:
             tables.setdefault(own, []).append(row)
     return tables
 
 
-def _refuse_batches(rows: Sequence[Row]) -> None:
-    """Raises FormatError if a member of each object is a list with several samples of a sensor."""
+def _by_clock(rows: list[Row]) -> dict[str, list[Row]]:
+    """The rows of each sensor if each sensor is a member with its own time; otherwise all rows."""
     names = _names(rows)
-    lists = [name for name in names if any(isinstance(row.get(name), list) for row in rows)]
-    header = header_of([name for name in names if name not in lists])
+    header = header_of(names)
+    tables: dict[str, list[Row]] = {}
+    for triads in (header.accel, header.gyro):
+        outer = triads[0].columns[0].rpartition(".")[0] if len(triads) == 1 else ""
+        own = [name for name in names if outer and name.startswith(f"{outer}.")]
+        inner = {name: name.removeprefix(f"{outer}.") for name in own}
+        times = {name: bare for name, bare in inner.items() if is_time(words_of(bare), None)}
+        if times:
+            tables[outer] = [
+                {times.get(name, name): row[name] for name in own if name in row} for row in rows
+            ]
+    return tables if len(tables) > 1 else {"": rows}
+
+
+def _refuse_batches(rows: Sequence[Row], is_known: bool) -> None:
+    """Raises FormatError if a member of each object is a list with several samples of a sensor.
+
+    is_known  whether any table has the axes of a sensor; otherwise any list may contain the samples
+    """
+    names = _names_of_cells(rows)
+    lists, header = [name for name in _names(rows) if name not in names], header_of(names)
     for what, triads in (("accel", header.accel), ("gyro", header.gyro)):
         for name in lists:
-            if not triads and names_sensor([name, f"{name} x"], what):
+            if not triads and (not is_known or names_sensor([name, f"{name} x"], what)):
                 raise FormatError(
                     f"the member {name!r} of an object is a list with several samples: write one object per "
                     "sample, with its own time"
