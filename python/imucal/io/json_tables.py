@@ -143,11 +143,14 @@ def _refuse_overlap(name: str, parts: Sequence[Sequence[Row]]) -> None:
     sensor = sensor_column(
         {name: [row[name] for row in first if _is_text(row.get(name))] for name in first[0]}
     )
-    by_sensor: dict[Any, list[Sequence[Row]]] = {}
+    by_sensor: dict[tuple[str, ...], list[Sequence[Row]]] = {}
     for part in parts if times else []:
-        own = [part[0].get(name) for name in part[0] if IDENTITY.search(name) or name == sensor]
-        codes = [own for name, own in part[0].items() if TYPE.search(name) and isinstance(own, int)]
-        by_sensor.setdefault((*own, *codes), []).append(part)
+        key = [
+            str(own)
+            for name, own in part[0].items()
+            if name == sensor or IDENTITY.search(name) or (TYPE.search(name) and isinstance(own, int))
+        ]
+        by_sensor.setdefault(tuple(key), []).append(part)
     for successive in by_sensor.values():
         for before, after in pairwise(successive):
             found = [row.get(times[0][0]) for row in (before[0], before[-1], after[0])]
