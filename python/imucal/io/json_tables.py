@@ -1,278 +1,304 @@
-"""Finds the tables of samples in a JSON document.
+"""Finds the tables in a JSON document: lists of objects, and objects with one list per column.
 
-Four forms are known:
-
-    [{"t": 0.01, "acc": [0, 0, 9.8], "gyro": {"x": 0, "y": 0, "z": 0}}, ...]    a list of objects
-    {"accelerometer": [{...}, ...], "gyroscope": [{...}, ...]}                  lists of objects by sensor
-    {"t": [0.01, ...], "acc": [[0, 0, 9.8], ...], "gx": [0, ...]}               a list per column
-    {"sensors": [{"name": "accX", "units": "m/s2"}, ...], "values": [[...]]}    Edge Impulse
-
-The objects become the rows of a table: the column `acc.x` is the member `x`, or the first number, of the
-member `acc`. A unit in the name of an outer member, or in a member `unit`, is appended to the names of its
-columns: `acc.x (mps2)`.
+The label of a table, such as `left.accelerometer`, is its place in the document, and the name of the sensor
+if a member of each object names the sensor.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
-from typing import Any, Final, TypeAlias
+from itertools import pairwise
+from math import nan
+from typing import Any, Final
 
 from imucal.errors import FormatError
 from imucal.io.column_words import is_time, words_of
-from imucal.io.interleaved import UNIT_COLUMN
-from imucal.io.layout import is_number
-from imucal.io.unit_words import split_unit, unit_of
+from imucal.io.first_cells import HEAD_ROWS
+from imucal.io.header import header_of, names_sensor, sensor_column
+from imucal.io.json_columns import rows_of_program, tables_of_columns, with_labels
+from imucal.io.json_members import AXES, IDENTITY, TYPE, UNIT, Row, described_by, flat
+from imucal.io.layout import is_value
+from imucal.io.sensor_labels import MOST_SENSORS
 
-__all__ = ["MOST_COLUMNS", "Row", "tables_of"]
+__all__ = ["stated_units", "tables_of"]
 
-# The cells of one object by column name.
-Row: TypeAlias = dict[str, Any]
 # Maximum number of objects and lists around the samples.
-MOST_LEVELS: Final = 8
-# Maximum number of columns of a table. The names of objects with more names are probably time stamps.
-MOST_COLUMNS: Final = 500
-AXES: Final = "xyz"
-# Names of members that state the unit of their neighbours.
-UNITS: Final = ("unit", "units")
-# Names of members that identify a recording of a phone or a logger.
-SESSION: Final = r"(?i)session[ _-]?(id|uuid)?"
-# Minimum share of the objects in a list with lists of objects. With a smaller share, these lists do not
-# contain the samples.
-LEAST_MESSAGES: Final = 0.5
+MOST_LEVELS: Final = 10
+# Minimum number of members of an object for these members to count as samples, each under its own key.
+LEAST_KEYED: Final = 40
+# Minimum number of objects per value of a member that divides the objects, if it has many values. A member
+# with more values is for example a counter.
+LEAST_PER_KIND: Final = 10
+# Maximum number of different names in the objects of a list. More names are for example time stamps.
+MOST_NAMES: Final = 500
 
 
-def tables_of(name: str, document: Any) -> dict[str, list[Row]]:
-    """The rows of each table in a document, by its path; empty for an unknown form.
+def tables_of(document: Any) -> tuple[dict[str, list[Row]], int]:
+    """The rows of each table by its label, and the number of objects that lack the name of their sensor.
 
-    Raises FormatError if the samples of several devices, or of several recordings, are in one list, and if
-    the columns of a table have different lengths.
+    Tables with fewer than three columns of numbers, such as a list of events, are left out. The label of the
+    only table is "" if it names no sensor. Raises FormatError without the name of the file, for example for
+    samples of several devices.
     """
+    found: dict[str, list[Row]] = {}
     if isinstance(document, dict):
-        for inner in _objects(document, MOST_LEVELS):
-            rows = _of_edge_impulse(inner) or _of_split_frame(inner)
-            if rows:
-                return {"": rows}
-        tables = _of_columns(name, document)
-        if tables:
-            return tables
-    origins: dict[str, set[str]] = {}
-    try:
-        tables = dict(_lists(document, "", MOST_LEVELS, origins))
-    except _SeveralSamples as found:
+        found |= tables_of_columns(document, {})
+    for path, rows in _found(document, "", {}, MOST_LEVELS):
+        found.setdefault(path, []).extend(rows)
+    sampled = {path: rows for path, rows in found.items() if _could_be_samples(rows)}
+    if found and not sampled:
+        paths = ", ".join(filter(None, found))[:80]
         raise FormatError(
-            f"{name}: the member {found} of an object contains several samples: write one object per "
-            "sample, each with its own time"
-        ) from None
-    for member, values in origins.items():
-        if len(values) > 1:
-            raise FormatError(
-                f"{name} contains samples of {len(values)} devices or recordings ({member}: "
-                f"{', '.join(sorted(values))[:60]}): write those of each to a separate file"
-            )
-    tables = {path: rows for path, rows in tables.items() if any(map(_has_number, rows))}
-    return {"": next(iter(tables.values()))} if len(tables) == 1 else tables
-
-
-def _has_number(row: Row) -> bool:
-    return any(cell is not None and is_number(str(cell)) for cell in row.values())
-
-
-def _objects(document: Mapping[str, Any], levels: int) -> Iterator[Mapping[str, Any]]:
-    """The object and the objects in it."""
-    yield document
-    if levels:
-        for value in document.values():
-            if isinstance(value, dict):
-                yield from _objects(value, levels - 1)
-
-
-def _lists(
-    value: Any, path: str, levels: int, origins: dict[str, set[str]]
-) -> Iterator[tuple[str, list[Row]]]:
-    """The lists of objects in a value, each with its path, such as `left.accelerometer`.
-
-    If the objects of a list contain lists of objects, as the messages of some apps do, the inner lists are
-    joined. The values of the members of these messages that identify a device or a recording are added to
-    `origins`.
-    """
-    if isinstance(value, list) and levels:
-        objects = [own for own in value if isinstance(own, dict)]
-        if not objects or len(objects) < sum(own is not None for own in value):
-            return
-        within = [list(_lists(own, "", levels - 1, origins)) for own in objects]
-        if sum(map(bool, within)) < LEAST_MESSAGES * len(objects):
-            yield path, [_flat(own) for own in objects]
-            return
-        joined: dict[str, list[Row]] = {}
-        for own, lists in zip(objects, within, strict=True):
-            for member, origin in own.items():
-                if _is_origin(member) and isinstance(origin, (str, int)):
-                    origins.setdefault(member, set()).add(str(origin))
-            for at, rows in lists:
-                joined.setdefault(".".join(filter(None, (path, at))), []).extend(rows)
-        yield from joined.items()
-    elif isinstance(value, dict) and levels:
-        for at, own in value.items():
-            yield from _lists(own, f"{path}.{at}" if path else str(at), levels - 1, origins)
-
-
-def _is_origin(member: str) -> bool:
-    return any(re.fullmatch(form, member) for form in (UNIT_COLUMN, SESSION))
-
-
-def _flat(value: Mapping[str, Any], outer: str = "", unit: str = "") -> Row:
-    """The cells of an object; the names of members of members are joined by points."""
-    unit = _stated_unit(value) or unit
-    row: Row = {}
-    for name, own in value.items():
-        if name in UNITS and unit:
-            continue
-        if _are_samples(f"{outer}{name}", own):
-            raise _SeveralSamples(f"{outer}{name}")
-        if isinstance(own, dict):
-            bare, ending = _without_unit(f"{outer}{name}")
-            row |= _flat(own, f"{bare}.", ending or unit)
-        elif isinstance(own, list) and len(own) == len(AXES):
-            row |= zip(_of_axes(f"{outer}{name}", unit), own, strict=True)
-        elif isinstance(own, (str, int, float)) or own is None:
-            row[_with_unit(f"{outer}{name}", unit)] = own
-    return row
-
-
-class _SeveralSamples(Exception):
-    """An object of a list contains several samples; the argument is the name of the member."""
-
-
-def _are_samples(name: str, value: Any) -> bool:
-    """Whether the value is a list of triples, or a list of numbers of one axis."""
-    if not isinstance(value, list) or not value:
-        return False
-    if isinstance(value[0], list):
-        return all(isinstance(own, list) and len(own) == len(AXES) for own in value)
-    is_axis = words_of(split_unit(name)[0])[-1:] in (["x"], ["y"], ["z"])
-    return is_axis and not isinstance(value[0], dict)
-
-
-@lru_cache(maxsize=MOST_COLUMNS)
-def _without_unit(name: str) -> tuple[str, str]:
-    """The name and its unit: ("gyro", "dps") for gyro_dps. A unit in brackets stays in the name."""
-    bare, unit = split_unit(name)
-    return (name, "") if unit is None or re.search(r"[\[({]", name) else (bare, unit[1])
-
-
-@lru_cache(maxsize=MOST_COLUMNS)
-def _of_axes(name: str, unit: str) -> tuple[str, ...]:
-    """The names of the columns of a list of three numbers."""
-    bare, ending = _without_unit(name)
-    return tuple(_with_unit(f"{bare}.{axis}", ending or unit) for axis in AXES)
-
-
-def _with_unit(name: str, unit: str) -> str:
-    """The name with the unit that its object states; a time has its own unit."""
-    return f"{name} ({unit})" if unit and name.rpartition(".")[2].lower() in AXES else name
-
-
-def _stated_unit(value: Mapping[str, Any]) -> str:
-    """The unit that a member of the object states; empty if there is none, or if it is not known."""
-    stated = [value[name] for name in UNITS if isinstance(value.get(name), str)]
-    return next((unit for unit in stated if unit_of(unit) is not None), "")
-
-
-def _of_edge_impulse(value: Mapping[str, Any]) -> list[Row]:
-    """The rows of a file of Edge Impulse, which gives the name and the unit of each column."""
-    sensors, values, step_ms = value.get("sensors"), value.get("values"), value.get("interval_ms")
-    if not (isinstance(sensors, list) and isinstance(values, list)):
-        return []
-    if not all(isinstance(own, dict) and "name" in own for own in sensors):
-        return []
-    names = [f"{own['name']} ({own['units']})" if own.get("units") else str(own["name"]) for own in sensors]
-    if not all(isinstance(row, list) and len(row) == len(names) for row in values):
-        return []
-    if not isinstance(step_ms, (int, float)):
-        return [dict(zip(names, row, strict=True)) for row in values]
-    times: list[Row] = [{"time (ms)": at * step_ms} for at in range(len(values))]
-    return [time | dict(zip(names, row, strict=True)) for time, row in zip(times, values, strict=True)]
-
-
-def _of_split_frame(value: Mapping[str, Any]) -> list[Row]:
-    """The rows of a data frame that pandas wrote with orient="split"."""
-    names, data = value.get("columns"), value.get("data")
-    if not (isinstance(names, list) and isinstance(data, list)):
-        return []
-    if not all(isinstance(row, list) and len(row) == len(names) for row in data):
-        return []
-    return [dict(zip(map(str, names), row, strict=True)) for row in data]
-
-
-def _of_columns(name: str, document: Mapping[str, Any]) -> dict[str, list[Row]]:
-    """The tables of an object with one list of numbers per column; empty for any other object.
-
-    The columns form one table. If several inner objects have a time of their own, or if the columns of
-    inner objects have different lengths, the columns of each of these objects form a table.
-    """
-    columns = {path: own for path, own in _columns(name, document, "") if len(own) > len(AXES)}
-    if len(columns) <= len(AXES):
-        return {}
-    parents = {path: path.rpartition(".")[0] for path in columns}
-    timed = {parents[path] for path in columns if _is_time(path.rpartition(".")[2])}
-    if len(timed) <= 1 and len({len(own) for own in columns.values()}) == 1:
-        return {"": _rows(columns)}
-    groups: dict[str, dict[str, list[Any]]] = {}
-    for path, own in columns.items():
-        # A sensor may be an object within the object that has the time.
-        around = [
-            parent for parent in timed if f"{parents[path]}.".startswith(f"{parent}." if parent else "")
-        ]
-        group = max(around, key=len, default=parents[path])
-        groups.setdefault(group, {})[path.removeprefix(f"{group}.") if group else path] = own
-    for group, table in groups.items():
-        lengths = {column: len(values) for column, values in table.items()}
-        if len(set(lengths.values())) > 1:
-            parts = ", ".join(f"{column} {count}" for column, count in list(lengths.items())[:6])
-            where = f" of {group}" if group else ""
-            raise FormatError(
-                f"{name}: the columns{where} have different lengths ({parts}): write each sensor as an "
-                "object with its own time"
-            )
-    return {group: _rows(table) for group, table in groups.items()}
-
-
-def _is_time(name: str) -> bool:
-    bare, unit = split_unit(name)
-    return is_time(words_of(bare), unit)
-
-
-def _rows(columns: Mapping[str, Sequence[Any]]) -> list[Row]:
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-
-
-def _columns(
-    file: str, value: Mapping[str, Any], outer: str, unit: str = ""
-) -> Iterator[tuple[str, list[Any]]]:
-    """The lists of numbers in an object, with the names of their columns."""
-    unit = _stated_unit(value) or unit
-    for name, own in value.items():
-        path = f"{outer}{name}"
-        if isinstance(own, list) and not any(isinstance(cell, (list, dict)) for cell in own):
-            yield _with_unit(path, unit), own
-        elif isinstance(own, list) and all(isinstance(row, list) and len(row) == len(AXES) for row in own):
-            names = _of_axes(path, unit)
-            yield from ((column, [row[at] for row in own]) for at, column in enumerate(names))
-        elif isinstance(own, dict) and own and all(re.fullmatch(r"\d+", key) for key in own):
-            yield path, _of_labels(file, path, own)
-        elif isinstance(own, dict):
-            bare, ending = _without_unit(path)
-            yield from _columns(file, own, f"{bare}.", ending or unit)
-
-
-def _of_labels(file: str, column: str, cells: Mapping[str, Any]) -> list[Any]:
-    """The cells of a column that pandas wrote as an object whose names are the labels of the rows."""
-    labels = sorted(cells, key=int)
-    if [int(label) for label in labels] != list(range(len(labels))):
-        raise FormatError(
-            f"{file}: the labels of the rows of {column} are no numbers from 0 to {len(labels) - 1}: if they "
-            "are time stamps, write them as a column (reset_index in pandas)"
+            f"no list of objects has the three axes of a sensor{f' ({paths})' if paths else ''}: write one "
+            "object per sample, with its time and all axes as numbers"
         )
-    return [cells[label] for label in labels]
+    tables: dict[str, list[Row]] = {}
+    count = 0
+    for path, rows in sampled.items():
+        by_sensor = _by_sensor(rows)
+        count += len(rows) - sum(map(len, by_sensor.values()))
+        if "" in by_sensor:
+            by_sensor = _by_clock(rows)
+        is_label = len(sampled) > 1 or any(names_sensor([f"{path} x"], what) for what in ("accel", "gyro"))
+        for sensor, own in by_sensor.items():
+            tables.setdefault(_joined(path if is_label else "", sensor), []).extend(own)
+    is_known = any(map(_has_sensor, tables.values()))
+    for rows in tables.values():
+        _refuse_batches(rows, is_known)
+    return tables, count
+
+
+def stated_units(document: Any, tables: Mapping[str, Sequence[Row]]) -> str:
+    """The units that members outside the tables state, such as `units.gyro = deg/s`; empty for none."""
+    used = {
+        own
+        for rows in tables.values()
+        for name, own in rows[0].items()
+        if UNIT.search(name) and own is not None
+    }
+    # The first line of JSON Lines may describe the samples.
+    objects = [document] if isinstance(document, dict) else document[:1]
+    stated = {
+        name: own
+        for value in objects
+        if isinstance(value, dict)
+        for name, own in flat({key: own for key, own in value.items() if not isinstance(own, list)}).items()
+        if isinstance(own, str) and own not in used and any(map(UNIT.search, name.split(".")))
+    }
+    return ", ".join(f"{name} = {own}" for name, own in stated.items())[:200]
+
+
+def _found(value: Any, path: str, outer: Row, levels: int) -> Iterator[tuple[str, list[Row]]]:
+    """The tables of objects in a value, each with its path in the document.
+
+    outer   the members around the value that describe the samples
+    """
+    if not levels:
+        return
+    if isinstance(value, dict):
+        if _are_keyed(value):
+            yield from _found(with_labels(value), path, outer, levels - 1)
+        elif rows := rows_of_program(value):
+            yield path, [outer | described_by(value) | row for row in rows]
+        else:
+            around = outer | described_by(value)
+            for name, own in value.items():
+                yield from _found(own, _joined(path, name), around, levels - 1)
+    elif isinstance(value, list):
+        objects = [{} if own is None else own for own in value]
+        if any(objects) and all(isinstance(own, dict) for own in objects):
+            yield from _of_objects(objects, path, outer, levels)
+        elif _has_header_row(value):
+            yield path, [outer | dict(zip(value[0], row, strict=True)) for row in value[1:]]
+
+
+def _of_objects(
+    objects: Sequence[Mapping[str, Any]], path: str, outer: Row, levels: int
+) -> Iterator[tuple[str, list[Row]]]:
+    """The table of a list of objects, or the tables of the lists in these objects, such as messages."""
+    parts: dict[str, list[list[Row]]] = {}
+    for own in objects:
+        if any(map(_may_hold_objects, own.values())):
+            for at, rows in _found(own, "", outer, levels - 1):
+                parts.setdefault(at, []).append(rows)
+    rows = [outer | flat(own) for own in objects]
+    inner = {at: [row for part in own for row in part] for at, own in parts.items()}
+    sampled = [at for at, own in inner.items() if _has_sensor(own)]
+    if not inner or _has_sensor(rows) or (not sampled and sum(map(len, inner.values())) < len(rows)):
+        yield path, rows
+    elif not sampled:
+        sampled = list(inner)
+    for at in sampled:
+        _refuse_overlap(at, parts[at])
+        yield _joined(path, at), inner[at]
+
+
+def _refuse_overlap(name: str, parts: Sequence[Sequence[Row]]) -> None:
+    """Raises FormatError if a list starts in the first half of the list before it.
+
+    Such lists are no successive messages, but for example the recordings of several devices. The lists of
+    several sensors may overlap, and `_by_sensor` refuses those of several devices that are named.
+    """
+    times = header_of(_names(parts[0])).times if len(parts) > 1 else []
+    first = [part[0] for part in parts]
+    sensor = sensor_column(
+        {name: [row[name] for row in first if _is_text(row.get(name))] for name in first[0]}
+    )
+    by_sensor: dict[tuple[str, ...], list[Sequence[Row]]] = {}
+    for part in parts if times else []:
+        key = [
+            str(own)
+            for name, own in part[0].items()
+            if name == sensor or IDENTITY.search(name) or (TYPE.search(name) and isinstance(own, int))
+        ]
+        by_sensor.setdefault(tuple(key), []).append(part)
+    for successive in by_sensor.values():
+        for before, after in pairwise(successive):
+            found = [row.get(times[0][0]) for row in (before[0], before[-1], after[0])]
+            start, end, later = (time if isinstance(time, (int, float)) else nan for time in found)
+            if start <= later < (start + end) / 2:
+                raise FormatError(
+                    f"the lists {name!r} of several objects overlap in time, as those of several devices do: "
+                    "write the samples of each device to a separate file"
+                )
+
+
+def _may_hold_objects(member: Any) -> bool:
+    """Whether a member of a sample may contain lists of objects. The test is fast for cells and vectors."""
+    return isinstance(member, dict) or (
+        isinstance(member, list) and bool(member) and isinstance(member[-1], (dict, list))
+    )
+
+
+def _are_keyed(value: Mapping[str, Any]) -> bool:
+    """Whether the members of an object are samples, each under its own key."""
+    return (
+        len(value) >= LEAST_KEYED
+        and all(isinstance(own, dict) for own in value.values())
+        and not all(name.isdecimal() for name in next(iter(value.values())))
+    )
+
+
+def _has_header_row(value: Sequence[Any]) -> bool:
+    """Whether a list consists of lists of the same length, of which the first contains names."""
+    return (
+        len(value) > 1
+        and all(isinstance(own, list) and len(own) == len(value[0]) for own in value)
+        and all(isinstance(name, str) and not is_value(name) for name in value[0])
+    )
+
+
+def _joined(path: str, name: str) -> str:
+    return f"{path}.{name}" if path and name else path or name
+
+
+def _has_sensor(rows: Sequence[Row]) -> bool:
+    """Whether the names of the members identify the axes of a sensor."""
+    header = header_of(_names_of_cells(rows))
+    return bool(header.accel or header.gyro or header.linear or header.plain)
+
+
+def _could_be_samples(rows: Sequence[Row]) -> bool:
+    """Whether the objects have at least three members with numbers, or members with lists."""
+    numeric = set()
+    for row in rows:
+        for name, cell in row.items():
+            if isinstance(cell, list):
+                return True
+            if isinstance(cell, (int, float)) or (isinstance(cell, str) and is_value(cell.strip(), ",")):
+                numeric.add(name)
+        if len(numeric) >= len(AXES):
+            return True
+    return False
+
+
+def _names(rows: Sequence[Row]) -> list[str]:
+    """The names of all members. Raises FormatError for too many different names."""
+    names: dict[str, None] = {}
+    for row in rows:
+        names.update(dict.fromkeys(row))
+        if len(names) > MOST_NAMES:
+            raise FormatError(
+                f"the objects have more than {MOST_NAMES} different names "
+                f"({', '.join(list(names)[-3:])[:80]}, ...)"
+                ': write a time as a value and not as a name, such as {"time_s": 0.01, ...}'
+            )
+    return list(names)
+
+
+def _names_of_cells(rows: Sequence[Row]) -> list[str]:
+    """The names of the members that are lists in no row."""
+    lists = {name for row in rows for name, cell in row.items() if isinstance(cell, list)}
+    return [name for name in _names(rows) if name not in lists]
+
+
+def _is_text(cell: Any) -> bool:
+    return isinstance(cell, str)
+
+
+def _by_sensor(rows: list[Row]) -> dict[str, list[Row]]:
+    """The rows of each sensor that a member names; the key is "" if no member names the sensors.
+
+    Raises FormatError if a member identifies several devices, or kinds of samples that are not known.
+    """
+    names = _names(rows)
+    cells = {
+        name: list(dict.fromkeys(row[name] for row in rows if _is_text(row.get(name))))[:HEAD_ROWS]
+        for name in names
+    }
+    sensor, header = sensor_column(cells), header_of(names)
+    for name in names:
+        kinds = {own: None for row in rows if isinstance(own := row.get(name), (str, int))}
+        if name == sensor or not 1 < len(kinds) <= max(MOST_SENSORS, len(rows) // LEAST_PER_KIND):
+            continue
+        shown = ", ".join(map(str, kinds))[:60]
+        if IDENTITY.search(name):
+            raise FormatError(
+                f"the samples are those of {len(kinds)} devices or sessions ({name}: {shown}): write the "
+                "samples of each to a separate file"
+            )
+        if TYPE.search(name) and sensor is None and not (header.accel and header.gyro):
+            raise FormatError(
+                f"the member {name!r} names {len(kinds)} kinds of samples ({shown}), which are not known: "
+                "write accelerometer and gyroscope in place of their names, or each kind to a separate file"
+            )
+    if sensor is None:
+        return {"": rows}
+    tables: dict[str, list[Row]] = {}
+    for row in rows:
+        if isinstance(own := row.pop(sensor, None), str) and own:
+            tables.setdefault(own, []).append(row)
+    return tables
+
+
+def _by_clock(rows: list[Row]) -> dict[str, list[Row]]:
+    """The rows of each sensor if each sensor is a member with its own time; otherwise all rows."""
+    names = _names(rows)
+    header = header_of(names)
+    tables: dict[str, list[Row]] = {}
+    for triads in (header.accel, header.gyro):
+        outer = triads[0].columns[0].rpartition(".")[0] if len(triads) == 1 else ""
+        own = [name for name in names if outer and name.startswith(f"{outer}.")]
+        inner = {name: name.removeprefix(f"{outer}.") for name in own}
+        times = {name: bare for name, bare in inner.items() if is_time(words_of(bare), None)}
+        if times:
+            tables[outer] = [
+                {times.get(name, name): row[name] for name in own if name in row} for row in rows
+            ]
+    return tables if len(tables) > 1 else {"": rows}
+
+
+def _refuse_batches(rows: Sequence[Row], is_known: bool) -> None:
+    """Raises FormatError if a member of each object is a list with several samples of a sensor.
+
+    is_known  whether any table has the axes of a sensor; otherwise any list may contain the samples
+    """
+    names = _names_of_cells(rows)
+    lists, header = [name for name in _names(rows) if name not in names], header_of(names)
+    for what, triads in (("accel", header.accel), ("gyro", header.gyro)):
+        for name in lists:
+            if not triads and (not is_known or names_sensor([name, f"{name} x"], what)):
+                raise FormatError(
+                    f"the member {name!r} of an object is a list with several samples: write one object per "
+                    "sample, with its own time"
+                )

@@ -27,7 +27,8 @@ HEADER_LINES: Final = 50
 # Number of lines from which the separator and the number of columns are determined. They are the last lines
 # of the first `HEAD` bytes.
 SAMPLE_LINES: Final = 60
-# Minimum number of numeric fields in a line for a separator to be accepted.
+# Minimum number of numeric fields in a line for a separator to be accepted. A line with more numeric fields,
+# such as a time and three axes, is a row, even if most of its fields are text.
 LEAST_NUMBERS: Final = 3
 NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 DECIMAL_COMMA: Final = r"[-+]?\d*,\d+([eE][-+]?\d+)?"
@@ -281,7 +282,7 @@ def _first_row(
             )
         filled = [field for field in fields if field]
         numbers = sum(is_value(field, decimal) for field in filled)
-        return numbers > 0 and 2 * numbers >= len(filled)
+        return numbers > LEAST_NUMBERS or (numbers > 0 and 2 * numbers >= len(filled))
 
     # The usual number of fields is determined from the last lines, because a header is at the start. Earlier
     # lines are split only until the first row of numbers is found.

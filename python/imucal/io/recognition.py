@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -64,9 +63,9 @@ BLACKBOX: Final = b"H Product:Blackbox flight data recorder"
 ARDUPILOT_TEXT: Final = rb"FMT, ?\d+, ?\d+, ?\w+, ?\w+, "
 # Start of a text in JSON. A bracket must be followed by a JSON value, because a line of a log may also start
 # with a bracket: `[12.5][STATE] ...`.
-JSON: Final = r"\s*(?:\{|\[\s*(?:[\[{\"]|[-\d.eE+]+\s*,))"
-# Start of an object in JSON, or of a list of objects.
-OBJECT: Final = r"\s*\[?\s*\{\s*\""
+JSON: Final = rb"\s*(?:\{|\[\s*(?:[\[{\"\]]|[-\d.eE+]+\s*,))"
+# Number of lines at the start of a text that are tested for JSON objects.
+JSON_LINES: Final = 40
 # Start of a cell with a list or an object in JSON.
 CELL_LIST: Final = rb'"[\[{]'
 # A text of labels (ax:0.01) or sentences ($VNIMU,...) contains at least one of these characters.
@@ -117,18 +116,17 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
         return "matlab"
     if path.suffix.lower() in ENDINGS:
         return ENDINGS[path.suffix.lower()]
-    head = plain_text(path.name, unpacked_start(path.name, start, HEAD))
-    is_json = _is_json(head.decode(errors="replace").removeprefix("\ufeff"))
-    if is_json:
-        return "json"
+    head = unpacked_start(path.name, start, HEAD)
     _refuse_text_log(path, head)
     if REALSENSE_HEADER in head:
         return "realsense"
+    if _is_json(path.name, head):
+        return "json"
     if any(mark in head for mark in MARKS_OF_LABELS) and (kind := _labels_or_sentences(head)) is not None:
         return kind
     if "columns" in options and mapping_of(options["columns"]) is None:
         return "columns"
-    if is_json is None:
+    if re.match(JSON, head):
         return "json"
     if "columns" in options:
         return "csv"
@@ -154,21 +152,6 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
     )
 
 
-def _is_json(text: str) -> bool | None:
-    """Whether a text is JSON; None if it may also consist of lines with labels.
-
-    The text is JSON if its first line is an object, or the start of an object whose end is in another line.
-    """
-    first = next((line for line in text.split("\n") if line.strip()), "").strip().removesuffix(",")
-    try:
-        value = json.loads(first)
-    except (ValueError, RecursionError):
-        value = None
-    if isinstance(value, dict) or (re.match(OBJECT, text) and not first.endswith("}")):
-        return True
-    return None if re.match(JSON, text) else False
-
-
 def _several_sensors(start: bytes, layout: Layout) -> str:
     """A sentence for a message if each line starts with the name of its sensor; otherwise empty."""
     lines = start.decode(errors="replace").splitlines()[:100]
@@ -185,6 +168,34 @@ def _are_packets(start: bytes) -> bool:
     from imucal.io.witmotion import are_packets
 
     return are_packets(start)
+
+
+def _is_json(name: str, head: bytes) -> bool:
+    """Whether a text starts as a JSON document, or most of its first lines are JSON objects.
+
+    Labels with numbers may look like JSON, such as `{"ax":0.1,"ay":0.2,}`, and are then no JSON.
+    """
+    if b"{" not in head and b"[" not in head:
+        return False
+    text = plain_text(name, head).removeprefix(b"\xef\xbb\xbf")
+    lines = [line.strip() for line in text.split(b"\n")[:JSON_LINES] if line.strip()]
+    if re.match(JSON, text) and (
+        len(lines) == 1 or lines[0].endswith((b"[", b"{", b",")) or _parses(lines[0])
+    ):
+        return True
+    complete = lines[:-1] or lines
+    return 2 * sum(line.startswith(b"{") and _parses(line) for line in complete) > len(complete)
+
+
+def _parses(line: bytes) -> bool:
+    """Whether a line is a JSON value."""
+    import json
+
+    try:
+        json.loads(line.removesuffix(b","))
+    except (ValueError, RecursionError):
+        return False
+    return True
 
 
 def _labels_or_sentences(head: bytes) -> str | None:
