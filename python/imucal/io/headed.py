@@ -63,11 +63,12 @@ def read_headed(text: Text, columns: str | Sequence[str] | None, rate_hz: float 
             "every column in its order (columns=..., --columns time_s,accel_x_g,...), '-' for a column to "
             "ignore"
         )
-    # If only the time column has a canonical name, such as time_us, the columns of the sensors are found by
-    # interpreting the header.
-    by_names = any(triad_part(name) for name in layout.names) or (
-        any(map(is_canonical, layout.names)) and not layout_header(layout).accel
-    )
+    header = layout_header(layout)
+    found = {what for what, triads in (("accel", header.accel), ("gyro", header.gyro)) if triads}
+    named = {part[0] for name in layout.names if (part := triad_part(name)) is not None}
+    # If only the time column or one of two sensors has canonical names, such as time_us or gyro_x_dps, the
+    # columns of the sensors are found by interpreting the header.
+    by_names = named >= found if named else any(map(is_canonical, layout.names)) and not header.accel
     if columns is not None or by_names:
         given = names_given(text.name, layout, columns)
         refuse_interleaved(text, given)

@@ -233,10 +233,14 @@ def sensor_column(cells: Mapping[str, Sequence[str]]) -> str | None:
 
     Both sensors must be named, or one of them in a column whose name starts with "sensor". If the names of
     the columns also name both sensors, each row may contain both, and the labels may be those of poses or
-    movements. Then every label must be the word for a sensor.
+    movements. Then every label must be the word for a sensor, and no row may have samples of both.
     """
     header = header_of(list(cells))
     has_both = bool(header.accel and header.gyro) and not header.plain
+    if has_both:
+        first = [cells[header.accel[0].columns[0]], cells[header.gyro[0].columns[0]]]
+        if all(column and all(cell.strip() for cell in column) for column in first):
+            return None
     for name, column in cells.items():
         labels = [label for label in dict.fromkeys(column) if label.strip()]
         if not may_name_sensors(labels):

@@ -4,7 +4,8 @@ In such a table, a column names the unit of each row, for example by its address
 the recording of one unit, the samples and the sampling rate would be wrong. A column may also contain labels
 that do not name a unit, such as classes of a motion. The rows are those of several units if
 
-* the name of the column says that it names units, and it has several values, or
+* the name of the column says that it names units or sessions, and it has several values, or
+* each row has the sample of one sensor, and the labels name both sensors, or
 * the samples of two consecutive rows differ more if the rows have different labels, or
 * the time stamps decrease where the label changes, because one unit is written after the other.
 """
@@ -22,6 +23,7 @@ from imucal.arrays import FloatArray
 from imucal.errors import FormatError
 from imucal.io.head import Head
 from imucal.io.names import is_canonical, time_unit, triad_part
+from imucal.io.sensor_labels import MOST_SENSORS, sensor_of_label
 from imucal.io.text import Text
 
 __all__ = ["refuse_interleaved"]
@@ -44,6 +46,8 @@ UNIT_COLUMN: Final = (
     r"[ _-]?(id|uid|uuid|mac|name|addr|address|serial|no|nr|number|key)?|"
     r"sensor[ _-]?(id|uid|uuid|mac|addr|address|serial|no|nr|number)"
 )
+# Names of columns whose cells name a session, which is a recording.
+SESSION_COLUMN: Final = r"(?i)(session|recording)[ _-]?(id|uid|uuid|no|nr|number|name)?"
 # Names of columns whose cells name the sensor of a row, if each row has the sample of one sensor.
 SENSOR_COLUMN: Final = r"(?i)(sensor|sample|data)?[ _-]?(type|kind|source|channel|stream|topic|name)|sensor"
 # Size of the end of a text in which names of units are searched, bytes. With the first rows, it shows units
@@ -73,31 +77,40 @@ def refuse_interleaved(text: Text, names: Sequence[str], head: Head | None = Non
     time = head.numbers(times[0]) if times else np.array([])
     for other in others:
         labels = head.cells.get(other, [])
-        named = _named(other, one_sensor=len(sensors) == 1)
+        one_sensor = len(sensors) == 1
+        named = _named(other, one_sensor=one_sensor)
+        if not named and one_sensor and labels and sensor_of_label(labels[0]) == min(sensors):
+            of_last = {sensor_of_label(label) for label in dict.fromkeys(_last_labels(text, other))}
+            named = "sensor" if of_last & {"accel", "gyro"} - sensors else ""
         if named:
             labels = [label for label in [*labels, *_last_labels(text, other)] if label]
-            is_divided = 2 <= len(set(labels)) <= len(labels) // 2
+            kinds = {label.strip().casefold() for label in labels}
+            # A column with more values is for example a counter.
+            is_divided = 2 <= len(kinds) <= min(MOST_SENSORS, len(labels) // 2)
         else:
             is_divided = len(labels) == len(samples) >= LEAST_ROWS and (
                 _divide(labels, samples) or _restart(labels, time)
             )
         if is_divided:
-            kinds = list(dict.fromkeys(labels))
+            names_of = list({label.strip().casefold(): label for label in labels}.values())
             what = named or "unit"
             raise FormatError(
-                f"{text.name}: each row belongs to one of {len(kinds)} {what}s, named in the column "
-                f"{other!r} ({', '.join(kinds)[:60]}): write the rows of each {what} to a separate file"
+                f"{text.name}: each row belongs to one of {len(names_of)} {what}s, named in the column "
+                f"{other!r} ({', '.join(names_of)[:60]}): write the rows of each {what} to a separate file; "
+                f"if the column names no {what}, remove or rename it"
             )
 
 
 def _named(column: str, *, one_sensor: bool) -> str:
-    """What the cells of a column name, "unit" or "sensor", if the name of the column says so; otherwise "".
+    """What the cells of a column name by its name: "unit", "session" or "sensor"; otherwise "".
 
     one_sensor  whether the rows have the samples of one sensor only, so that each can be of another sensor
     """
     name = column.rpartition(".")[2].strip()
     if re.fullmatch(UNIT_COLUMN, name):
         return "unit"
+    if re.fullmatch(SESSION_COLUMN, name):
+        return "session"
     return "sensor" if one_sensor and re.fullmatch(SENSOR_COLUMN, name) else ""
 
 

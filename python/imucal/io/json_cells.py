@@ -10,6 +10,7 @@ from imucal.document.source import File
 from imucal.errors import FormatError
 from imucal.io.column_words import is_time, words_of
 from imucal.io.header import header_of
+from imucal.io.interleaved import MOST_UNITS
 from imucal.io.json_members import AXES, UNIT, Row
 from imucal.io.layout import Layout, is_value, layout_of, split_line
 from imucal.io.text import Text
@@ -52,10 +53,12 @@ def text_of_table(file: File, label: str, rows: Sequence[Row]) -> Text:
 
 
 def _is_read(name: str, rows: Sequence[Row]) -> bool:
-    """Whether a column is a time, or at least half of its cells are numbers or dates."""
+    """Whether a column is a time, has few labels, or at least half of its cells are numbers or dates."""
     cells = [cell for row in rows if (cell := row.get(name)) is not None and cell != ""]
     others = [cell for cell in cells if not _is_number(cell)]
-    return 2 * len(others) <= len(cells) or is_time(words_of(name), None)
+    # A column with few different texts may show that the rows are those of several units.
+    are_labels = all(isinstance(cell, str) for cell in others) and len(set(others)) <= MOST_UNITS
+    return 2 * len(others) <= len(cells) or is_time(words_of(name), None) or are_labels
 
 
 def _is_number(cell: object) -> bool:

@@ -26,9 +26,6 @@ __all__ = ["stated_units", "tables_of"]
 MOST_LEVELS: Final = 10
 # Minimum number of members of an object for these members to count as samples, each under its own key.
 LEAST_KEYED: Final = 40
-# Minimum number of objects per value of a member that divides the objects, if it has many values. A member
-# with more values is for example a counter.
-LEAST_PER_KIND: Final = 10
 # Maximum number of different names in the objects of a list. More names are for example time stamps.
 MOST_NAMES: Final = 500
 
@@ -247,15 +244,21 @@ def _by_sensor(rows: list[Row]) -> dict[str, list[Row]]:
         for name in names
     }
     sensor, header = sensor_column(cells), header_of(names)
+    if header.accel and header.gyro and not header.plain:
+        # If every row has samples of both sensors, a member with words for sensors is a state.
+        both = [triads[0].columns[0] for triads in (header.accel, header.gyro)]
+        sensor = None if all(row.get(name) is not None for row in rows for name in both) else sensor
     for name in names:
         kinds = {own: None for row in rows if isinstance(own := row.get(name), (str, int))}
-        if name == sensor or not 1 < len(kinds) <= max(MOST_SENSORS, len(rows) // LEAST_PER_KIND):
+        # A member with more values is for example a counter.
+        if name == sensor or not 1 < len(kinds) <= MOST_SENSORS:
             continue
         shown = ", ".join(map(str, kinds))[:60]
         if IDENTITY.search(name):
             raise FormatError(
                 f"the samples are those of {len(kinds)} devices or sessions ({name}: {shown}): write the "
-                "samples of each to a separate file"
+                "samples of each to a separate file; if the member names no device or session, remove or "
+                "rename it"
             )
         if TYPE.search(name) and sensor is None and not (header.accel and header.gyro):
             raise FormatError(
@@ -265,9 +268,12 @@ def _by_sensor(rows: list[Row]) -> dict[str, list[Row]]:
     if sensor is None:
         return {"": rows}
     tables: dict[str, list[Row]] = {}
+    labels: dict[str, str] = {}
     for row in rows:
         if isinstance(own := row.pop(sensor, None), str) and own:
-            tables.setdefault(own, []).append(row)
+            # Labels such as acc and ACC name one sensor.
+            label = labels.setdefault(own.strip().casefold(), own.strip())
+            tables.setdefault(label, []).append(row)
     return tables
 
 
@@ -297,7 +303,8 @@ def _refuse_batches(rows: Sequence[Row], is_known: bool) -> None:
     lists, header = [name for name in _names(rows) if name not in names], header_of(names)
     for what, triads in (("accel", header.accel), ("gyro", header.gyro)):
         for name in lists:
-            if not triads and (not is_known or names_sensor([name, f"{name} x"], what)):
+            is_triple = f"{name}.x" in names
+            if is_triple or (not triads and (not is_known or names_sensor([name, f"{name} x"], what))):
                 raise FormatError(
                     f"the member {name!r} of an object is a list with several samples: write one object per "
                     "sample, with its own time"

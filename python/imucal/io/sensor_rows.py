@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from imucal.errors import FormatError
 from imucal.finding import Finding
-from imucal.io.header import sensor_column
+from imucal.io.header import header_of, sensor_column
 from imucal.io.last_line import LastLine
 from imucal.io.layout import Layout, layout_of, split_line
 from imucal.io.remarks import lines_left_out
@@ -77,24 +77,54 @@ class SensorRows(NamedTuple):
 def rows_by_sensor(names: Sequence[str], rows: Sequence[Sequence[object]]) -> SensorRows | None:
     """The rows of each sensor if a column names the sensor of each row; otherwise None.
 
-    A sensor has only those columns in which it has a value.
+    A sensor has only those columns in which it has a value. A column `unit` gives the unit of its axes.
+    Raises FormatError if the rows of a sensor have several units.
     """
     column = sensor_column({name: _words(rows, at) for at, name in enumerate(names)})
-    if column is None:
+    if column is None or _have_both(names, rows):
         return None
     at = list(names).index(column)
     of_sensor: dict[str, list[Sequence[object]]] = {}
+    labels: dict[str, str] = {}
     for row in rows:
         if len(row) > at and isinstance(row[at], str) and row[at]:
-            of_sensor.setdefault(str(row[at]), []).append(row)
+            # Labels such as acc and ACC name one sensor.
+            label = labels.setdefault(str(row[at]).strip().casefold(), str(row[at]).strip())
+            of_sensor.setdefault(label, []).append(row)
     tables: dict[str, list[Sequence[object]]] = {}
     for sensor, own in of_sensor.items():
         used = {i for row in own for i, cell in enumerate(row) if cell not in (None, "")} - {at}
         kept = [i for i in range(len(names)) if i in used]
         # A row with too many or too few cells stays so, because the reader of texts reports its line.
-        tables[sensor] = [[names[i] for i in kept]]
+        unit = _unit(sensor, names, own)
+        tables[sensor] = [[_with_unit(names[i], unit) for i in kept]]
         tables[sensor] += [[row[i] for i in kept if i < len(row)] + list(row[len(names) :]) for row in own]
     return SensorRows(tables, len(rows) - sum(map(len, of_sensor.values())))
+
+
+def _have_both(names: Sequence[str], rows: Sequence[Sequence[object]]) -> bool:
+    """Whether every row has samples of both sensors, so that a column with words for sensors is a state."""
+    header = header_of(names)
+    if not (header.accel and header.gyro) or header.plain:
+        return False
+    at = [list(names).index(triads[0].columns[0]) for triads in (header.accel, header.gyro)]
+    return all(i < len(row) and row[i] not in (None, "") for row in rows for i in at)
+
+
+def _unit(sensor: str, names: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """The unit of a sensor from a column `unit`; empty if there is no such column."""
+    at = [i for i, name in enumerate(names) if name.strip().lower() in ("unit", "units")]
+    stated = dict.fromkeys(str(row[i]).strip() for i in at for row in rows if i < len(row) and row[i])
+    if len(stated) > 1:
+        raise FormatError(
+            f"the rows of the sensor {sensor} have several units ({', '.join(stated)[:60]}): convert them to "
+            "one unit"
+        )
+    return next(iter(stated), "")
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return f"{name} ({unit})" if unit and name.strip().lower() in ("x", "y", "z") else name
 
 
 def _words(rows: Sequence[Sequence[object]], at: int) -> list[str]:
