@@ -113,13 +113,6 @@ def test_a_last_row_that_was_cut_off_is_left_out(tmp_path, cut):
     assert any("an incomplete last line" in own.message for own in recording.findings)
 
 
-def test_rows_of_which_none_has_enough_numbers_are_refused(tmp_path):
-    rows = [f"{t},{row},{','.join(['text'] * 8)}" for t, row in zip(TIME_S, lines(FORCE, RATE), strict=True)]
-    header = f"{HEADER},{','.join(f'note{i}' for i in range(8))}"
-    with pytest.raises(imucal.FormatError, match="no line below the header is a row of numbers"):
-        imucal.read(write(tmp_path, "run.csv", header, rows))
-
-
 def outer_join(late_s=0.0, step=1, gyro=RATE):
     """A table with the samples of both sensors; only every `step`-th accelerometer sample was written."""
     rows = [(t, f"{row},,,") for t, row in list(zip(TIME_S, lines(FORCE), strict=True))[::step]]

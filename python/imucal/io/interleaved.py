@@ -23,7 +23,7 @@ from imucal.arrays import FloatArray
 from imucal.errors import FormatError
 from imucal.io.head import Head
 from imucal.io.names import is_canonical, time_unit, triad_part
-from imucal.io.sensor_labels import MOST_SENSORS, sensor_of_label
+from imucal.io.sensor_labels import MOST_SENSORS, may_name_sensors, sensor_of_label
 from imucal.io.text import Text
 
 __all__ = ["refuse_interleaved"]
@@ -80,7 +80,8 @@ def refuse_interleaved(text: Text, names: Sequence[str], head: Head | None = Non
         one_sensor = len(sensors) == 1
         named = _named(other, one_sensor=one_sensor)
         if not named and one_sensor and labels and sensor_of_label(labels[0]) == min(sensors):
-            of_last = {sensor_of_label(label) for label in dict.fromkeys(_last_labels(text, other))}
+            last = dict.fromkeys(_last_labels(text, other))
+            of_last = set(map(sensor_of_label, last)) if may_name_sensors([*{*labels, *last}]) else set()
             named = "sensor" if of_last & {"accel", "gyro"} - sensors else ""
         if named:
             labels = [label for label in [*labels, *_last_labels(text, other)] if label]

@@ -57,7 +57,8 @@ def _is_read(name: str, rows: Sequence[Row]) -> bool:
     cells = [cell for row in rows if (cell := row.get(name)) is not None and cell != ""]
     others = [cell for cell in cells if not _is_number(cell)]
     # A column with few different texts may show that the rows are those of several units.
-    are_labels = all(isinstance(cell, str) for cell in others) and len(set(others)) <= MOST_UNITS
+    are_labels = all(isinstance(cell, str) and cell.isprintable() for cell in others)
+    are_labels = are_labels and len(set(others)) <= MOST_UNITS
     return 2 * len(others) <= len(cells) or is_time(words_of(name), None) or are_labels
 
 
