@@ -1,4 +1,4 @@
-"""Reads JSON objects with one list per column, and the forms in which programs write tables."""
+"""Reads JSON objects with one list per column, and tables of Edge Impulse, pandas and InfluxDB."""
 
 from __future__ import annotations
 

@@ -319,7 +319,7 @@ def _sensor(node: Node, unit: str, sources: Collection[str]) -> Sensor:
 
 
 def _require_spread(spread: Node, sources: Collection[str]) -> None:
-    """Raise FormatError for a tolerance from which no random values of a unit can be drawn."""
+    """Raise FormatError for a tolerance that gives no distribution of a simulated sensor's parameters."""
     largest = {"accel_bias": LARGEST["m/s^2"]["bias"], "gyro_bias": LARGEST["rad/s"]["bias"]}
     for name, given in spread.mapping().items():
         size, unit, typical = (*DRAWN[name], None) if name in DRAWN else _drawn_effect(spread, name)

@@ -25,7 +25,8 @@ __all__ = ["Index", "Indices", "capability_indices", "moving_range_std"]
 MEAN_RANGE_OF_TWO: Final = 2.0 / math.sqrt(math.pi)
 # The estimate of a standard deviation with k degrees of freedom has the relative variance 1 / (2 k). The
 # estimate from the mean moving range of n values has the relative variance 0.826 / (n - 1) (Cryer and Ryan,
-# Journal of Quality Technology 22, 1990), so its effective degrees of freedom are this number times n - 1.
+# Journal of Quality Technology 22, 1990), so it has (n - 1) / (2 x 0.826) effective degrees of freedom. The
+# constant is the factor of (n - 1).
 MOVING_RANGE_DOF: Final = 1.0 / (2.0 * 0.826)
 # Minimum number of values for an index.
 FEWEST_VALUES: Final = 2

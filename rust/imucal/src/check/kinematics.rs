@@ -83,11 +83,11 @@ fn check_rates(recording: &Recording, (p, explained): (&Matrix3<f64>, f64), righ
     findings
 }
 
-/// Reports that the sensors did not move together. The finding is only a warning if the rates explain part of the
-/// motion, because two other causes do not make the result wrong. First, the unit may have been accelerated during the
-/// moves. The calibration computes the directions of gravity only from rests, so this acceleration has no effect.
-/// Second, the gyroscope may be late. It then still measures the whole rotation between two rests that are longer than
-/// its delay.
+/// Reports that the sensors did not move together, because the rates do not explain the changes of the direction of
+/// gravity. The finding is only a warning if the rates explain part of these changes, because two harmless causes also
+/// change the measured direction. First, the unit may have been accelerated during the moves. The calibration computes
+/// the directions of gravity only from rests, so this acceleration has no effect. Second, the gyroscope may be late. It
+/// then still measures the whole rotation between two rests that are longer than its delay.
 fn not_together(recording: &Recording, explained: f64) -> Finding {
     let share = format!(
         "the rates explain only {:.0} % of the changes of the direction of gravity inside moves",

@@ -107,7 +107,8 @@ pub fn linearise(
 /// entry for each effect that is not observable: its name, and the data that would make it observable.
 pub type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
-/// Computes the detection limit of each candidate effect if this effect is added to the model without effects.
+/// Computes the detection limit of each candidate effect. For this, each effect alone is added to the model without
+/// effects.
 /// `is_hand_moved` is true if an earlier search with more candidates detected hand motion ([`Search::is_hand_moved`]).
 ///
 /// # Errors

@@ -209,8 +209,8 @@ impl Piece<'_> {
 }
 
 /// Computes the temperature history between two samples of a piece by linear interpolation. `share` is 0 at the sample
-/// before `sample`, and 1 at `sample`. `rows` are the rows of [`Piece::history`], so the row with the index `sample`
-/// belongs to the sample before `sample`.
+/// before `sample`, and 1 at `sample`. The first of the `rows` ([`Piece::history`]) belongs to the sample before the
+/// piece. Therefore, the row with the index `sample` belongs to the sample before `sample`.
 #[inline]
 fn history(rows: &[TemperatureHistory<f64>], sample: usize, share: f64) -> Option<TemperatureHistory<f64>> {
     Some(rows.get(sample)?.between(rows.get(sample + 1)?, share))

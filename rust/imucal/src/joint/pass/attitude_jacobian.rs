@@ -75,8 +75,9 @@ impl<'a> Columns<'a> {
         Self { base, terms, all }
     }
 
-    /// Computes the derivatives with respect to the parameters of the effects at the midpoint of segment `k`. Returns
-    /// the storage for the derivatives with respect to the base parameters, which the caller fills.
+    /// Computes the derivatives of the sensor readings with respect to the parameters of the effects, at the midpoint
+    /// of segment `k`. Returns the storage for the derivatives with respect to the base parameters, which the caller
+    /// fills.
     fn at(&mut self, route: &Route<'_>, stretches: &Stretches, k: usize) -> &mut [Vector3<f64>] {
         let (base, own) = self.all.split_at_mut(self.base);
         route.columns(&self.terms.terms, &self.terms.values, stretches, k, own);
