@@ -484,7 +484,7 @@ def test_advice_about_gravity(reversed_gravity):
     advice = advice_about("gravity_sign", spoilt)
     # In the first rest z is up; a counter-clockwise turn is a positive rate about it.
     is_negative = (gyro @ [0, 0, 1])[2] < 0
-    asked, otherwise = advice.split("a negative rate on gyro_z")
+    asked, otherwise = advice.split("If gyro_z reads a positive rate")
     chosen = asked if is_negative else otherwise
     outcome = outcome_of(spoilt.with_axes(option_in(chosen, "axes")), truth_of(run()))
     assert outcome == "truth", outcome

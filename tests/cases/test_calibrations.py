@@ -101,7 +101,9 @@ def test_data_with_z_down_get_the_offsets_of_their_own_axes(case_file, truth, tm
     assert "[gravity_sign]: if the unit lies upside down there, nothing is wrong" in said
     assert "pass --axes frd" in said
     # A sign is advised only after a turn by hand, because gravity alone cannot tell.
-    assert said.index("turn the unit counter-clockwise") < said.index("pass --axes accel=-x,-y,-z")
+    assert said.index("turn the unit in this pose counter-clockwise") < said.index(
+        "pass --axes accel=-x,-y,-z"
+    )
     own = px4(output, capsys)
     _, code, said = calibrated(path, output, capsys, "--axes", "frd")
     assert code == 0 and "gravity_sign" not in said
